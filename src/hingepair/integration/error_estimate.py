@@ -38,9 +38,9 @@ MAX_FULLY_MEASURED_STEP_COUNT: Final = 1 << 16
 
 # First and last node of a step on [0, 1].
 _FIRST_AND_LAST_NODE_OF_MAGNUS6 = STEP_RULE_BY_NAME["magnus6"].nodes[0], STEP_RULE_BY_NAME["magnus6"].nodes[-1]
-_ROUNDING_NOISE_LIMIT_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
+_MAX_ERROR_EXPLAINED_BY_ROUNDING_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
 # Fractions of a pair of steps: beside its ends, and not at them, since a callable may jump at instants.
-_JUMP_DETECTION_END_NODES = (1e-4, 1 - 1e-4)
+_END_NODES_OF_STEP_PAIR_FOR_JUMP_DETECTION = (1e-4, 1 - 1e-4)
 _MEASURED_STEPS_PER_CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
 # Of the golden ratio; fractions of its multiples are spread evenly over [0, 1].
 _GOLDEN_RATIO_FRACTIONAL_PART = 0.6180339887498949
@@ -230,7 +230,9 @@ class AccumulatedErrors(NamedTuple):
         noise, undetected = (
             math.sqrt(float(((sizes * factors) ** 2).sum())) for sizes in (self.noise, self.undetected)
         )
-        return float(np.maximum(0.0 if largest <= 2 * _ROUNDING_NOISE_LIMIT_IN_STD * noise else largest, undetected))
+        return float(
+            np.maximum(0.0 if largest <= 2 * _MAX_ERROR_EXPLAINED_BY_ROUNDING_IN_STD * noise else largest, undetected)
+        )
 
 
 def accumulate_errors(
@@ -328,7 +330,7 @@ def errors_above_noise(error_sizes: Array, noise: Array) -> Array:
     """Return sizes of errors as an array in which those of at most twice the standard deviation `noise` are set to
     zero, since rounding explains them.
     """
-    return np.where(error_sizes <= _ROUNDING_NOISE_LIMIT_IN_STD * noise, 0.0, error_sizes)
+    return np.where(error_sizes <= _MAX_ERROR_EXPLAINED_BY_ROUNDING_IN_STD * noise, 0.0, error_sizes)
 
 
 def _undetected_errors(
@@ -347,7 +349,9 @@ def _undetected_errors(
         return np.zeros(len(coarse.h))
     pairs = fine._replace(counts=fine.counts // 2, start=fine.start[::2], stop=fine.stop[1::2])
     inside = node_values[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
-    ends = signal.values_at_nodes(pairs.start, pairs.h, _JUMP_DETECTION_END_NODES).reshape(len(pairs.h), 2, -1)
+    ends = signal.values_at_nodes(pairs.start, pairs.h, _END_NODES_OF_STEP_PAIR_FOR_JUMP_DETECTION).reshape(
+        len(pairs.h), 2, -1
+    )
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
     columns = values.reshape(len(values), -1)
     jumps = [row_norms((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
@@ -366,7 +370,7 @@ def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
     and one more in the second.
     """
     nodes = np.array(rule.nodes) / 2
-    first, last = _JUMP_DETECTION_END_NODES
+    first, last = _END_NODES_OF_STEP_PAIR_FOR_JUMP_DETECTION
     x = np.concatenate([[first], nodes, 0.5 + nodes, [last]])
     matrices = []
     for order in (rule.order, rule.order + 1):

@@ -30,9 +30,9 @@ RK4_NODES: Final = STEP_RULE_BY_NAME["rk4_quaternion"].nodes
 """Nodes of a classical Runge-Kutta step, as fractions of the step."""
 
 # abs(cos phi_y): below this value a large change of an angle in a step means that gimbal lock is near.
-_MAX_COS_PHI_Y_NEAR_GIMBAL_LOCK = 0.5
-_MAX_PHI_CHANGE_PER_STEP_NEAR_GIMBAL_LOCK = 1.0  # rad: largest change of an angle in a step
-_MIN_STEPS_TO_COMPILE = 5_000  # steps from which on compiling pays
+_MAX_ABS_COS_PHI_Y_NEAR_GIMBAL_LOCK = 0.5
+_MAX_RADIANS_PER_STEP_NEAR_GIMBAL_LOCK = 1.0  # rad: largest change of an angle in a step
+_MIN_STEP_COUNT_FOR_COMPILED_LOOP = 5_000  # steps from which on compiling pays
 
 
 def integrate_euler_angles(
@@ -49,7 +49,9 @@ def integrate_euler_angles(
     """
     angles = np.empty((len(steps.t), 3))
     angles[0] = start
-    compile_auto = execution.backend == "auto" and steps.step_count >= _MIN_STEPS_TO_COMPILE and can_compile()
+    compile_auto = (
+        execution.backend == "auto" and steps.step_count >= _MIN_STEP_COUNT_FOR_COMPILED_LOOP and can_compile()
+    )
     run = _integrate_compiled if compile_auto or execution.backend == "compiled" else _integrate_on_floats
     for first, last in steps.chunks():
         begin, (h, _) = steps.starts_and_lengths(first, last)
@@ -148,7 +150,7 @@ def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_a
     squared_change, squared_cos = (rate_along_x * h) * (rate_along_x * h), cos_y * cos_y
     return where_less(
         squared_cos,
-        _MAX_COS_PHI_Y_NEAR_GIMBAL_LOCK**2,
-        where_less(_MAX_PHI_CHANGE_PER_STEP_NEAR_GIMBAL_LOCK**2 * squared_cos, squared_change, nan_rates, rates),
+        _MAX_ABS_COS_PHI_Y_NEAR_GIMBAL_LOCK**2,
+        where_less(_MAX_RADIANS_PER_STEP_NEAR_GIMBAL_LOCK**2 * squared_cos, squared_change, nan_rates, rates),
         rates,
     )

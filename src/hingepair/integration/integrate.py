@@ -24,7 +24,7 @@ from hingepair.integration.signals import (
 )
 from hingepair.integration.solve import METHOD_NAMES, Solution, SolveOptions, integrate_together, solve
 from hingepair.integration.trajectory import (
-    STATE_OUTPUT_PREFIX,
+    STATE_OUTPUT_NAME_PREFIX,
     LazyValue,
     LazyValues,
     PlanarTrajectory,
@@ -83,7 +83,7 @@ _EXPECTED_R1_FORM_BY_PLAN_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1"
 _MAX_TOTAL_STEPS_OF_MOTION_GROUP: Final = 65_536
 """Steps that are integrated together at most, of all motions of a group."""
 
-_R1_PART_NAME_BY_PLAN_INPUT: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
+_R1_PART_NAME_IN_MESSAGES_BY_PLAN_INPUT: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
 """Name in messages of each part of the argument R1."""
 
 
@@ -316,7 +316,9 @@ def _read_request(
     size = 2 if is_planar else 3
     points = read_position(np.zeros(size) if R1 is None else R1, t, size)
     shapes = {name: array.shape for name, array in signals.items()}
-    shapes |= {name: points[key].shape[:-2] for key, name in _R1_PART_NAME_BY_PLAN_INPUT.items() if key in points}
+    shapes |= {
+        name: points[key].shape[:-2] for key, name in _R1_PART_NAME_IN_MESSAGES_BY_PLAN_INPUT.items() if key in points
+    }
     shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
     motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
     kind = PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND
@@ -638,11 +640,11 @@ def _error_template(first_motion_index: None, **arguments: Any) -> dict[str, NDA
 
 def _trajectory_arrays_by_name(trajectory: Any) -> dict[str, NDArray[Any]]:
     """Return a dict of all arrays of a trajectory but t and the error estimates. Names of the outputs of its state
-    begin with STATE_OUTPUT_PREFIX.
+    begin with STATE_OUTPUT_NAME_PREFIX.
     """
     names = ("phi",) if isinstance(trajectory, PlanarTrajectory) else ("quat_wxyz", "R1")
     arrays = {name: np.asarray(getattr(trajectory, name)) for name in (*names, "psi", "steps")}
-    return arrays | {STATE_OUTPUT_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
+    return arrays | {STATE_OUTPUT_NAME_PREFIX + name: array for name, array in trajectory.state.arrays().items()}
 
 
 def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: MotionKind) -> Plan:

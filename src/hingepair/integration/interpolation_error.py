@@ -33,7 +33,9 @@ _KINK_ORDERS_AND_ERROR_FACTORS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
 
 # Nodes and weights on [-1, 1].
-_GAUSS_LEGENDRE_NODES_AND_WEIGHTS = np.polynomial.legendre.leggauss(INTERPOLATION_POINT_COUNT // 2 + 1)
+_GAUSS_LEGENDRE_NODES_AND_WEIGHTS_FROM_MINUS_1_TO_1 = np.polynomial.legendre.leggauss(
+    INTERPOLATION_POINT_COUNT // 2 + 1
+)
 
 
 def largest_interpolation_error(
@@ -97,11 +99,11 @@ def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: 
     interval's polynomial passes; `stencil_starts` are the indices of the first samples.
     """
     h = np.diff(t)
-    times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS_LEGENDRE_NODES_AND_WEIGHTS[0])
+    times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS_LEGENDRE_NODES_AND_WEIGHTS_FROM_MINUS_1_TO_1[0])
     product = np.ones_like(times)
     for j in range(stencil_size):
         product *= times - t[stencil_starts + j][:, None]
-    return np.asarray(0.5 * h * (product @ _GAUSS_LEGENDRE_NODES_AND_WEIGHTS[1]))
+    return np.asarray(0.5 * h * (product @ _GAUSS_LEGENDRE_NODES_AND_WEIGHTS_FROM_MINUS_1_TO_1[1]))
 
 
 def _highest_differences(

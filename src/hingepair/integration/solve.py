@@ -17,7 +17,7 @@ from hingepair.integration.integrals import AngleIntegral, AttitudeIntegral, Int
 from hingepair.integration.methods import STEP_RULE_BY_NAME, quaternion_product
 from hingepair.integration.signals import SampledSignal, Signal
 from hingepair.integration.stamp_rounding import stamp_deviations, stamp_error
-from hingepair.integration.step_selection import STEP_BUDGET, SelectedSteps, select_steps
+from hingepair.integration.step_selection import MAX_SELECTED_STEP_COUNT, SelectedSteps, select_steps
 from hingepair.integration.stepping import Steps
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array as Array
@@ -31,9 +31,9 @@ METHOD_NAMES: Final = (*STEP_RULE_BY_NAME, "euler_angles", "dop853")
 MAX_OMEGA1_EVALUATIONS_BY_SCIPY: Final = 1_000_000
 """Largest number of evaluations of omega1 by SciPy's solver, one at a time: some twenty seconds."""
 
-_REFERENCE_STEP_RULE = STEP_RULE_BY_NAME["magnus6"]  # that other methods are compared with
-_REFERENCE_SOLUTION_TOLERANCE = 1e-14  # rad: of the solution that other methods are compared with
-_DEFAULT_SCIPY_TOLERANCE = 1e-12  # rad: of `dop853` without tol
+_STEP_RULE_OF_REFERENCE_SOLUTION = STEP_RULE_BY_NAME["magnus6"]  # that other methods are compared with
+_TOLERANCE_OF_REFERENCE_SOLUTION_IN_RAD = 1e-14  # rad: of the solution that other methods are compared with
+_DEFAULT_TOLERANCE_OF_DOP853 = 1e-12  # rad: of `dop853` without tol
 _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
 
@@ -142,9 +142,11 @@ def solve(
         raise ArgumentError("tol", "a positive number", options.tol)
     is_planar = np.ndim(start) == 0
     check_choice("method", options.method, tuple(STEP_RULE_BY_NAME) if is_planar else METHOD_NAMES)
-    rule = {"euler_angles": STEP_RULE_BY_NAME["rk4_quaternion"], "dop853": _REFERENCE_STEP_RULE, **STEP_RULE_BY_NAME}[
-        options.method
-    ]
+    rule = {
+        "euler_angles": STEP_RULE_BY_NAME["rk4_quaternion"],
+        "dop853": _STEP_RULE_OF_REFERENCE_SOLUTION,
+        **STEP_RULE_BY_NAME,
+    }[options.method]
     attitude = AttitudeIntegral(options.rate_names[0], omega, rule, options.execution, options.omega_in_body_axes)
     hinge = AngleIntegral(options.rate_names[1], psid, rule, options.execution)
     if options.method in STEP_RULE_BY_NAME:
@@ -157,8 +159,10 @@ def solve(
             orientation = _integrate(body1_angle, None, selected, integrated[0])
     else:
         solve_orientation = _solve_by_euler_angles if options.method == "euler_angles" else _solve_by_scipy
-        orientation = solve_orientation(options, replace(attitude, rule=_REFERENCE_STEP_RULE), np.asarray(start))
-        tol = _DEFAULT_SCIPY_TOLERANCE if options.tol is None and options.method == "dop853" else options.tol
+        orientation = solve_orientation(
+            options, replace(attitude, rule=_STEP_RULE_OF_REFERENCE_SOLUTION), np.asarray(start)
+        )
+        tol = _DEFAULT_TOLERANCE_OF_DOP853 if options.tol is None and options.method == "dop853" else options.tol
         selected = select_steps((hinge,), options.t, tol)
     hinge_angle = _integrate(hinge, psi_0, selected, None if integrated is None else integrated[1])
     sampled_rates = [rate for rate in (omega, psid) if isinstance(rate, SampledSignal)]
@@ -198,7 +202,7 @@ def _integrate(
 def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
     """Integrate Euler angles from the attitude S1_0; return `_IntegratedValues` with the attitudes as quaternions.
     `attitude` is the AttitudeIntegral of omega, which also gives the reference for the error. With a tolerance, halve
-    all steps until the error is below it or stagnates, or there are more than STEP_BUDGET steps. Raise a
+    all steps until the error is below it or stagnates, or there are more than MAX_SELECTED_STEP_COUNT steps. Raise a
     GimbalLockError near gimbal lock.
 
     Only errors of samples can stagnate. With a tolerance, steps are also halved where they are too long to tell
@@ -227,7 +231,12 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
                 steps.step_count,
             )
             stagnates = isinstance(attitude.rate, SampledSignal) and not result.error() < 0.9 * last_error
-            if options.tol is None or not result.error() > options.tol or steps.step_count > STEP_BUDGET or stagnates:
+            if (
+                options.tol is None
+                or not result.error() > options.tol
+                or steps.step_count > MAX_SELECTED_STEP_COUNT
+                or stagnates
+            ):
                 return result
             last_error = result.error()
         steps = steps.refine(steps.t[:-1] + 0.5 * np.diff(steps.t))
@@ -243,7 +252,10 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
         from scipy.integrate import solve_ivp
     except ImportError as error:
         raise MissingDependencyError("method", "scipy (pip install scipy), or another method", str(error)) from None
-    t, tol = options.t, max(_DEFAULT_SCIPY_TOLERANCE if options.tol is None else 0.01 * options.tol, _MIN_SCIPY_RTOL)
+    t, tol = (
+        options.t,
+        max(_DEFAULT_TOLERANCE_OF_DOP853 if options.tol is None else 0.01 * options.tol, _MIN_SCIPY_RTOL),
+    )
     start, since, evaluations = matrix_to_quaternion(S1_0), t - t[0], 0
 
     def rate(time: float, q: Any) -> Any:
@@ -280,7 +292,7 @@ def _with_reference_error(
 
     def error() -> float:
         """Return the largest angle from the reference solution plus that solution's error [rad]."""
-        reference = _integrate(attitude, start, select_steps((attitude,), t, _REFERENCE_SOLUTION_TOLERANCE))
+        reference = _integrate(attitude, start, select_steps((attitude,), t, _TOLERANCE_OF_REFERENCE_SOLUTION_IN_RAD))
         w, x, y, z = quaternion_product(tuple(quats.T), tuple((reference.values * [1, -1, -1, -1]).T))
         angles = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
         return min(float(angles.max()) + reference.error(), math.pi)

@@ -24,7 +24,7 @@ _SAMPLES_PER_ROUGHNESS_WINDOW: Final = 11
 """Samples whose highest divided difference measures roughness; that of a smooth motion is negligible."""
 
 _MAX_ROUGHNESS_WINDOW_COUNT = 2048  # windows of samples that are measured, spread over the time
-_MAX_STAMP_DECIMALS = 9  # decimal places of seconds that are tried as a grid
+_MAX_DECIMALS_OF_STAMP_GRID = 9  # decimal places of seconds that are tried as a grid
 _GRID_ROUNDING_STD_IN_SPACINGS = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
 
 
@@ -76,7 +76,7 @@ def stamp_grids(t: Array) -> list[Array]:
         singles = size.astype(np.float32)
     if (singles == size).all():
         grids.append(np.spacing(singles).astype(np.float64))
-    for unit in 10.0 ** np.arange(_MAX_STAMP_DECIMALS + 1):
+    for unit in 10.0 ** np.arange(_MAX_DECIMALS_OF_STAMP_GRID + 1):
         # That all stamps lie on a grid is no accident if it is much coarser than the grid of doubles.
         if 1 / unit > 8.0 * doubles.max() and (np.abs(np.round(size * unit) / unit - size) <= doubles).all():
             grids.append(np.full(len(t), 1 / unit))

@@ -33,7 +33,7 @@ from hingepair.integration.integrals import Integral
 from hingepair.integration.stepping import Steps, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 
-STEP_BUDGET: Final = 2_000_000
+MAX_SELECTED_STEP_COUNT: Final = 2_000_000
 """Number of steps up to which steps are divided for a tolerance; more errors remain in the error estimate."""
 
 _MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
@@ -90,7 +90,7 @@ def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
 @np.errstate(all="ignore")
 def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> SelectedSteps:
     """Select integration steps between the instants t that keep the error of each integral below `tol` [rad], as far
-    as STEP_BUDGET allows; return `SelectedSteps`. Errors of interpolation between samples do not count. If `tol` is
+    as MAX_SELECTED_STEP_COUNT allows; return `SelectedSteps`. Errors of interpolation between samples do not count. If `tol` is
     None, each interval is one step.
 
     All integrals must have the same rule.
@@ -238,19 +238,19 @@ def _part_counts(
     sizes: Array, weights: Array, max_counts: NDArray[np.int64], target_sum: float, order: int
 ) -> tuple[NDArray[np.int64], Array]:
     """Return two arrays, the numbers of parts into which pieces must be divided so that the error sizes of all parts
-    add up to `target_sum` [rad]. The first array holds integers within `max_counts` and STEP_BUDGET; the second is
+    add up to `target_sum` [rad]. The first array holds integers within `max_counts` and MAX_SELECTED_STEP_COUNT; the second is
     without limits and not rounded. `sizes` are the error sizes of the pieces, `weights` the numbers of pieces that
     each stands for, and `order` is the power of the step length by which errors fall.
     """
     shares = sizes ** (1 / (order + 1))
     unlimited = ((shares * weights).sum() / target_sum) ** (1 / order) * shares
     limited = np.clip(unlimited, 1, max_counts)
-    limited = np.maximum(limited * min(1.0, STEP_BUDGET / (limited * weights).sum()), 1)
+    limited = np.maximum(limited * min(1.0, MAX_SELECTED_STEP_COUNT / (limited * weights).sum()), 1)
     counts = np.floor(limited)
     gain = sizes * (counts**-order - (counts + 1) ** -order)
     by_gain = np.argsort(-gain)
     reached = np.cumsum((gain * weights)[by_gain]) > (sizes * counts**-order * weights).sum() - target_sum
-    within_limit = np.cumsum(weights[by_gain]) <= STEP_BUDGET - (counts * weights).sum()
+    within_limit = np.cumsum(weights[by_gain]) <= MAX_SELECTED_STEP_COUNT - (counts * weights).sum()
     one_more = np.append(True, ~reached[:-1]) & within_limit & (limited > counts)[by_gain]
     counts[by_gain[one_more]] += 1
     return counts.astype(np.int64), unlimited

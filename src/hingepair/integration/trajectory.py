@@ -145,7 +145,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         lazy = {name: value for name, value in values.items() if holds_dask(value)}
         others = {name: value for name, value in values.items() if name not in lazy}
         outputs, make_state = state._dask_parts()
-        lazy |= {STATE_OUTPUT_PREFIX + name: array for name, array in outputs.items()}
+        lazy |= {STATE_OUTPUT_NAME_PREFIX + name: array for name, array in outputs.items()}
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -344,7 +344,7 @@ class PlanarTrajectory(_TrajectoryBase):
     state: PlanarState
 
 
-STATE_OUTPUT_PREFIX: Final = "state."
+STATE_OUTPUT_NAME_PREFIX: Final = "state."
 """Prefix of the names of a state's outputs among the arrays of a trajectory."""
 
 _ERROR_ESTIMATE_FIELD_NAMES = {"_error", "_psi_error"}  # names of the fields that hold errors
@@ -358,15 +358,15 @@ def trajectory_from_arrays(
 ) -> Any:
     """Return a trajectory of `trajectory_class` from two dicts of values by field name, `arrays` (NumPy or
     Dask) and `other_values`. `state_function` makes the state from a dict of the arrays whose names begin with
-    STATE_OUTPUT_PREFIX, without this prefix. NumPy arrays become read-only, and error estimates become lazy
+    STATE_OUTPUT_NAME_PREFIX, without this prefix. NumPy arrays become read-only, and error estimates become lazy
     values.
     """
     outputs = {
-        name.removeprefix(STATE_OUTPUT_PREFIX): a
+        name.removeprefix(STATE_OUTPUT_NAME_PREFIX): a
         for name, a in arrays.items()
-        if name.startswith(STATE_OUTPUT_PREFIX)
+        if name.startswith(STATE_OUTPUT_NAME_PREFIX)
     }
-    field_arrays = {name: array for name, array in arrays.items() if not name.startswith(STATE_OUTPUT_PREFIX)}
+    field_arrays = {name: array for name, array in arrays.items() if not name.startswith(STATE_OUTPUT_NAME_PREFIX)}
     if not holds_dask(field_arrays):
         errors = {
             name: _computed_errors(np.asarray(field_arrays.pop(name)))
