@@ -66,8 +66,9 @@ class StepSample(NamedTuple):
         return np.repeat(values, np.diff(self.parts, append=len(self.t) - 1))
 
     def error_weights(self, order: int) -> Array:
-        """Return weights (P,) of the measured steps, by which their errors are multiplied to give the errors of the
-        parts of the time for which they stand. Errors are taken to be proportional to length^(order + 1).
+        """Return weights (P,) by which the errors of the measured steps are multiplied to give the errors of the
+        parts of the time for which they stand. The error of a step is taken to be proportional to its length to the
+        power `order` + 1.
         """
         if len(self.steps) == len(self.t) - 1:
             return np.ones(len(self.steps))
@@ -79,10 +80,10 @@ class StepSample(NamedTuple):
 
 
 def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> StepSample:
-    """Choose the steps between times t whose errors are measured; return a `StepSample`. If there are more than
-    MAX_FULLY_MEASURED_STEP_COUNT steps, these are one in each part of the time and the steps over which `signals`
-    change most abruptly, otherwise all steps. Within a part a step is drawn in proportion to its expected error,
-    length^(order + 1).
+    """Choose the steps between times t whose errors are measured; return a `StepSample`. These are all steps, if
+    there are at most MAX_FULLY_MEASURED_STEP_COUNT. Otherwise they are one step in each part of the time, drawn with
+    a probability proportional to its length to the power `order` + 1, and the steps over which a Signal of `signals`
+    changes most abruptly.
 
     Parts are similar in time and number of steps. The measured step of a part is drawn by a fixed quasi-random
     sequence (fractions of multiples of the golden ratio), with a probability in proportion to length^(order + 1), as
@@ -112,8 +113,8 @@ def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> 
 
 
 def _most_abrupt_steps(t: Array, values: Array) -> NDArray[np.intp]:
-    """Return the indices of the MAX_FULLY_MEASURED_STEP_COUNT / 8 steps over which `values`, rows at the times t,
-    change most abruptly.
+    """Return the indices of the MAX_FULLY_MEASURED_STEP_COUNT / 8 steps between times t over which `values`, an array
+    with a row for each time, change most abruptly.
     """
     count, step_count = len(t) - 1, MAX_FULLY_MEASURED_STEP_COUNT // 8
     differences, order = values, 6  # of the divided differences whose size shows where a callable may jump
@@ -146,8 +147,8 @@ class StepErrors(NamedTuple):
 
     @property
     def sizes(self) -> Array:
-        """Sizes of the errors [rad], shape (P,): zero where rounding explains an error, and at least the undetected
-        size.
+        """Sizes of the errors [rad], shape (P,). An error that rounding explains counts as zero, and no size is below
+        the size of the undetected error.
         """
         return np.maximum(errors_above_noise(row_norms(self.errors), self.noise), self.undetected)
 
@@ -219,9 +220,9 @@ class AccumulatedErrors(NamedTuple):
     counts_before: NDArray[np.intp] | None  # number of errors before each instant; None: instants end all steps
 
     def largest_sum(self, factors: Array | float = 1.0) -> float:
-        """Return the size of the largest sum of errors up to any instant [rad], each error multiplied by its element
-        of `factors`. A sum that rounding explains counts as zero. The result is at least the size of the undetected
-        errors.
+        """Return the size of the largest sum of errors up to any instant [rad], a float. Each error is multiplied by
+        its element of `factors`, an array or one number. A sum that rounding explains counts as zero. The result is
+        not below the size of the undetected errors.
         """
         scaled = self.errors.T * factors
         total = np.cumsum(np.append(np.zeros((len(scaled), 1)), scaled, axis=1), axis=1)
@@ -239,9 +240,9 @@ def accumulate_errors(
     integral: Integral, steps: Steps, values: Array, step_sample: StepSample, errors: StepErrors
 ) -> AccumulatedErrors:
     """Rotate errors of measured steps to the axes of the first instant, where they add up; return
-    `AccumulatedErrors`. `errors` are the StepErrors of the steps in `step_sample`. Each is scaled to the part
-    of the time for which its step stands. `values` are the attitudes or angles at the ends of all `steps`, a
-    Steps object.
+    `AccumulatedErrors`. `errors` are the StepErrors of the steps in `step_sample`. Each error is scaled to the part
+    of the time for which its step stands. `values` are the attitudes or angles at the ends of all `steps`, a Steps
+    object.
     """
     weights = step_sample.error_weights(integral.rule.order)
     errors_at_start = integral.errors_at_start(values[step_sample.steps + 1], errors.errors * weights[:, None])
@@ -256,8 +257,8 @@ def accumulate_errors(
 
 
 def _is_rate_constant(rate: Signal, step_sample: StepSample) -> bool:
-    """Return True if a rate is the same at the nodes of all steps of a small selection of the measured steps. All
-    steps are then rounded alike.
+    """Return True if the Signal `rate` has one and the same value near both ends of all steps of a sample of up to 64
+    measured steps. All steps are then rounded alike.
     """
     if isinstance(rate, ConstantSignal):
         return True
@@ -270,9 +271,9 @@ def _is_rate_constant(rate: Signal, step_sample: StepSample) -> bool:
 def _sum_by_sample_interval(
     steps: Steps, step_indices: NDArray[np.intp], errors: Array
 ) -> tuple[NDArray[np.intp], Array]:
-    """Sum errors of steps over the intervals between instants. `errors` (P, k) belong to those of the `steps`, a
-    Steps object, that have the indices `step_indices`. Return the indices of the intervals that contain one of these
-    steps, and the sums, one row for each such interval.
+    """Sum errors of steps over the intervals between instants. Return a pair of arrays: the indices of the intervals
+    that contain one of these steps, and the sums, one row for each of the intervals. `errors` (P, k) are the errors
+    of the steps with the indices `step_indices` in `steps`, a Steps object.
     """
     if steps.instant_indices is None:
         return step_indices, errors
@@ -296,8 +297,8 @@ def measure_step_errors(integral: Integral, start: Array, stop: Array, duration:
 
 
 def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
-    """Measure the errors of one chunk of steps from `start` to `stop` [s]; return `StepErrors`. The arguments are
-    those of `measure_step_errors`.
+    """Measure the errors of steps from `start` to `stop` [s] as `measure_step_errors` does, but all in one call;
+    return `StepErrors`.
     """
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
@@ -317,8 +318,8 @@ def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duratio
 
 
 def count_equal_steps(lengths: Array, duration: float, steps_per_duration: int) -> NDArray[np.int64]:
-    """Return the number of equal steps of at most `duration` / `steps_per_duration` into which each interval of these
-    lengths must be divided, as an array. The number is at least 1 and at most `steps_per_duration`.
+    """Return the number of equal steps of at most `duration` / `steps_per_duration` into which each interval of the
+    array `lengths` must be divided, as an array of integers. Each number is from 1 to `steps_per_duration`.
     """
     counts: NDArray[np.int64] = np.clip(
         np.nan_to_num(np.ceil(lengths * (steps_per_duration / duration)), nan=1.0), 1, steps_per_duration
@@ -327,8 +328,8 @@ def count_equal_steps(lengths: Array, duration: float, steps_per_duration: int) 
 
 
 def errors_above_noise(error_sizes: Array, noise: Array) -> Array:
-    """Return sizes of errors as an array in which those of at most twice the standard deviation `noise` are set to
-    zero, since rounding explains them.
+    """Return the array `error_sizes` with zero in place of sizes that are at most twice the standard deviation
+    `noise`, since rounding explains them.
     """
     return np.where(error_sizes <= _MAX_ERROR_EXPLAINED_BY_ROUNDING_IN_STD * noise, 0.0, error_sizes)
 
@@ -365,9 +366,9 @@ def _undetected_errors(
 @functools.cache
 def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
     """Return two cached matrices (gaps, nodes) that detect jumps in the values at the nodes of two neighbouring steps
-    of a rule. Each row belongs to a gap between neighbouring nodes and is a divided difference, scaled so that a unit
-    jump in the gap gives the length of the gap. The order of the differences is that of the rule in the first matrix,
-    and one more in the second.
+    of a rule, including two more nodes just inside the ends of the pair. Each row belongs to a gap between
+    neighbouring nodes and is a divided difference, scaled so that a unit jump in the gap gives the length of the gap.
+    The order of the differences is that of the rule in the first matrix, and one more in the second.
     """
     nodes = np.array(rule.nodes) / 2
     first, last = _END_NODES_OF_STEP_PAIR_FOR_JUMP_DETECTION

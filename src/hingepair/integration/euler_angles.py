@@ -38,10 +38,10 @@ _MIN_STEP_COUNT_FOR_COMPILED_LOOP = 5_000  # steps from which on compiling pays
 def integrate_euler_angles(
     omega: Signal, steps: Steps, execution: Execution, start: NDArray[Any], *, omega_in_body_axes: bool
 ) -> Array:
-    """Integrate the Euler angles XYZ of body 1 from omega over `steps`, a Steps object; return the continuous angles
-    at the ends of the steps, shape (steps + 1, 3). `start` are the angles at the first time. omega is in axes of body
-    1 if `omega_in_body_axes`, otherwise in axes of the world. `execution` chooses the backend. Raise a
-    GimbalLockError near gimbal lock.
+    """Integrate the Euler angles XYZ of body 1 from the Signal `omega` over `steps`, a Steps object; return the
+    continuous angles at the ends of the steps, shape (steps + 1, 3). `start` are the angles at the first time. omega
+    is in axes of body 1 if `omega_in_body_axes`, otherwise in axes of the world. The Execution `execution` chooses
+    the backend. Raise a GimbalLockError if an angle would change by more than 1 rad in a step near gimbal lock.
 
     Raises:
         GimbalLockError: an angle would turn by more than 1 rad in a step, near gimbal lock or because steps are too
@@ -81,9 +81,10 @@ def euler_to_quaternions(phi: Array) -> Array:
 
 
 def _integrate_on_floats(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
-    """Integrate Euler angles from `start`, one step of length h at a time on Python floats, and write the angles
-    after each step into `angles`; return None. `node_omega` is omega at the nodes of the steps, in axes of body 1 if
-    `omega_in_body_axes`, otherwise of the world. Stop after the first step with a NaN, which means gimbal lock.
+    """Integrate Euler angles from `start` over steps of lengths h, one after the other on Python floats, and write
+    the angles after each step into `angles`; return None. `node_omega` is omega at the nodes of the steps, in axes of
+    body 1 if `omega_in_body_axes`, otherwise of the world. Stop after the first step that gives NaN, which means
+    gimbal lock.
     """
     phi, step = tuple(start.tolist()), _float_step_function(omega_in_body_axes)
     for k, (w, length) in enumerate(zip(node_omega.reshape(-1, 9).tolist(), h.tolist(), strict=True)):
@@ -104,9 +105,9 @@ def _float_step_function(omega_in_body_axes: bool) -> Any:
 
 
 def _integrate_compiled(node_omega: Array, h: Array, start: Array, omega_in_body_axes: bool, angles: Array) -> None:
-    """Integrate Euler angles from `start` by the compiled loop, and write the angles after each step of length h into
-    `angles`, NaN after gimbal lock; return None. `node_omega` is omega at the nodes of the steps, in axes of body 1
-    if `omega_in_body_axes`, otherwise of the world.
+    """Integrate Euler angles from `start` over steps of lengths h by the compiled loop, and write the angles after
+    each step into `angles`, NaN after gimbal lock; return None. `node_omega` is omega at the nodes of the steps, in
+    axes of body 1 if `omega_in_body_axes`, otherwise of the world.
     """
     arguments = {"phi": start[None], "omega": node_omega[None], "h": h[None]}
     _runge_kutta_loop(omega_in_body_axes).run(
@@ -116,9 +117,9 @@ def _integrate_compiled(node_omega: Array, h: Array, start: Array, omega_in_body
 
 @functools.cache
 def _runge_kutta_loop(omega_in_body_axes: bool) -> Loop:
-    """Return the cached `Loop` of Runge-Kutta steps that integrate Euler angles from omega, NaN near gimbal lock. Its
-    inputs are phi, omega at start, middle and end of each step, and the length h of each step. omega is in axes of
-    body 1 if `omega_in_body_axes`, otherwise in axes of the world.
+    """Return the cached `Loop` of Runge-Kutta steps that integrate Euler angles from omega; the angles are NaN after
+    a step that is too long near gimbal lock. Its inputs are phi, omega at start, middle and end of each step, and the
+    length h of each step. omega is in axes of body 1 if `omega_in_body_axes`, otherwise in axes of the world.
     """
 
     def step(values: dict[str, Any]) -> dict[str, Any]:
@@ -138,8 +139,9 @@ def _runge_kutta_loop(omega_in_body_axes: bool) -> Loop:
 
 
 def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_axes: bool) -> Any:
-    """Return the Euler-angle rates J^-1 omega (E4) at the angles phi; NaN if a step of length h is too long near
-    gimbal lock. omega is in axes of body 1 if `omega_in_body_axes`, otherwise in axes of the world.
+    """Return the Euler-angle rates J^-1 omega (E4) at the angles phi as a tuple. They are NaN if an angle would
+    change by more than 1 rad in a step of length h near gimbal lock. omega is in axes of body 1 if
+    `omega_in_body_axes`, otherwise in axes of the world.
     """
     x, y, z = phi
     trig = (sine(x), cosine(x), sine(y), cosine(y), sine(z), cosine(z))

@@ -113,8 +113,8 @@ class AngleIntegral(_RateIntegral):
         return UNIT_ROUNDOFF * float(np.abs(values).max())
 
     def errors_at_start(self, _: Array, errors: Array) -> Array:
-        """Return the errors of intervals, angles, unchanged, since they add up as they are. The first argument is not
-        used.
+        """Return `errors`, the errors of intervals, unchanged: errors of angles add up as they are. The first
+        argument is not used.
         """
         return errors
 
@@ -140,7 +140,7 @@ class AttitudeIntegral(_RateIntegral):
 
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
-        """Integrate the attitude from the quaternion `start`; return the quaternions (w, x, y, z) at the ends of
+        """Integrate the attitude from the unit quaternion `start`; return the quaternions (w, x, y, z) at the ends of
         steps, without a jump of sign, shape (steps + 1, 4). Starts (..., 4) of many motions give the shape (...,
         steps + 1, 4). Raise an ArgumentError if a quaternion of a single motion overflows.
         """
@@ -159,8 +159,8 @@ class AttitudeIntegral(_RateIntegral):
         self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
 
     def _compute_rotations(self, node_omega: Array, h: Array, quats: Array) -> None:
-        """Write the rotations of steps of lengths h into `quats`, as quaternions, computed from `node_omega`, omega
-        at the nodes of the steps.
+        """Write the rotations of steps of lengths h into `quats` (steps, 4), as quaternions (w, x, y, z); return
+        None. They are computed from `node_omega`, omega at the nodes of the steps.
         """
         rotation_loop(self.rule).run(
             {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
@@ -183,9 +183,9 @@ class AttitudeIntegral(_RateIntegral):
         return np.asarray(np.stack([x, y, z], axis=-1) * factor[:, None])
 
     def _interval_rotations(self, subdivision: Subdivision, node_omega: Array) -> Array:
-        """Return the quaternions of the rotations over intervals, shape (4, intervals). Each is the product of the
-        rotations of the interval's steps in `subdivision`, computed from `node_omega`, omega at the nodes of the
-        steps.
+        """Return the quaternions (w, x, y, z) of the rotations over intervals, shape (4, intervals). Each is the
+        product of the rotations of the interval's steps in `subdivision`, computed from `node_omega`, omega at the
+        nodes of the steps.
         """
         quats = np.empty((len(subdivision.h), 4))
         self._compute_rotations(node_omega, subdivision.h, quats)

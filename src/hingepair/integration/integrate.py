@@ -286,7 +286,8 @@ def _read_request(
     backend: str,
 ) -> _Request:
     """Check the arguments of `integrate`, and return them as a `_Request`, in which rates are signals and other
-    values arrays. Raise an ArgumentError that names an argument of wrong kind or shape. Samples may still hold NaN.
+    values are arrays. Raise an ArgumentError that names an argument of the wrong kind or shape. Samples may still
+    hold NaN.
     """
     check_choice("method", method, METHOD_NAMES)
     check_choice("frame", frame, RATE_FRAME_NAMES)
@@ -327,7 +328,7 @@ def _read_request(
 
 
 def _read_start_values(name: str, value: Any, *trailing_shape: int) -> Array:
-    """Return a value at t[0] as a float64 array. Its shape is `trailing_shape`, the further positional arguments, for
+    """Return a value at t[0] as a float64 array. The shape is `trailing_shape`, the further positional arguments, for
     one motion, and (..., *trailing_shape) for many. Raise an ArgumentError that names the argument `name` for another
     shape.
     """
@@ -337,8 +338,8 @@ def _read_start_values(name: str, value: Any, *trailing_shape: int) -> Array:
 
 
 def _name_of_motion(name: str, index: Sequence[int]) -> str:
-    """Return text for messages, the argument name `name` followed by the index of a motion; the name alone for an
-    empty index.
+    """Return the argument name `name` followed by the index of a motion as text for messages, or `name` alone if the
+    index is empty.
 
     >>> [_name_of_motion("psi_0", index) for index in [(), (3,), (2, 5)]]
     ['psi_0', 'psi_0 of motion 3', 'psi_0 of motion (2, 5)']
@@ -379,9 +380,9 @@ def _list_motions(request: _Request) -> list[_Motion]:
 
 @contextlib.contextmanager
 def _errors_named_by_motion(motion: _Motion, first_motion_index: tuple[int, ...] | None) -> Iterator[None]:
-    """Return a context manager that raises an ArgumentError of its block again with the index of `motion` in the
-    name. The error of a single motion is raised as it is. `first_motion_index`, a tuple or None for zeros, is added
-    to the index.
+    """Return a context manager that adds the index of `motion` to the name in an ArgumentError of its block. The
+    error of a single motion is raised unchanged. `first_motion_index`, a tuple or None for zeros, is added to the
+    index.
     """
     try:
         yield
@@ -397,9 +398,9 @@ def _errors_named_by_motion(motion: _Motion, first_motion_index: tuple[int, ...]
 def _check_motions(
     request: _Request, motions: Iterable[_Motion], first_motion_index: tuple[int, ...] | None = None
 ) -> None:
-    """Raise an ArgumentError if a number of one of the motions is not finite, or an attitude at the start is no
-    rotation. The error names the first such motion. `first_motion_index`, a tuple or None for zeros, is added to its
-    index.
+    """Raise an ArgumentError if a number of one of the motions is not finite, or an attitude at the start is not a
+    rotation. The error names the first such motion. `first_motion_index`, a tuple or None for zeros, is added to the
+    index of the motion.
     """
     for motion in motions:
         with _errors_named_by_motion(motion, first_motion_index):
@@ -409,7 +410,7 @@ def _check_motions(
 def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None = None) -> list[Solution]:
     """Check and solve each motion of a request (E12); return a list of `Solution`s in C order of the motions'
     indices. Raise an ArgumentError or a GimbalLockError that names the first motion that cannot be solved.
-    `first_motion_index`, a tuple or None for zeros, is added to its index.
+    `first_motion_index`, a tuple or None for zeros, is added to the index of the motion.
     """
     motions, solutions = _list_motions(request), []
     _check_motions(request, motions, first_motion_index)
@@ -421,8 +422,8 @@ def _solve_motions(request: _Request, first_motion_index: tuple[int, ...] | None
 
 def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> list[tuple[Array, Array] | None]:
     """Integrate motions in groups; return a list with a pair for each motion, the arrays of its orientations and of
-    its hinge angles. The list has None for a motion that is alone in its group, and for all motions if the options
-    give each of them steps of its own (a tolerance, Euler angles or SciPy's solver).
+    its hinge angles. The list has None for a motion that is alone in its group. It has None for all motions if the
+    options require separate steps for each of them (a tolerance, Euler angles or SciPy's solver).
     """
     group_size = max(1, _MAX_TOTAL_STEPS_OF_MOTION_GROUP // len(options.t))
     results: list[tuple[Array, Array] | None] = []
@@ -439,8 +440,8 @@ def _integrate_together(options: SolveOptions, motions: Sequence[_Motion]) -> li
 
 
 def _check_motion(request: _Request, motion: _Motion) -> None:
-    """Raise an ArgumentError if a number of a motion is not finite, or its attitude at the start is no rotation. The
-    error names the argument, not the motion. `request` says whether the motion is planar.
+    """Raise an ArgumentError if a number of a motion is not finite, or the attitude at the start is not a rotation.
+    The error names the argument, not the motion. `request` says whether the motion is planar.
     """
     for name, signal in motion.signals.items():
         check_finite_values(name, signal)
@@ -454,7 +455,7 @@ def _check_motion(request: _Request, motion: _Motion) -> None:
 def _solve_motion(options: SolveOptions, motion: _Motion, integrated: tuple[Array, Array] | None) -> Solution:
     """Return the `Solution` of one motion (E12). `integrated` is the pair of arrays of its orientations and hinge
     angles if these are computed already, otherwise None. Raise an ArgumentError if the tolerance of the options is
-    not reached.
+    not reached, or an error of `solve`.
     """
     signals = motion.signals
     solution = solve(options, signals["omega1"], signals["psid"], motion.start, motion.psi_0, integrated)
@@ -493,9 +494,9 @@ def _stack_results(
     trailing_shape: tuple[int, ...],
     dtype: np.dtype[Any] = FLOAT64_DTYPE,
 ) -> NDArray[Any]:
-    """Return the results of motions, arrays of shape `trailing_shape`, as one read-only array (*motions,
-    *trailing_shape), where `motions` is the leading shape of the motions. The result of a single motion, where
-    `motions` is (), is not copied.
+    """Return the results of many motions, a sequence of arrays of shape `trailing_shape`, as one read-only array
+    (*motions, *trailing_shape), where `motions` is the leading shape. If `motions` is (), the sequence holds one
+    result, which is not copied.
     """
     if not motions:
         return read_only(np.asarray(results[0]))
@@ -506,8 +507,8 @@ def _stack_results(
 
 
 def _lazy_errors(errors: Sequence[LazyValue], motions: tuple[int, ...]) -> LazyValue | LazyValues:
-    """Return the lazy error estimates of motions, a sequence, as one LazyValues object of shape `motions`; if
-    `motions` is (), return the LazyValue of the single motion.
+    """Return a sequence of lazy error estimates, one for each motion, as one LazyValues object of shape `motions`,
+    or, if `motions` is (), the LazyValue of the single motion.
     """
     return LazyValues(object_array(motions, errors)) if motions else errors[0]
 
@@ -539,8 +540,8 @@ def _integrate_lazily(
     pair: Any, t: Array, motion_arguments: Mapping[str, Any], other_arguments: Mapping[str, Any]
 ) -> Any:
     """Return a trajectory of lazy Dask arrays, in which one task integrates each chunk of motions. Raise an
-    ArgumentError for an argument of wrong kind or shape before any task runs. `motion_arguments`, which may be Dask
-    arrays, and `other_arguments` are dicts of arguments of `integrate`.
+    ArgumentError for an argument of the wrong kind or shape before any task runs. `motion_arguments`, which may be
+    Dask arrays, and `other_arguments` are dicts of arguments of `integrate`.
     """
     is_planar = isinstance(pair, PlanarPair)
     if not is_planar:
@@ -577,8 +578,8 @@ def _integrate_lazily(
 
 
 def _shape_for_one_motion(value: Any, instant_count: int, value_shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape that the argument `value` has for one motion: `value_shape`, or (1 or instant_count,
-    *value_shape).
+    """Return the shape that the argument `value` has for one motion: `value_shape` for one constant, (1,
+    *value_shape) if the value of each motion is constant, otherwise (instant_count, *value_shape).
     """
     shape = tuple(getattr(unwrap_lazy_xarray(value), "shape", ()))
     if shape == value_shape:
@@ -608,7 +609,7 @@ def _estimate_errors(first_motion_index: tuple[int, ...] | None, **arguments: An
 
 def _trajectory_template(first_motion_index: None, **arguments: Any) -> dict[str, NDArray[Any]]:
     """Check all arguments of `integrate`, given as keyword arguments, and return a dict of arrays with the names,
-    shapes and dtypes of those that `_integrate_chunk` returns. `first_motion_index` is None.
+    shapes and dtypes of the arrays that `_integrate_chunk` returns. `first_motion_index` is None.
 
     Only the first instant is integrated, which takes no step.
     """
@@ -631,8 +632,8 @@ def _trajectory_template(first_motion_index: None, **arguments: Any) -> dict[str
 
 
 def _error_template(first_motion_index: None, **arguments: Any) -> dict[str, NDArray[Any]]:  # noqa: ARG001
-    """Return a dict of arrays of zeros with the names, shapes and dtypes of those that `_estimate_errors` returns.
-    The keyword arguments are those of `integrate`; `first_motion_index` is not used.
+    """Check the arguments of `integrate`, given as keyword arguments, and return a dict of arrays of zeros with the
+    names, shapes and dtypes of the arrays that `_estimate_errors` returns. `first_motion_index` is not used.
     """
     shape = _read_request(**arguments | {"outputs": ()}).motions
     return {name: np.zeros(shape) for name in ("error_estimate", "psi_error_estimate")}
@@ -648,10 +649,10 @@ def _trajectory_arrays_by_name(trajectory: Any) -> dict[str, NDArray[Any]]:
 
 
 def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Set[str], kind: MotionKind) -> Plan:
-    """Return the Plan that computes `outputs` from the arguments of `integrate` that `argument_names` lists.
-    None means all outputs of body 2 that these arguments allow. `pair` is the Constants object of the pair, and
-    `kind` the MotionKind, spatial or planar. Raise an ArgumentError for an output that is unknown or needs a
-    missing argument.
+    """Return the Plan that computes `outputs` from the arguments of `integrate` that `argument_names` lists. If
+    `outputs` is None, compute all outputs of body 2 that these arguments allow. `pair` is the Constants object of the
+    pair, and `kind` the MotionKind, spatial or planar. Raise an ArgumentError for an output that is unknown or needs
+    a missing argument.
     """
     available = (
         {"S1", "phi1", "psi"}

@@ -42,9 +42,9 @@ def largest_interpolation_error(
     samples: SampledSignal, step_errors: tuple[NDArray[np.intp], Array], rotate_to_start: ErrorRotation
 ) -> float:
     """Return the largest error up to any instant [rad] of the integral of a rate that is interpolated between
-    samples, a float; NaN below 4 samples. `step_errors` is a pair of arrays, indices of intervals and errors of the
-    integration steps in them, which are subtracted. `rotate_to_start` is a function that rotates errors of intervals
-    to the axes of the first instant.
+    samples, a float; NaN for fewer than 4 samples. `step_errors` is a pair of arrays, indices of intervals and the
+    errors of the integration steps in these intervals, which are subtracted from the errors of interpolation.
+    `rotate_to_start` is a function that rotates errors of intervals to the axes of the first instant.
     """
     intervals, interval_step_errors = step_errors
     if len(samples.t) < 4:
@@ -70,9 +70,10 @@ def largest_interpolation_error(
 
 
 def _interval_errors(t: Array, columns: Array) -> Array:
-    """Return interpolation errors of the integral over each interval between times t, shape (5, intervals, columns);
-    `columns` are the samples of the rate. The first two rows are computed from the mean and from the larger of two
-    sixth differences, which may cancel beside a gap. The other three are the errors of jumps, kinks and bends.
+    """Return estimates of the interpolation error of the integral over each interval between times t, shape (5,
+    intervals, columns); `columns` are the samples of the rate, shape (N, columns). The first two rows come from the
+    mean and from the larger of two sixth divided differences. The other three are the errors of jumps, kinks and
+    bends.
     """
     points = min(INTERPOLATION_POINT_COUNT, len(t))
     differences = [columns]
@@ -94,9 +95,9 @@ def _interval_errors(t: Array, columns: Array) -> Array:
 
 
 def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: int) -> Array:
-    """Return for each interval between times t the integral over the interval of the product of the distances from
-    all samples of its stencil, shape (N - 1,). The stencil is the run of `stencil_size` samples through which the
-    interval's polynomial passes; `stencil_starts` are the indices of the first samples.
+    """Return for each interval between times t the integral over the interval of the product of the signed distances
+    from all samples of its stencil, shape (N - 1,). The stencil is the run of `stencil_size` samples through which
+    the interval's polynomial passes; `stencil_starts` are the indices of the first samples.
     """
     h = np.diff(t)
     times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS_LEGENDRE_NODES_AND_WEIGHTS_FROM_MINUS_1_TO_1[0])
@@ -109,10 +110,10 @@ def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: 
 def _highest_differences(
     differences: list[Array], stencil_starts: NDArray[np.intp], stencil_size: int
 ) -> tuple[Array, Array]:
-    """Return two arrays (stencils, columns): for each stencil the mean and the larger one of two divided differences,
-    one over the stencil and the next sample on its left, the other over the stencil and the next sample on its right.
-    A stencil is a run of `stencil_size` samples from an index in `stencil_starts`. `differences` is the list of the
-    divided differences of each order.
+    """Return two arrays (stencils, columns): for each stencil the mean of two divided differences, and the larger of
+    the two. One is over the stencil and the next sample on its left, the other over the stencil and the next sample
+    on its right. A stencil is a run of `stencil_size` samples from an index in `stencil_starts`. `differences` is the
+    list of the divided differences of each order.
 
     Where there are no more samples, the differences of lower order are extrapolated.
     """
@@ -135,9 +136,9 @@ def _highest_differences(
 
 def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: Array) -> Array:
     """Return the sizes of kinks in intervals of lengths h, shape (intervals, columns), multiplied by h and by the
-    order-th power of `stencil_length` [s]. A kink shows as an outlier of the divided differences of `order`; a jump
-    is a kink of order 1. The size is reduced where the differences grow too little from order to order. `differences`
-    is the list of the divided differences of each order.
+    `order`-th power of `stencil_length` [s]. A kink shows as an outlier of the divided differences of `order`; a jump
+    is a kink of order 1. The size is reduced if the differences grow too little from order to order. `differences` is
+    the list of the divided differences of each order.
     """
     outliers = math.factorial(order) * _subtract_local_median(differences[order])[_centred_indices(order, h)]
     low = _neighbourhood_max(row_norms(outliers), 2) * stencil_length**order
@@ -160,14 +161,16 @@ def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: 
 
 
 def _centred_indices(order: int, h: Array) -> NDArray[np.intp]:
-    """Return for each interval the index of the divided difference of an order that is centred on the interval, or of
-    the nearest one; h are the lengths of the intervals.
+    """Return for each interval the index of the divided difference of the given order that is centred on the
+    interval, or of the nearest one, as an integer array. `h` are the lengths of the intervals.
     """
     return np.clip(np.arange(len(h)) - order // 2, 0, len(h) - order)
 
 
 def _subtract_local_median(rows: Array) -> Array:
-    """Return rows minus the median of the five nearest rows, or unchanged where these five are spread widely."""
+    """Return an array (N, columns) in which the median of the five nearest rows is subtracted from each row, unless
+    these five are spread widely.
+    """
     neighbours = list(
         np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0)
     )

@@ -30,7 +30,7 @@ _GAUSS2_NODE, _GAUSS3_NODE = 0.5 - _SQRT_3 / 6, 0.5 - _SQRT_15 / 10  # first of 
 
 
 def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
-    """Return the product p q of quaternions (w, x, y, z): the rotation q followed by the rotation p."""
+    """Return the product p q of quaternions (w, x, y, z) as a tuple: the rotation q followed by the rotation p."""
     a, b, c, d = p
     w, x, y, z = q
     return (
@@ -42,14 +42,18 @@ def quaternion_product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def quaternion_unit(q: Quaternion) -> Quaternion:
-    """Return a quaternion of norm nearly 1 normalised, by one Newton step for the inverse square root."""
+    """Return a quaternion (w, x, y, z) whose norm is nearly 1 as a tuple, normalised by one Newton step for the
+    inverse square root.
+    """
     w, x, y, z = q
     f = 1.5 - 0.5 * ((w * w + x * x) + (y * y + z * z))
     return w * f, x * f, y * f, z * f
 
 
 def quaternion_exp(Omega: Vector) -> Quaternion:
-    """Return the unit quaternion (w, x, y, z) of a rotation vector Omega [rad] of floats or traced values."""
+    """Return the unit quaternion (w, x, y, z) of a rotation vector Omega [rad] as a tuple. The components of Omega
+    are floats or traced values.
+    """
     square = 0.25 * dot(Omega, Omega)
     if square == 0:  # a float; a traced value never compares equal to 0
         return 1.0, *scale(Omega, 0.5)
@@ -59,15 +63,15 @@ def quaternion_exp(Omega: Vector) -> Quaternion:
 
 
 def magnus4(w1: Vector, w2: Vector, h: Scalar) -> Vector:
-    """Return the rotation vector Omega [rad] of a Magnus step of length h, from omega at two Gauss nodes (w1, w2);
-    order 4.
+    """Return the rotation vector Omega [rad] of a Magnus step of length h as a tuple, from omega at two Gauss nodes
+    (w1, w2); order 4.
     """
     return subtract(scale(add(w1, w2), 0.5 * h), scale(cross(w1, w2), h * h * (_SQRT_3 / 12)))
 
 
 def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
-    """Return the rotation vector Omega [rad] of a Magnus step of length h, from omega at three Gauss nodes (w1, w2,
-    w3); order 6.
+    """Return the rotation vector Omega [rad] of a Magnus step of length h as a tuple, from omega at three Gauss nodes
+    (w1, w2, w3); order 6.
 
     a1, a2 and a3 are h times omega at the middle node and times its first and second difference:
     Omega = a1 + a3/12 + [-20 a1 - a3 + c1, a2 + c2] / 240, c1 = [a1, a2], c2 = -[a1, 2 a3 + c1] / 60.
@@ -82,16 +86,16 @@ def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
 
 
 def two_exponentials(w1: Vector, w2: Vector, h: Scalar) -> tuple[Vector, Vector]:
-    """Return two rotation vectors [rad], the first and the second rotation of a commutator-free step of length h,
-    from omega at two Gauss nodes (w1, w2); order 4.
+    """Return a pair of rotation vectors [rad], those of the first and the second rotation of a commutator-free step
+    of length h, from omega at two Gauss nodes (w1, w2); order 4.
     """
     a, b = h * (0.25 + _SQRT_3 / 6), h * (0.25 - _SQRT_3 / 6)
     return add(scale(w1, a), scale(w2, b)), add(scale(w1, b), scale(w2, a))
 
 
 def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
-    """Return the quaternion (w, x, y, z) of a Runge-Kutta step of length h of q' = omega q / 2, from omega at the
-    start (w1), the middle (w2) and the end (w3) of the step; order 4. The quaternion is not normalised.
+    """Return the quaternion (w, x, y, z) of a Runge-Kutta step of length h of q' = omega q / 2 as a tuple, from omega
+    at the start (w1), the middle (w2) and the end (w3) of the step; order 4. The quaternion is not normalised.
 
     The step is linear in q, so it is a quaternion that multiplies q; its norm is 1 only approximately.
     """
@@ -109,16 +113,16 @@ def runge_kutta4(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Quaternion:
 
 
 def _runge_kutta_stage(w: Vector, k: Quaternion, h: Scalar, part: float) -> Quaternion:
-    """Return the quaternion of h times the derivative at a Runge-Kutta stage, the product of h omega / 2 and 1 + part
-    k. `w` is omega at the stage, `k` the quaternion of the stage before, and `part` the fraction of the step at the
-    stage.
+    """Return h times the derivative of the quaternion at a Runge-Kutta stage, a tuple: the product of the quaternions
+    h omega / 2 and 1 + part k. `w` is omega at the stage, `k` the result of the stage before, and `part` the fraction
+    of the step at the stage.
     """
     return quaternion_product((0.0, *scale(w, 0.5 * h)), (1 + part * k[0], part * k[1], part * k[2], part * k[3]))
 
 
 def _exponential_of(Omega: Callable[..., Vector]) -> Callable[..., Quaternion]:
-    """Return a function of omega at the nodes and the step length that gives the unit quaternion exp(Omega) of a
-    step. `Omega` is a function of the same arguments that gives the rotation vector.
+    """Return a function that takes omega at the nodes and the step length, and returns the unit quaternion exp(Omega)
+    of a step. `Omega` is a function of the same arguments that returns the rotation vector.
     """
     return lambda *rates_and_length: quaternion_exp(Omega(*rates_and_length))
 
@@ -150,8 +154,8 @@ class StepRule(NamedTuple):
     rotation: Callable[..., Quaternion]  # of a step, from omega at the nodes and the length of the step
 
     def integral(self, values: Any, h: Any) -> Any:
-        """Return the integrals over steps of lengths h of `values` at their nodes (steps, nodes, ...); shape (steps,
-        columns).
+        """Return the integrals of a quantity over steps of lengths h, shape (steps, columns). `values` are the
+        quantity at the nodes of the steps, shape (steps, nodes, ...).
         """
         columns = values.reshape(len(h), len(self.nodes), -1)
         return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
@@ -173,7 +177,7 @@ STEP_RULE_BY_NAME: Final = {
 @functools.cache
 def rotation_loop(rule: StepRule) -> Loop:
     """Return the cached `Loop` that computes the quaternions of steps by a rule, from omega at the nodes and the step
-    length h. For omega in body axes, h is to be negated.
+    length h. For omega in body axes, h must be negated; the quaternions are then those of the inverse rotations.
     """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
@@ -186,8 +190,8 @@ def rotation_loop(rule: StepRule) -> Loop:
 
 @functools.cache
 def angle_loop(rule: StepRule) -> Loop:
-    """Return the cached `Loop` that integrates a scalar rate over each step by a rule, from the rate at the nodes.
-    The step length h and the integral are sums of two doubles.
+    """Return the cached `Loop` that integrates a scalar rate over each step by a rule, from the rate at the nodes and
+    the step length h. The step length and the integral are sums of two doubles.
     """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:

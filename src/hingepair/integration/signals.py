@@ -68,7 +68,7 @@ class CallableSignal:
 
     def values_at(self, times: Array) -> Array:
         """Return the callable's values at times of any shape; the callable gets the times as an array (n,). Raise an
-        ArgumentError if the callable fails, or its values are not finite or not one for each time.
+        ArgumentError if the callable fails, if a value is not finite, or if there is not one value for each time.
 
         Raises:
             ShapeError, DtypeError: the callable does not return one value for each time.
@@ -137,9 +137,9 @@ class SampledSignal:
 
 
 def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
-    """Yield for each run of steps whose first samples are consecutive a pair of slices, of the steps and of their
-    first samples. `first_samples` holds the index of the first sample of each step. If there are many runs, yield one
-    pair instead, the slice of all steps and the array `first_samples`.
+    """Yield a pair of slices for each run of steps whose first samples are consecutive: the slice of the steps and
+    the slice of their first samples. `first_samples` holds the index of the first sample of each step. If there are
+    more than 8 runs, yield one pair instead, the slice of all steps and the array `first_samples`.
     """
     stops = np.flatnonzero(np.diff(first_samples, append=-1) != 1) + 1
     if len(stops) > 8:  # each slice takes a kernel call; more runs share one call
@@ -186,8 +186,8 @@ def read_signals(
 
 
 def check_finite_values(name: str, signal: Signal) -> None:
-    """Raise an ArgumentError if the constant or the samples of one motion's signal are not finite. The error names
-    the argument `name` and, of samples, the index of the first.
+    """Raise an ArgumentError if the constant or a sample of one motion's Signal is not finite. The error names the
+    argument `name` and the index of the first such sample. A callable is not checked.
     """
     if isinstance(signal, ConstantSignal) and not np.isfinite(signal.value).all():
         raise ArgumentError(name, "finite numbers", f"{signal.value}")
@@ -233,7 +233,8 @@ def values_at(signals: NDArray[np.object_], t: Array, value_shape: tuple[int, ..
 
 
 def pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
-    """Return times (n,), with the last one repeated if `value_shape` is (n,) too, so that values (n, n) cannot occur.
+    """Return times (n,), with the last one repeated if `value_shape` is (n,) too. An array (n, n) of values, whose
+    axes cannot be told apart, can then not occur.
 
     For n = 3 times, an array of vectors by rows, (n, 3), cannot be distinguished from one by columns, (3, n).
     """
@@ -256,9 +257,10 @@ def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -
 
 
 def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, NDArray[Any]]:
-    """Return a dict of R1 and, if they are known, v1 and a1; shape (dimension,) or (..., 1 or N, dimension). `R1` is
-    what the user gives, points, a tuple (R1, v1) or (R1, v1, a1), or a callable of t. A point at rest has zeros as v1
-    and a1. Raise an ArgumentError if R1 is of another kind or shape.
+    """Return a dict of the array R1 and, if they are known, the arrays v1 and a1, each of shape (dimension,), (...,
+    1, dimension) or (..., N, dimension). `R1` is the argument of the user: points, a tuple (R1, v1) or (R1, v1, a1),
+    or a callable of t. A point at rest has zeros as v1 and a1. Raise an ArgumentError if R1 is of another kind or
+    shape.
 
     R1 is one point, which stays where it is, of many motions (..., 1, dimension); a point for each instant, (...,
     N, dimension); a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns one of these.
@@ -287,9 +289,9 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
 
 
 def _read_points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], dimension: int) -> NDArray[Any]:
-    """Return points as an array, (dimension,) or (..., 1, dimension) for a point at rest, otherwise (..., N,
-    dimension) at the N instants t. `value` may have a point for each of `times`, which begin with the instants. Raise
-    a ShapeError that names the argument `name` for another shape.
+    """Return points as an array, (dimension,) or (..., 1, dimension) for points at rest, otherwise (..., N,
+    dimension) at the N instants t. `value` must have one point, or one for each of `times`, which begin with the
+    instants; the further points are dropped. Raise a ShapeError that names the argument `name` for another shape.
     """
     points = real_array(name, value)
     if points.shape[-1:] != (dimension,) or _split_shape(points.shape, (dimension,))[1] not in {1, len(times)}:
@@ -311,8 +313,9 @@ def interpolation_loop(sample_count: int, node_count: int, column_count: int) ->
     """
 
     def interpolate(v: dict[str, Any]) -> dict[str, Any]:
-        """Return the interpolated values at the nodes of one step as {"values": ...}. `v` holds times x and values of
-        the samples, and offsets of the nodes, all times from the start of the step.
+        """Return the interpolated values at the nodes of one step as {"values": ...}. `v` is a dict of the times x
+        and the values of the samples, and the times `offsets` of the nodes; all times are relative to the start of
+        the step.
         """
         x = v["x"]
         samples = [v["values"][sample_count * k : sample_count * (k + 1)] for k in range(column_count)]

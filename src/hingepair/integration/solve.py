@@ -38,8 +38,8 @@ _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
 
 class SolveOptions(NamedTuple):
-    """Options of a solver: the instants, the name of the method, the tolerance [rad] or None, the execution, whether
-    omega is in body axes, and the names of both rates for errors.
+    """Options of a solver: the instants, the name of the method, the tolerance [rad] or None, the Execution
+    (backend), whether omega is in body axes, and the names of both rates for errors.
     """
 
     t: Array  # instants [s]
@@ -51,8 +51,9 @@ class SolveOptions(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Result of a solver for one motion: orientations of body 1 (quaternions, in the plane angles), hinge angles psi,
-    the number of steps, and lazy estimates of the errors of the orientations and of psi [rad].
+    """Result of a solver for one motion: orientations of body 1 (unit quaternions, in the plane angles), hinge angles
+    psi, the number of steps (0 if SciPy chose them), and lazy estimates of the errors of the orientations and of psi
+    [rad].
     """
 
     orientations: Array  # of body 1: unit quaternions (N, 4) without a jump of sign; in the plane angles (N,) [rad]
@@ -69,7 +70,7 @@ class Solution(NamedTuple):
         return float(np.maximum(self.error(), self.psi_error()))
 
     def check_tolerance(self, options: SolveOptions) -> None:
-        """Raise an ArgumentError if an error estimate is above the tolerance of the options, or NaN.
+        """Raise an ArgumentError if the SolveOptions have a tolerance and an error estimate is above it or NaN.
 
         Raises:
             ArgumentError: the tolerance was not reached; names the error of each rate.
@@ -130,8 +131,8 @@ def solve(
 ) -> Solution:
     """Solve E12 for one motion, from the attitude `start` (in the plane an angle) and the hinge angle psi_0; return a
     `Solution`. `integrated`, unless None, is the pair of orientations and hinge angles that `integrate_together`
-    returned, which are then not computed again. Raise an ArgumentError if a result overflows or SciPy's solver fails,
-    a GimbalLockError near gimbal lock, or a MissingDependencyError without SciPy.
+    returned, which are then not computed again. Raise an ArgumentError if the tolerance is not positive, a result
+    overflows or SciPy's solver fails, a GimbalLockError near gimbal lock, or a MissingDependencyError without SciPy.
 
     Raises:
         ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.
@@ -202,8 +203,8 @@ def _integrate(
 def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
     """Integrate Euler angles from the attitude S1_0; return `_IntegratedValues` with the attitudes as quaternions.
     `attitude` is the AttitudeIntegral of omega, which also gives the reference for the error. With a tolerance, halve
-    all steps until the error is below it or stagnates, or there are more than MAX_SELECTED_STEP_COUNT steps. Raise a
-    GimbalLockError near gimbal lock.
+    all steps until the error is below the tolerance or stagnates, or there are more than MAX_SELECTED_STEP_COUNT
+    steps. Raise a GimbalLockError near gimbal lock.
 
     Only errors of samples can stagnate. With a tolerance, steps are also halved where they are too long to tell
     gimbal lock from a fast turn.
@@ -245,8 +246,8 @@ def _solve_by_euler_angles(options: SolveOptions, attitude: AttitudeIntegral, S1
 def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Array) -> _IntegratedValues:
     """Integrate q' = omega q / 2 (in body axes q omega / 2) by SciPy's DOP853 from the attitude S1_0; return
     `_IntegratedValues` with unit quaternions. `attitude` is the AttitudeIntegral of omega, which also gives the
-    reference for the error. Raise a MissingDependencyError without SciPy, or an ArgumentError if its solver gives up
-    or takes too many evaluations.
+    reference for the error. Raise a MissingDependencyError without SciPy, or an ArgumentError if the solver gives up
+    or evaluates omega too often.
     """
     try:
         from scipy.integrate import solve_ivp
@@ -259,8 +260,8 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
     start, since, evaluations = matrix_to_quaternion(S1_0), t - t[0], 0
 
     def rate(time: float, q: Any) -> Any:
-        """Return q' at the quaternion q and a time since the first instant [s]; raise an ArgumentError after too many
-        evaluations.
+        """Return q' at the quaternion q and a time since the first instant [s] as a tuple. Raise an ArgumentError
+        after too many evaluations.
         """
         nonlocal evaluations
         evaluations += 1
@@ -285,13 +286,15 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
 def _with_reference_error(
     attitude: AttitudeIntegral, t: Array, start: Array, quats: Array, step_count: int
 ) -> _IntegratedValues:
-    """Return quaternions `quats` (N, 4) and the number of steps as `_IntegratedValues` with a lazy estimate of their
-    error, the largest angle from a reference solution of small tolerance. The AttitudeIntegral `attitude` computes
-    the reference from the quaternion `start`.
+    """Return the quaternions `quats` (N, 4) and the number of steps as `_IntegratedValues` with a lazy estimate of
+    the error of the quaternions, the largest angle from a reference solution of small tolerance. The AttitudeIntegral
+    `attitude` computes the reference solution from the quaternion `start`.
     """
 
     def error() -> float:
-        """Return the largest angle from the reference solution plus that solution's error [rad]."""
+        """Return the sum of the largest angle from the reference solution and the error of the reference solution
+        [rad], at most pi.
+        """
         reference = _integrate(attitude, start, select_steps((attitude,), t, _TOLERANCE_OF_REFERENCE_SOLUTION_IN_RAD))
         w, x, y, z = quaternion_product(tuple(quats.T), tuple((reference.values * [1, -1, -1, -1]).T))
         angles = 2 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))

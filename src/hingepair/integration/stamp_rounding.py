@@ -51,8 +51,8 @@ def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
 
 
 def stamp_error(samples: SampledSignal, deviations: Array) -> float:
-    """Return the error [rad] of an integral over the SampledSignal `samples` that the standard deviations (N,) of
-    their time stamps [s] cause.
+    """Return an estimate of the error [rad] of an integral over the SampledSignal `samples` that the standard
+    deviations (N,) of the time stamps [s] cause, a float.
 
     Where the stamp of an instant has an error, the integral has an error of the rate times it; the changes of the
     rate times the errors of the stamps before add a random walk.
@@ -63,8 +63,9 @@ def stamp_error(samples: SampledSignal, deviations: Array) -> float:
 
 
 def stamp_grids(t: Array) -> list[Array]:
-    """Return a list of the grids that all time stamps lie on, each as the spacing of the grid at each stamp [s]. The
-    grid of doubles is always the first one; those of single floats and of decimals follow if they fit.
+    """Return a list of the grids that all time stamps lie on, each as an array (N,) of the spacings of the grid at
+    the stamps [s]. The grid of doubles is always the first one; the grids of single floats and of decimals follow if
+    they fit.
 
     >>> [float(grid[0]) for grid in stamp_grids(np.array([0.013, 0.031]))]
     [1.734723475976807e-18, 0.001]
@@ -86,7 +87,8 @@ def stamp_grids(t: Array) -> list[Array]:
 
 def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | None:
     """Return the ratio, at most 1, of the roughness of a signal's samples to the roughness that standard deviations
-    of the stamps, `deviations` (N,) [s], would cause. Return None if it cannot be measured, as at even stamps.
+    of the stamps, `deviations` (N,) [s], would cause. Return None if it cannot be measured, for example because the
+    stamps are evenly spaced.
     """
     t, columns = signal.t, signal.values.reshape(len(signal.t), -1)
     window_starts = np.unique(

@@ -67,8 +67,8 @@ class _Pieces(NamedTuple):
 
     @property
     def cautious_sizes(self) -> Array:
-        """Sizes of the errors [rad], multiplied by 10 where an error did not fall by the rule's order, since it may
-        be small by chance.
+        """Sizes of the errors [rad] as an array. A size is multiplied by 10 if the error did not fall by the rule's
+        order, since it may be small by chance.
         """
         return np.where(self.is_regular, self.sizes, 10.0 * self.sizes)
 
@@ -90,8 +90,8 @@ def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
 @np.errstate(all="ignore")
 def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> SelectedSteps:
     """Select integration steps between the instants t that keep the error of each integral below `tol` [rad], as far
-    as MAX_SELECTED_STEP_COUNT allows; return `SelectedSteps`. Errors of interpolation between samples do not count. If `tol` is
-    None, each interval is one step.
+    as at most MAX_SELECTED_STEP_COUNT steps can; return `SelectedSteps`. Errors of interpolation between samples do
+    not count. If `tol` is None, each interval is one step.
 
     All integrals must have the same rule.
     """
@@ -189,8 +189,8 @@ def _divisible_sizes(pieces: _Pieces) -> Array:
 
 class _PieceErrors:
     """Errors of pieces of the time span for each integral, rotated to the axes of the first instant, where they add
-    up. `largest_sum` expects their largest sum after a further division, and `rounding` is the largest rounding error
-    of an integral [rad].
+    up. The method `largest_sum` returns the largest sum to expect after a further division, and the attribute
+    `rounding` is the largest rounding error of an integral [rad].
     """
 
     def __init__(self, integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces) -> None:
@@ -205,8 +205,8 @@ class _PieceErrors:
         )
 
     def largest_sum(self, counts: Array) -> float:
-        """Return the expected largest sum of errors up to any instant [rad] if the pieces are divided into `counts`
-        parts each, an array.
+        """Return the largest sum of errors up to any instant [rad], a float, to expect if the pieces are divided into
+        equal parts. `counts` is an array with the number of parts of each piece.
         """
         factors = counts**-self.order
         chance = math.sqrt(float(((self.uncertain * factors) ** 2).sum()))
@@ -238,9 +238,10 @@ def _part_counts(
     sizes: Array, weights: Array, max_counts: NDArray[np.int64], target_sum: float, order: int
 ) -> tuple[NDArray[np.int64], Array]:
     """Return two arrays, the numbers of parts into which pieces must be divided so that the error sizes of all parts
-    add up to `target_sum` [rad]. The first array holds integers within `max_counts` and MAX_SELECTED_STEP_COUNT; the second is
-    without limits and not rounded. `sizes` are the error sizes of the pieces, `weights` the numbers of pieces that
-    each stands for, and `order` is the power of the step length by which errors fall.
+    add up to `target_sum` [rad]. The first array holds integers that keep within `max_counts` and, in all,
+    MAX_SELECTED_STEP_COUNT; the second is without limits and not rounded. `sizes` are the error sizes of the pieces,
+    `weights` the numbers of pieces that each stands for, and `order` is the power of the step length by which errors
+    fall.
     """
     shares = sizes ** (1 / (order + 1))
     unlimited = ((shares * weights).sum() / target_sum) ** (1 / order) * shares

@@ -48,9 +48,7 @@ class Steps(NamedTuple):
         return len(self.t) - 1
 
     def at_instants(self, rows: Array) -> Array:
-        """Return the rows at the instants of the result; `rows` is an array with a row for the end of each step, the
-        start included.
-        """
+        """Return the rows of an array at the instants of the result; `rows` has a row for each of the times `t`."""
         return rows if self.instant_indices is None else rows[self.instant_indices]
 
     def refine(self, times: Array) -> Steps:
@@ -68,8 +66,8 @@ class Steps(NamedTuple):
         )
 
     def starts_and_lengths(self, first: int, last: int) -> tuple[Array, HighLow]:
-        """Return the starts of the steps with indices from `first` to before `last`, and their lengths as a pair of
-        arrays (high and low part).
+        """Return a pair: the starts [s] of the steps with indices from `first` to before `last`, and their lengths
+        [s] as a pair of arrays (high and low part).
         """
         return self.t[first:last], exact_sum(self.t[first + 1 : last + 1], -self.t[first:last])
 
@@ -212,8 +210,8 @@ class PrefixScan:
         return whole
 
     def _run_in_place(self, loop: Loop, elements: Array, prefixes: Array, execution: Execution) -> None:
-        """Run a loop that replaces `elements` in place by their products with `prefixes`, the products of all
-        elements before them; return None.
+        """Run a Loop that replaces `elements` in place by their products with `prefixes`, which are the products of
+        all elements before them; return None.
         """
         loop.run(
             {"element": elements, "prefix": prefixes},

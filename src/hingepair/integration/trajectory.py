@@ -26,7 +26,7 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 
 
 class LazyValue:
-    """A number that is computed at the first call; copies and pickles hold the number.
+    """A number that is computed at the first call, which returns it; copies and pickles hold the number.
 
     >>> value = LazyValue(lambda: 6.0 * 7)
     >>> value()
@@ -86,7 +86,9 @@ class LazyValues:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class _TrajectoryBase(DaskCollection, Frozen, Result):
-    """Base of trajectories: instants, psi, method, error estimates, and access to the attributes of the state."""
+    """Base class of trajectories: instants, psi, method, number of steps, error estimates, and access to the
+    attributes of the state.
+    """
 
     __signature__ = (
         Signature()
@@ -416,7 +418,9 @@ def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
-    """Return S + S (I - S^T S) / 2: a nearly orthonormal matrix S with its rounding errors removed."""
+    """Return the matrix S + S (I - S^T S) / 2 as a tuple of nine entries. If S is nearly orthonormal, the result is
+    orthonormal up to rounding.
+    """
     x, y, z = S[0::3], S[1::3], S[2::3]
     a, b, c = (0.5 - 0.5 * eq.dot(column, column) for column in (x, y, z))
     d, e, f = (-0.5 * eq.dot(*columns) for columns in ((x, y), (y, z), (z, x)))
@@ -425,8 +429,8 @@ def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
 
 
 def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotate vectors (..., 3) from the axes of body 1 to those of the world by attitudes S1 (..., 3, 3); return them,
-    shape (..., 3).
+    """Return vectors (..., 3) rotated from the axes of body 1 to world axes by the attitudes S1 (..., 3, 3) of body
+    1, as an array (..., 3).
     """
     parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
     return tabulate_one(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
@@ -434,7 +438,7 @@ def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[n
 
 def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
     """Return Euler angles (..., N, 3) [rad] of the same attitudes as the angles `phi`, continuous from sample to
-    sample. `proper` says that the first and the third axis of the sequence coincide.
+    sample. `proper` is True if the first and the third axis of the sequence coincide.
 
     (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; for a sequence whose first axis comes back (`proper`),
     (a, b, c) and (a + pi, -b, c + pi). To exchange both of two neighbours does not change their distance, so that
