@@ -41,8 +41,8 @@ def _read_shapes(table: Table, key: str) -> list[Shape]:
 
 
 def _read_shape(table: Table) -> Shape:
-    """Return the Box, Cylinder or Sphere of a table. Raise a SceneError unless it has exactly one of the keys box,
-    cylinder, sphere.
+    """Return the Box, Cylinder or Sphere that a Table describes. Raise a SceneError unless the table has exactly one
+    of the keys box, cylinder, sphere.
     """
     named = [kind for kind in _CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY if kind in table.values]
     if len(named) != 1:
@@ -112,8 +112,8 @@ SPATIAL_PAIR_TABLE_KEYS: Final = (*READER_FUNCTION_BY_SPATIAL_PAIR_KEY, *_READER
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     """Return the pair of the Table [pair], which describes it or names a robot's hinge: a PlanarPair if `planar` is
-    True, otherwise a HingePair. Its name is the stem of the file's name unless the table has a name or names a hinge.
-    Raise a SceneError for bad keys or values.
+    True, otherwise a HingePair. The name of the pair is the stem of the file's name unless the table has a name or
+    names a hinge. Raise a SceneError for bad keys or values.
     """
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:

@@ -116,8 +116,8 @@ class MechanismSceneForces(Record):
 
 class JointLogNoise(NamedTuple):
     """Joint samples of a log of a `robot` at instants `t`, from which the noise and its effect on joint efforts are
-    estimated: `middle`, the motion at the middle instants, `moving`, the joints with a column, and `derived`, the
-    rates found by finite differences.
+    estimated. `middle` is the motion at the instants in the middle, `moving` names the joints that have a column, and
+    `derived` names the rates found by finite differences.
 
     Attributes:
         robot: the mechanism.

@@ -83,8 +83,8 @@ class KnownJointMotion:
         return np.broadcast_to(np.asarray(self.derivatives[order][joint], dtype=np.float64), (self.count,))
 
     def array(self, order: int) -> Float64Array:
-        """Return the coordinates (`order` 0) of all joints, or their derivatives of this order; shape
-        (count, dof).
+        """Return the coordinates (`order` 0) of all joints, or their derivatives of the given order; shape (count,
+        dof).
         """
         columns = [self.column(order, joint) for joint in range(len(self.names))]
         return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
@@ -112,8 +112,8 @@ class JointMotionSource(Protocol):
         """Order of the highest derivative that there is: 0, 1 or 2."""
 
     def part(self, rows: Rows, order: int, /) -> Derivatives:
-        """Return a tuple of the joint coordinates q and, up to `order`, their derivatives qd and qdd at the instants
-        with the indices `rows`. Each of them is itself a tuple with one array or float for each joint.
+        """Return (q[, qd[, qdd]]), the joint coordinates and the derivatives up to `order`, at the instants with the
+        indices `rows`. Each entry is a tuple with one array or float for each joint.
         """
 
 
@@ -136,8 +136,8 @@ class JointFunctions:
     level: int = ACCELERATION
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return a tuple of the joint coordinates q and, up to `order`, their derivatives qd and qdd at the instants
-        with the indices `rows`. Each of them is itself a tuple with one array or float for each joint.
+        """Return (q[, qd[, qdd]]), the joint coordinates and the derivatives up to `order`, at the instants with the
+        indices `rows`. Each entry is a tuple with one array or float for each joint.
         """
         moved = self.functions.derivatives(self.t[rows], order) if self.functions.names else ((),) * (order + 1)
         derivatives = []
@@ -165,8 +165,8 @@ class JointSamples:
         return len(self.derivatives) - 1
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return a tuple of the joint coordinates q and, up to `order`, their derivatives qd and qdd at the instants
-        with the indices `rows`. Each of them is itself a tuple with one array or float for each joint.
+        """Return (q[, qd[, qdd]]), the joint coordinates and the derivatives up to `order`, at the instants with the
+        indices `rows`. Each entry is a tuple with one array or float for each joint.
         """
         return tuple(
             tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
@@ -341,9 +341,9 @@ def _rest_positions(robot: Mechanism) -> dict[str, float]:
 
 
 def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | None) -> JointMotion:
-    """Return the JointMotion of the log that the Table [motion] names, with a column for each moving joint, whose
-    rates have columns named with the suffixes d and dd; other joints rest. `base` is the BaseMotion or None. The path
-    is relative to `folder`. Missing derivatives are computed if the table asks for them. Raise a SceneError for bad
+    """Return the JointMotion of the log that the Table [motion] names by a path relative to `folder`. The log has a
+    column for each moving joint, and columns with the suffixes d and dd for its rates; other joints rest. `base` is
+    the BaseMotion or None. Missing derivatives are computed if the table asks for them. Raise a SceneError for bad
     columns.
     """
     completed = table.flag("differentiate")

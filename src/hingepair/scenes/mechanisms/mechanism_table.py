@@ -152,8 +152,8 @@ def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
 
 def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | None]) -> list[str]:
     """Return the list of the names of the joints in depth-first order, siblings sorted by name. `joints` has the
-    Table of each joint by name, `parents` the name of its parent or None. Raise a SceneError if the parents form a
-    cycle.
+    Table of each joint by name, and `parents` has the name of the parent of each joint, or None, by name. Raise a
+    SceneError if the parents form a cycle.
     """
     order: list[str] = []
     waiting: list[str | None] = [None]
@@ -169,8 +169,8 @@ def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | 
 
 
 def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
-    """Return the HingePair or Slider, named `name`, that a Table [[joint]] defines; its key `kind` selects the class.
-    Raise a SceneError for bad keys or values.
+    """Return the HingePair or Slider, named `name`, that a Table [[joint]] defines. The key `kind` of the table
+    selects the class. Raise a SceneError for bad keys or values.
     """
     kind: Any = JOINT_CLASS_BY_KIND[table.choice("kind", tuple(JOINT_CLASS_BY_KIND))]
     described = replace(

@@ -83,8 +83,9 @@ class MechanismOutput(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MechanismSceneResult(Frozen, Result):
-    """Results of a mechanism's scene at its instants: `t`, the `state` of the frames, the `forces`, and joint
-    coordinates. An index selects the motion of one frame by its name.
+    """Results of a mechanism's scene: its instants `t`, the `state` of the frames (a MechanismState or None), the
+    `forces` (a MechanismForces or None), and the joint coordinates. An index selects the motion of one frame by its
+    name.
 
     `result["tool"].R` is the position of a frame; `result.R` holds the positions of all frames, with an axis of
     frames behind the axis of samples; likewise S, v, omega, a, alpha. q, qd, qdd and tau have shape (samples, dof),
@@ -131,7 +132,8 @@ class MechanismSceneResult(Frozen, Result):
 
     def requested_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs as a dict of arrays by name, such as R_tool and tau_elbow; shape (samples,
-        ...). q, qd and qdd of a joint are arrays named like the columns of a log; a quaternion has four arrays.
+        ...). The arrays of q, qd and qdd are named like the columns of a log, one for each joint. A quaternion has
+        four arrays.
 
         Names are R_tool, S_tool and so on. The arrays of q, qd and qdd have the name of the joint with the suffix of
         the derivative; those of tau have the prefix `tau_`.
@@ -327,8 +329,8 @@ class MechanismScene(SampledScene):
         return self.joint_motion.part(self.mechanism.names, rows, order)
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output, or of one of its components, by its name in a result file, such as R_tool_x
-        or tau_elbow.
+        """Return the unit of an output, or of one of its components, as a string. `name` is the name of the output or
+        component in a result file, such as R_tool_x or tau_elbow.
         """
         for joint in self.mechanism.tree.coordinates:
             hinge = joint.kind == "hinge"
@@ -390,7 +392,7 @@ class MechanismScene(SampledScene):
         self, rows: Rows, outputs: tuple[MechanismOutput, ...], min_order: int = 0
     ) -> MechanismSceneResult:
         """Return the MechanismSceneResult of outputs, a tuple of MechanismOutputs, at the instants with the indices
-        `rows`. Its attribute `known`, the motion, has derivatives at least up to `min_order`.
+        `rows`. The motion in the result, `known`, has derivatives up to `min_order` or higher.
         """
         levels = [_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[output.quantity] for output in outputs]
         known_motion = self.known(rows, max([*levels, min_order]))
@@ -441,7 +443,7 @@ class MechanismScene(SampledScene):
 
     def outputs_of(self, outputs: Iterable[str] | None) -> tuple[MechanismOutput, ...]:
         """Return requested output names as a tuple of MechanismOutputs. None means the outputs that the scene names,
-        or else the motion of its frames and moving joints. Raise an ArgumentError for unknown outputs, or for those
+        or else the motion of its frames and moving joints. Raise an ArgumentError for unknown outputs, or for outputs
         that need derivatives that the motion lacks.
 
         Args:
