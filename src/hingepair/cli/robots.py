@@ -17,7 +17,13 @@ from hingepair.mechanism.tree import Tree
 from hingepair.numeric.tables import align_columns, json_text
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.urdf.reader import read_urdf
-from hingepair.urdf.records import HINGE_JOINT_TYPES, SLIDER_JOINT_TYPES, JointRecord, MimicRecord, RobotRecord
+from hingepair.urdf.records import (
+    HINGE_JOINT_TYPE_NAMES,
+    SLIDER_JOINT_TYPE_NAMES,
+    JointRecord,
+    MimicRecord,
+    RobotRecord,
+)
 
 # Headings of the table of robots.
 ROBOT_TABLE_HEADINGS = ("robot", "dof", "hinges", "sliders", "following")
@@ -83,7 +89,8 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
     """
     joints = read_urdf(robot_urdf(robot)).joints
     hinges, sliders = (
-        [joint for joint in joints if joint.type in types] for types in (HINGE_JOINT_TYPES, SLIDER_JOINT_TYPES)
+        [joint for joint in joints if joint.type in types]
+        for types in (HINGE_JOINT_TYPE_NAMES, SLIDER_JOINT_TYPE_NAMES)
     )
     names = {joint.name for joint in joints}
     following = sum(
@@ -103,7 +110,9 @@ def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
     path = name_or_urdf_file if is_urdf(name_or_urdf_file) else robot_urdf(name_or_urdf_file)
     robot = read_urdf(path)
     moving = [
-        joint for joint in robot.joints if joint.type in (*HINGE_JOINT_TYPES, *SLIDER_JOINT_TYPES) and joint.name
+        joint
+        for joint in robot.joints
+        if joint.type in (*HINGE_JOINT_TYPE_NAMES, *SLIDER_JOINT_TYPE_NAMES) and joint.name
     ]
     fixed = [joint.name for joint in robot.joints if joint.type == "fixed"]
     report: dict[str, Any] = {"robot": robot.name, "dof": None, "joints": [], "folded": fixed, "notes": []}
@@ -146,7 +155,7 @@ def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
     cannot be loaded, the key `error` has the message in place of axis and limits. `robot` and `joint` are records of
     a URDF file. The index, the mimic rule and the masses are left None.
     """
-    kind = "hinge" if joint.type in HINGE_JOINT_TYPES else "slider"
+    kind = "hinge" if joint.type in HINGE_JOINT_TYPE_NAMES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
     row |= {"parent": joint.parent, "child": joint.child, "follows": joint.follows, "mimic": None}
     row |= dict.fromkeys(("mass1", "mass2", "mass_moved"))

@@ -47,7 +47,7 @@ _NUMBER_VALUED_HINGE_LOAD_KEYS: Final = (
     *("stop_stiffness", "stop_damping", "stop_restitution"),
 )
 """Keys of [dynamics] for springs, dampers, friction and stops of the hinge."""
-_BODY1_START_KEYS: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
+_BODY1_START_STATE_KEYS: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
 """Keys of [dynamics] for the state of body 1 at the first instant."""
 _DYNAMICS_KEY_BY_SIMULATE_ARGUMENT_NAME_IN_ERRORS: Final = {
     "body1": "R1_0",
@@ -176,7 +176,7 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
     planar = isinstance(pair, PlanarPair)
     others = table.read(_dynamics_key_readers(2 if planar else 3))
     base = others.pop("base", SIMULATION_BASE_NAMES[0])
-    start: dict[str, Any] = {key: others.pop(key) for key in _BODY1_START_KEYS if key in others}
+    start: dict[str, Any] = {key: others.pop(key) for key in _BODY1_START_STATE_KEYS if key in others}
     hinge: dict[str, Any] = {
         key: others.pop(key) for key in (*_NUMBER_VALUED_HINGE_LOAD_KEYS, "stops") if key in others
     }

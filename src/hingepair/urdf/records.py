@@ -22,10 +22,10 @@ from hingepair.errors import URDFError, choices, nearest, quoted
 from hingepair.rotations.sequences import find_sequence
 from hingepair.urdf.rigid import FramePose, Inertia
 
-HINGE_JOINT_TYPES = ("revolute", "continuous")
+HINGE_JOINT_TYPE_NAMES = ("revolute", "continuous")
 """Joint types that turn about one axis."""
 
-SLIDER_JOINT_TYPES = ("prismatic",)
+SLIDER_JOINT_TYPE_NAMES = ("prismatic",)
 """Joint types that shift along one axis."""
 
 # A number as URDF writes it.
@@ -241,7 +241,7 @@ class RobotRecord:
 
     def hinges(self) -> tuple[JointRecord, ...]:
         """Return a tuple of the revolute and continuous JointRecords that have a name, mimic joints included."""
-        return tuple(joint for joint in self.joints if joint.type in HINGE_JOINT_TYPES and joint.name)
+        return tuple(joint for joint in self.joints if joint.type in HINGE_JOINT_TYPE_NAMES and joint.name)
 
     def hinge(self, name: str) -> JointRecord:
         """Return the JointRecord of a revolute or continuous joint by its name. Raise a URDFError if there is none,
@@ -253,7 +253,7 @@ class RobotRecord:
         joints = [joint for joint in self.joints if joint.name == name and name]
         if len(joints) > 1:
             raise URDFError("joint", "each name once", f"{name!r} twice")
-        if joints and joints[0].type in HINGE_JOINT_TYPES:
+        if joints and joints[0].type in HINGE_JOINT_TYPE_NAMES:
             return joints[0]
         known = [hinge.name for hinge in self.hinges()]
         if not known:

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER: Final = ("", "d", "dd")
 """Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
-BASE_COORDINATE_KEYS: Final = SPATIAL_COORDINATE_NAMES[:-1]
+BASE_TABLE_COORDINATE_KEYS: Final = SPATIAL_COORDINATE_NAMES[:-1]
 """Keys of the table [base] for the coordinates of the base."""
-_MOTION_OPTION_KEYS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
+_MOTION_TABLE_OPTION_KEYS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
 _PAIR_WITH_BASE_AS_BODY1: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair whose body 1 stands for the base."""
@@ -278,7 +278,7 @@ def _check_joint_names(motion: Table, robot: Mechanism) -> None:
     """
     columns = {"t": "the instants"}
     for name in robot.names:
-        if name in _MOTION_OPTION_KEYS:
+        if name in _MOTION_TABLE_OPTION_KEYS:
             motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
         for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER:
             column = name + ending
@@ -295,12 +295,12 @@ def _read_base(tables: Table) -> BaseMotion | None:
     if "base" not in tables.values:
         return None
     table = tables.table("base")
-    table.check_keys((*BASE_COORDINATE_KEYS, "sequence"))
+    table.check_keys((*BASE_TABLE_COORDINATE_KEYS, "sequence"))
     from hingepair.scenes.expression_motion import read_functions
 
-    completed_table = replace(table, values=dict.fromkeys(BASE_COORDINATE_KEYS, 0) | table.values)
+    completed_table = replace(table, values=dict.fromkeys(BASE_TABLE_COORDINATE_KEYS, 0) | table.values)
     return BaseMotion(
-        read_functions(completed_table, BASE_COORDINATE_KEYS), table.choice("sequence", SEQUENCE_NAMES, "XYZ")
+        read_functions(completed_table, BASE_TABLE_COORDINATE_KEYS), table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     )
 
 
@@ -351,7 +351,7 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     if unwrap is not None and not completed:
         wanted = "no such key without differentiate = true: it determines how angles are differentiated"
         table.fail("unwrap", wanted)
-    table.check_keys(_MOTION_OPTION_KEYS)
+    table.check_keys(_MOTION_TABLE_OPTION_KEYS)
     log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, read_ignored_columns(table))
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:

@@ -27,7 +27,7 @@ _ROBOT_SOURCE_KEYS: Final = ("robot", "urdf")
 """Keys of [mechanism] that name a robot or its file; one of them stands there, unless there are [[joint]] tables."""
 MECHANISM_TABLE_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
 """Keys that the table [mechanism] may have."""
-JOINT_CLASS_BY_KIND: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
+JOINT_CLASS_BY_KIND_NAME: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
 """Class of a joint by the kind that its [[joint]] table names."""
 JOINT_TABLE_KEYS: Final = (
     "name",
@@ -172,7 +172,7 @@ def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
     """Return the HingePair or Slider, named `name`, that a Table [[joint]] defines. The key `kind` of the table
     selects the class. Raise a SceneError for bad keys or values.
     """
-    kind: Any = JOINT_CLASS_BY_KIND[table.choice("kind", tuple(JOINT_CLASS_BY_KIND))]
+    kind: Any = JOINT_CLASS_BY_KIND_NAME[table.choice("kind", tuple(JOINT_CLASS_BY_KIND_NAME))]
     described = replace(
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
     )

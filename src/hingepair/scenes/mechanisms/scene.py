@@ -50,7 +50,7 @@ FRAME_QUANTITY_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_FRAME_QUANTITY)
 """Quantities that a frame has; an output is named by one of them and the frame, such as R_tool."""
 _DEFAULT_FRAME_QUANTITY_NAMES: Final = ("R", "S", "v", "omega", "a", "alpha")
 """Quantities that are computed of a frame by default."""
-_JOINT_COORDINATE_OUTPUT_NAMES: Final = ("q", "qd", "qdd")
+_JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES: Final = ("q", "qd", "qdd")
 """Outputs that are coordinates of the joints, and their derivatives by order."""
 _DERIVATIVE_ORDER_BY_JOINT_OUTPUT: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
 """Derivatives that outputs with a value for each joint need."""
@@ -147,7 +147,7 @@ class MechanismSceneResult(Frozen, Result):
                 if quantity == "tau":
                     arrays[f"tau_{joint}"] = np.asarray(self.tau)[..., columns[joint]]
                 else:
-                    order = _JOINT_COORDINATE_OUTPUT_NAMES.index(quantity)
+                    order = _JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES.index(quantity)
                     arrays[joint + JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[order]] = self.known.column(
                         order, columns[joint]
                     )
@@ -211,8 +211,8 @@ class MechanismSceneResult(Frozen, Result):
         return state
 
     def __getattr__(self, name: str) -> Any:
-        if name in _JOINT_COORDINATE_OUTPUT_NAMES:
-            order = _JOINT_COORDINATE_OUTPUT_NAMES.index(name)
+        if name in _JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES:
+            order = _JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES.index(name)
             return self.known.array(order) if order <= self.known.level else None
         if name in {"tau", *_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT}:
             return None if self.forces is None else getattr(self.forces, name)
@@ -227,7 +227,7 @@ class MechanismSceneResult(Frozen, Result):
     def _named(self) -> Iterable[str]:
         """Return the names of the attributes and methods that this result can compute, for `dir` and messages."""
         names = (
-            *_JOINT_COORDINATE_OUTPUT_NAMES,
+            *_JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES,
             "tau",
             *_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT,
             *MechanismState.__slots__,
@@ -463,7 +463,7 @@ class MechanismScene(SampledScene):
             ]
             of_joints = [
                 MechanismOutput(name, (), joints)
-                for name in _JOINT_COORDINATE_OUTPUT_NAMES
+                for name in _JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES
                 if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[name] <= level
             ]
             return (*of_frames, *of_joints)
