@@ -358,7 +358,7 @@ def test_a_chunk_that_fails_names_itself():
         (lambda q: PAIR.forward_kinematics(q, out={"R2": Q}), "out: expected None, since Dask"),
         (
             lambda q: hp.sample_pairs(PAIR, 50, u1_std=1).forward_kinematics(q),
-            "expected one pair if the arguments are Dask",
+            "pair: expected one pair if the arguments are Dask",
         ),
         (lambda q: hp.rodrigues(q[:, :3], 0.1), r"n: expected an array in memory, such as n.compute\(\)"),
         (lambda _: hp.fit(lazy_body(BODY), lazy_body(OTHER)), "body1: expected arrays in memory"),
