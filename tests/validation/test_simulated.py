@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import hingepair as hp
 from hingepair.cli.main import app
 from hingepair.scenes.known_motion import MotionByBody1, MotionByCoordinates
-from hingepair.validation.report import MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
+from hingepair.validation.report import MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 from hingepair.validation.simulated import compare_forces, compare_rates
 from support.states import generator, rotations
 
@@ -92,7 +92,7 @@ def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text
     assert [row.output for row in report.forces] == COMPARED[base]
     for row in report.forces:
         assert row.max_ratio < 16
-        assert (row.samples, row.bound) == (101, MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE)
+        assert (row.samples, row.bound) == (101, MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE)
     rates = ["psid", "psidd", *(["v1", "a1", "omega1", "alpha1"] if base in {"free", "pinned"} else [])]
     assert [row.rate for row in report.rates] == rates
     for row in report.rates:

@@ -27,7 +27,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES, Scene
 
-DEFAULT_DERIVED_OUTPUT_NAMES = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
+DEFAULT_DERIVED_OUTPUT_NAMES_OF_SPATIAL_PAIR = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""
 
 
@@ -142,7 +142,7 @@ def _derive_pair(
     default_names = (
         default_outputs(ACCELERATION, PLANAR_MOTION_KIND)
         if forms.kind is PLANAR_MOTION_KIND
-        else DEFAULT_DERIVED_OUTPUT_NAMES
+        else DEFAULT_DERIVED_OUTPUT_NAMES_OF_SPATIAL_PAIR
     )
     names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
     if output_format == "latex":

@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_SUFFIXES,
+    PICTURE_FILE_SUFFIXES,
     JsonOption,
     check_picture_suffix,
     make_console,
@@ -63,7 +63,9 @@ def fit_command(
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help=f"Draw psi and the residuals over time ({', '.join(PICTURE_SUFFIXES)})."),
+        typer.Option(
+            metavar="FILE", help=f"Draw psi and the residuals over time ({', '.join(PICTURE_FILE_SUFFIXES)})."
+        ),
     ] = None,
     scene: Annotated[
         Path | None,

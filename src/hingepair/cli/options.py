@@ -13,7 +13,7 @@ from hingepair.cli.examples import missing_file_hint
 from hingepair.errors import ArgumentError
 
 # The parameters of commands whose values become arguments of the library, by the argument's name in errors.
-_COMMAND_PARAMETERS_BY_LIBRARY_ARGUMENT = {
+_COMMAND_PARAMETER_NAMES_BY_LIBRARY_ARGUMENT_NAME = {
     "path": ("out",),
     "path_or_text": ("source", "name_or_urdf_file"),
     "robot": ("source", "name_or_urdf_file", "names"),
@@ -34,7 +34,7 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
             command(*args, **values)
         except ArgumentError as error:
             typed_names = _typed_names(command)
-            parameters = _COMMAND_PARAMETERS_BY_LIBRARY_ARGUMENT.get(error.name, (error.name,))
+            parameters = _COMMAND_PARAMETER_NAMES_BY_LIBRARY_ARGUMENT_NAME.get(error.name, (error.name,))
             name = next((typed_names[name] for name in parameters if name in typed_names), error.name)
             missing = (
                 value

@@ -31,7 +31,7 @@ BAD_INPUT_EXIT_CODE = 2
 INTERNAL_ERROR_EXIT_CODE = 3
 """Of an internal error, whose traceback is printed."""
 
-PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
+PICTURE_FILE_SUFFIXES = (".png", ".svg", ".pdf")
 """File name suffixes of figures."""
 
 OutputsOption = Annotated[
@@ -71,9 +71,9 @@ def terminal_width(screen: Console) -> int | None:
 
 
 def check_picture_suffix(option: str, path: Path) -> None:
-    """Raise an ArgumentError that names `option` unless a path ends in one of PICTURE_SUFFIXES."""
-    if path.suffix.lower() not in PICTURE_SUFFIXES:
-        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_SUFFIXES)}", quoted(str(path)))
+    """Raise an ArgumentError that names `option` unless a path ends in one of PICTURE_FILE_SUFFIXES."""
+    if path.suffix.lower() not in PICTURE_FILE_SUFFIXES:
+        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_FILE_SUFFIXES)}", quoted(str(path)))
 
 
 def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any) -> None:

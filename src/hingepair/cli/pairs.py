@@ -190,7 +190,7 @@ def urdf_command(
     base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED_BASE_NAME} else "free")
     load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in {"damping", "friction", "stops"}})
     text = to_urdf(pair, base=base, hinge_torque=load, body1=setup.body1 if base == "fixed" else None)
-    written = {"damping", "friction", "stops", *(_BODY1_START_POSE_KEYS if base == "fixed" else ())}
+    written = {"damping", "friction", "stops", *(_BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE if base == "fixed" else ())}
     written |= {"base"} if requested_base or setup.base in {"free", "fixed"} else set()
     return write_text(_add_omission_comment("URDF", text, setup, written), out, input_files(source))
 
@@ -226,13 +226,13 @@ def mjcf_command(
     written = {
         *hinge_keys,
         "gravity",
-        *_BODY1_START_POSE_KEYS,
+        *_BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE,
         *(("base",) if fixed_base or setup.base != PRESCRIBED_BASE_NAME else ()),
     }
     return write_text(_add_omission_comment("MJCF", text, setup, written), out, input_files(source))
 
 
-_BODY1_START_POSE_KEYS: Final = ("R1_0", "S1_0", "phi_0")
+_BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE: Final = ("R1_0", "S1_0", "phi_0")
 """Keys of the table [dynamics] for the pose of body 1 at the start."""
 
 

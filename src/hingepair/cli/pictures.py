@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_SUFFIXES,
+    PICTURE_FILE_SUFFIXES,
     OutputsOption,
     check_picture_suffix,
     make_console,
@@ -32,13 +32,14 @@ from hingepair.pictures.page import view as make_page
 from hingepair.pictures.plot import plot as plot_figure
 
 # Part of the help of --out.
-_DEFAULT_OUT_HELP_TEXT = "default: the scene's name in the current folder, unless that file exists."
+_OUT_OPTION_DEFAULT_HELP_TEXT = "default: the scene's name in the current folder, unless that file exists."
 
 
 def plot_command(
     scene_file: SceneArgument,
     out: Annotated[
-        Path | None, out_option(f"Write the figure to FILE ({', '.join(PICTURE_SUFFIXES)}); {_DEFAULT_OUT_HELP_TEXT}")
+        Path | None,
+        out_option(f"Write the figure to FILE ({', '.join(PICTURE_FILE_SUFFIXES)}); {_OUT_OPTION_DEFAULT_HELP_TEXT}"),
     ] = None,
     outputs: OutputsOption = None,
 ) -> None:
@@ -64,7 +65,9 @@ def view_command(
     joint: JointArgument = None,
     body1_frame: Body1FrameOption = None,
     body2_frame: Body2FrameOption = None,
-    out: Annotated[Path | None, out_option(f"Write the page to FILE (.html); {_DEFAULT_OUT_HELP_TEXT}")] = None,
+    out: Annotated[
+        Path | None, out_option(f"Write the page to FILE (.html); {_OUT_OPTION_DEFAULT_HELP_TEXT}")
+    ] = None,
 ) -> None:
     """Write a web page that shows a pair or a robot in motion.
 

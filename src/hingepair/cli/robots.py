@@ -26,9 +26,9 @@ from hingepair.urdf.records import (
 )
 
 # Headings of the table of robots.
-ROBOT_TABLE_HEADINGS = ("robot", "dof", "hinges", "sliders", "following")
+HEADINGS_OF_TABLE_OF_ROBOTS = ("robot", "dof", "hinges", "sliders", "following")
 # Headings of the table of joints.
-JOINT_TABLE_HEADINGS = (
+HEADINGS_OF_TABLE_OF_JOINTS = (
     *(
         "q",
         "joint",
@@ -43,7 +43,7 @@ JOINT_TABLE_HEADINGS = (
     *("body 2 [kg]", "moves [kg]", "follows"),
 )
 # Columns of numbers in the table of joints, which are right-aligned.
-_RIGHT_ALIGNED_JOINT_COLUMN_INDICES = {0, 6, 7, 8, 9, 10}
+_RIGHT_ALIGNED_COLUMN_INDICES_OF_TABLE_OF_JOINTS = {0, 6, 7, 8, 9, 10}
 
 
 def robots_command(
@@ -64,14 +64,18 @@ def robots_command(
         rows = [_robot_table_row(robot) for robot in robot_names()]
         report: Any = rows
         lines = align_columns(
-            [ROBOT_TABLE_HEADINGS, *(tuple(str(row[key]) for key in ROBOT_TABLE_HEADINGS) for row in rows)],
+            [
+                HEADINGS_OF_TABLE_OF_ROBOTS,
+                *(tuple(str(row[key]) for key in HEADINGS_OF_TABLE_OF_ROBOTS) for row in rows),
+            ],
             {1, 2, 3, 4},
         )
     else:
         report = _joint_report(name_or_urdf_file)
         table = (
             align_columns(
-                [JOINT_TABLE_HEADINGS, *map(_joint_cells, report["joints"])], _RIGHT_ALIGNED_JOINT_COLUMN_INDICES
+                [HEADINGS_OF_TABLE_OF_JOINTS, *map(_joint_cells, report["joints"])],
+                _RIGHT_ALIGNED_COLUMN_INDICES_OF_TABLE_OF_JOINTS,
             )
             if report["joints"]
             else []
@@ -97,7 +101,7 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
         joint.follows in names for joint in hinges + sliders
     )  # a joint whose leader is missing does not count
     numbers = (len(hinges), len(sliders), following)
-    return dict(zip(ROBOT_TABLE_HEADINGS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
+    return dict(zip(HEADINGS_OF_TABLE_OF_ROBOTS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
 
 
 def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:

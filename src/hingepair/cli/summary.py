@@ -18,7 +18,7 @@ from hingepair.scenes.mechanisms.scene import FRAME_QUANTITY_NAMES, MechanismSce
 from hingepair.scenes.scene import Scene, SceneResult
 
 # Label, expression and unit of each residual.
-_RESIDUAL_LABELS_FORMULAS_AND_UNITS = (
+_LABEL_FORMULA_AND_UNIT_OF_EACH_RESIDUAL = (
     ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m"),
     ("E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s"),
 )
@@ -54,7 +54,7 @@ class RunSummary:
         self._smallest = self._largest = np.array(np.nan)
         self._coincident: dict[str, str] | None = None
         self._residual_meanings = (
-            _RESIDUAL_LABELS_FORMULAS_AND_UNITS[: scene.motion.level + 1] if isinstance(scene, Scene) else ()
+            _LABEL_FORMULA_AND_UNIT_OF_EACH_RESIDUAL[: scene.motion.level + 1] if isinstance(scene, Scene) else ()
         )
         self._largest_residuals = np.full((len(self._residual_meanings), 2), np.nan)
         self.lost = 0

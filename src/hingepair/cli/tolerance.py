@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_SUFFIXES,
+    PICTURE_FILE_SUFFIXES,
     JsonOption,
     check_picture_suffix,
     make_console,
@@ -21,11 +21,11 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import ruled_table
 from hingepair.sweeps.tolerance import study_tolerances
 
-_ONE_OR_THREE_NUMBERS_TEXT = "a number, or three separated by commas"
+_EXPECTED_ONE_OR_THREE_NUMBERS_TEXT = "a number, or three separated by commas"
 """Values of an option that has one or three components."""
 
 
-def _std_option(quantity: str, unit: str, numbers: str = _ONE_OR_THREE_NUMBERS_TEXT) -> Any:
+def _std_option(quantity: str, unit: str, numbers: str = _EXPECTED_ONE_OR_THREE_NUMBERS_TEXT) -> Any:
     """Return a Typer option for the standard deviation of a quantity."""
     return typer.Option(metavar="STD", help=f"Standard deviation of {quantity} [{unit}]: {numbers}.")
 
@@ -42,7 +42,7 @@ def tolerance_command(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help=f"Draw the bands over time and the share of each dimension ({', '.join(PICTURE_SUFFIXES)}).",
+            help=f"Draw the bands over time and the share of each dimension ({', '.join(PICTURE_FILE_SUFFIXES)}).",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -83,5 +83,5 @@ def _parse_numbers(name: str, text: str) -> float | list[float]:
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        raise ArgumentError(name, _ONE_OR_THREE_NUMBERS_TEXT, repr(text)) from None
+        raise ArgumentError(name, _EXPECTED_ONE_OR_THREE_NUMBERS_TEXT, repr(text)) from None
     return numbers[0] if len(numbers) == 1 else numbers

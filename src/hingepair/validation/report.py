@@ -21,14 +21,14 @@ from hingepair.pair.accuracy import (
 
 # The headings of the table of rates.
 _RATE_TABLE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
-MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE: Final = 64
+MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE: Final = 64
 """Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
 
 A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations. The
 largest difference in 1,000 motions was 11.
 """
 # Descriptions of the scales of the loads' differences, by the load.
-_SCALE_TEXT_BY_LOAD: Final[Mapping[str, str]] = {
+_ERROR_SCALE_TEXT_BY_LOAD_NAME: Final[Mapping[str, str]] = {
     "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
     "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
     "hinge_torque": "as for torque1, but of body 2 alone",
@@ -67,8 +67,8 @@ class Comparison:
     def scale(self) -> str:
         """Formula of the scale of this output's error, as text for a reader."""
         added_terms = PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT.get(self.output)
-        if self.output in _SCALE_TEXT_BY_LOAD:
-            return _SCALE_TEXT_BY_LOAD[self.output]
+        if self.output in _ERROR_SCALE_TEXT_BY_LOAD_NAME:
+            return _ERROR_SCALE_TEXT_BY_LOAD_NAME[self.output]
         formula = SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT.get(self.output) or PROMISED_BOUND_BY_OUTPUT[self.output].scale
         return f"{formula} + {added_terms}" if added_terms else formula
 
@@ -188,7 +188,7 @@ class CrossValidation(Shown):
         outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         forces = ", ".join(row.output for row in self.forces)
         more = (
-            f", and {forces} within {MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale of its rnea"
+            f", and {forces} within {MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale of its rnea"
             if forces
             else ""
         )

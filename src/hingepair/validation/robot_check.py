@@ -17,10 +17,10 @@ from hingepair.pair.accuracy import unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.robot_report import RobotComparison, RobotValidation
-from hingepair.validation.robot_scales import FRAME_MOTION_NAMES, RobotScales
-from hingepair.validation.robot_twin import RESTING_BASE_MOTION, RobotTwin, robot_twin
+from hingepair.validation.robot_scales import FRAME_MOTION_QUANTITY_NAMES, RobotScales
+from hingepair.validation.robot_twin import BASE_MOTION_AT_REST_AT_ORIGIN, RobotTwin, robot_twin
 
-_BASE_WRENCH_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
+_BASE_WRENCH_COMPONENT_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
 _MIN_EIGENVALUE_OF_UNIT_DIAGONAL_MASS_MATRIX = (
     1e-12  # smaller eigenvalues consist of rounding errors, and the mass matrix counts as singular
@@ -60,8 +60,10 @@ def cross_validate_robot(
             robot, twin, samples, our_outputs, pinocchio_outputs
         )
     scales = _output_scales(robot, twin, samples, frame_by_name, tips, gravity_array, our_outputs)
-    labels = dict.fromkeys((*FRAME_MOTION_NAMES, "d"), names) | {"jacobian": tips, "tau": robot.names}
-    labels["forward_dynamics"] = (*_BASE_WRENCH_LABELS, *robot.names) if robot.base == "free" else robot.names
+    labels = dict.fromkeys((*FRAME_MOTION_QUANTITY_NAMES, "d"), names) | {"jacobian": tips, "tau": robot.names}
+    labels["forward_dynamics"] = (
+        (*_BASE_WRENCH_COMPONENT_LABELS, *robot.names) if robot.base == "free" else robot.names
+    )
     rows = []
     for name, expected in pinocchio_outputs.items():
         parts = labels.get(name, ("",))
@@ -96,7 +98,8 @@ class _RobotSamples:
         values = read_arguments(robot.names, coordinates, base_motion, needed, {})
         self.shape = broadcast_shape(values.shape_by_argument)
         parts = {
-            name: np.asarray(getattr(RESTING_BASE_MOTION, MOTION_ATTRIBUTE_BY_BASE_INPUT[name])) for name in needed
+            name: np.asarray(getattr(BASE_MOTION_AT_REST_AT_ORIGIN, MOTION_ATTRIBUTE_BY_BASE_INPUT[name]))
+            for name in needed
         } | values.value_by_input
         flat = {
             name: _samples_of_argument(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()
@@ -366,7 +369,7 @@ def _output_scales(
         scales_at_rest = RobotScales(robot.tree, joints[:1], at_origin, gravity)
         motions = [scales.motion(frame) for frame in frames.values()]
         by_output |= {
-            name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION_NAMES
+            name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION_QUANTITY_NAMES
         }
         by_output["S"] = by_output["S"][..., None]
         by_output["d"] = np.stack([scales_at_rest.motion(frame)["R"] for frame in frames.values()], axis=1)[..., None]

@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
 from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 
-_ROBOT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
+_ROBOT_OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
 """Headings of the columns of a report on a robot; errors in u * scale, or in the unit of the output."""
 
 
@@ -151,7 +151,9 @@ class RobotValidation(Shown):
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel, summed over the joints"
         notes = [row.note for row in self.rows if row.note]
         return Sheet(
-            title, (_ROBOT_TABLE_HEADINGS, *map(_robot_comparison_cells, self.rows)), (unit, *notes, self.verdict)
+            title,
+            (_ROBOT_OUTPUT_TABLE_HEADINGS, *map(_robot_comparison_cells, self.rows)),
+            (unit, *notes, self.verdict),
         )
 
     def to_json(self) -> str:

@@ -25,9 +25,9 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import norm
 from hingepair.pair.body_motion import BodyMotion
 
-FRAME_MOTION_NAMES = ("R", "S", "v", "omega", "a", "alpha")
+FRAME_MOTION_QUANTITY_NAMES = ("R", "S", "v", "omega", "a", "alpha")
 """Names of the position, attitude, velocities and accelerations of a frame."""
-_SIZE_KEY_BY_FRAME_MOTION_NAME = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
+_SIZE_KEY_BY_FRAME_MOTION_QUANTITY_NAME = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
 """Keys of the dicts of sizes by the name of a quantity of a frame's motion; the scale of S is computed apart."""
 
 
@@ -73,7 +73,10 @@ class RobotScales:
         """Return a dict of the error scales of R, S, v, omega, a and alpha of a frame by name; shape (N,) each."""
         size = _sizes_behind_joint(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, is_slider=False)
         total = _add_sizes(self._sums[frame.body], size, 1.0)
-        return {"S": total["S"], **{name: total[letter] for name, letter in _SIZE_KEY_BY_FRAME_MOTION_NAME.items()}}
+        return {
+            "S": total["S"],
+            **{name: total[letter] for name, letter in _SIZE_KEY_BY_FRAME_MOTION_QUANTITY_NAME.items()},
+        }
 
     def jacobian(self, frame: Frame) -> Float64Array:
         """Return the error scales of the Jacobian of a Frame object, shape (N, 6, 6 + joints); the first six columns

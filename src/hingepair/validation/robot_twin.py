@@ -111,11 +111,15 @@ class RobotTwin:
             if base_motion is not None:
                 raise ArgumentError("base_motion", "None, since the base stands in this model", base_motion)
             return []
-        by_name: Mapping[str, Float64Array] = convert(RESTING_BASE_MOTION if base_motion is None else base_motion)
+        by_name: Mapping[str, Float64Array] = convert(
+            BASE_MOTION_AT_REST_AT_ORIGIN if base_motion is None else base_motion
+        )
         return list(by_name.values())
 
 
-RESTING_BASE_MOTION = BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
+BASE_MOTION_AT_REST_AT_ORIGIN = BodyMotion(
+    S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3))
+)
 """Motion of a base that rests at the origin."""
 
 

@@ -15,9 +15,13 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import skew
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.pinocchio_twin import to_pinocchio
-from hingepair.validation.report import MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE, Comparison, RateComparison
+from hingepair.validation.report import (
+    MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE,
+    Comparison,
+    RateComparison,
+)
 
-_LOAD_COMPONENT_INDICES_BY_BASE_AND_PLANARITY: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
+_GENERALIZED_LOAD_INDICES_BY_BASE_NAME_AND_IS_PLANAR: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
     ("free", False): (0, 1, 2, 3, 4, 5, 6),
     ("pinned", False): (3, 4, 5, 6),
     ("free", True): (0, 1, 5, 6),
@@ -26,13 +30,17 @@ _LOAD_COMPONENT_INDICES_BY_BASE_AND_PLANARITY: Final[Mapping[tuple[str, bool], t
 """Indices of the components of Pinocchio's generalized force (force and torque on body 1, torque of the hinge) that
 only loads cause, by the base and by whether the motion is planar. For other bases, it is only the hinge torque."""
 # The components of the loads in Pinocchio's generalized force.
-_FORCE_SLICE_BY_LOAD: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
+_GENERALIZED_FORCE_SLICE_BY_LOAD_NAME: Final = {
+    "force1": slice(0, 3),
+    "torque1": slice(3, 6),
+    "hinge_torque": slice(6, 7),
+}
 
-_FINITE_DIFFERENCE_ACCURACY_ORDERS: Final = (6, 4)  # of the slopes, and of the slopes that they are compared with
+_ACCURACY_ORDERS_OF_COMPARED_SLOPES: Final = (6, 4)  # of the slopes, and of the slopes that they are compared with
 # Largest accepted error of a rate; rates of another motion differ by more.
-_RATE_TOLERANCE_TO_LARGEST_RATE: Final = 0.05
+_RATE_ERROR_TOLERANCE_RELATIVE_TO_LARGEST_RATE: Final = 0.05
 # If a rate changes by more between two samples, there may be an oscillation between them, and it is not compared.
-_MAX_RATE_CHANGE_PER_STEP_TO_LARGEST_RATE: Final = 0.5
+_MAX_RATE_CHANGE_PER_STEP_RELATIVE_TO_LARGEST_RATE: Final = 0.5
 
 
 def compare_forces(
@@ -82,15 +90,17 @@ def compare_forces(
                 twin.model, twin.data, q[i], twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
             )
             load_forces[i] += jacobian.T @ on_body2[i]
-    load_components = _LOAD_COMPONENT_INDICES_BY_BASE_AND_PLANARITY.get((base, is_planar), (6,))
+    load_components = _GENERALIZED_LOAD_INDICES_BY_BASE_NAME_AND_IS_PLANAR.get((base, is_planar), (6,))
     other_components = [i for i in range(7) if i not in load_components]
     load_forces[:, other_components] = required_forces[:, other_components]
     scales = _force_scales(pair, body1, psid, psidd, loads, float(norm([*gravity])))
     rows = []
-    for name, columns in _FORCE_SLICE_BY_LOAD.items():
+    for name, columns in _GENERALIZED_FORCE_SLICE_BY_LOAD_NAME.items():
         if {*range(*columns.indices(7))} & {*load_components}:
             errors = error_ratios(name, load_forces[:, columns], required_forces[:, columns], scales[name])
-            rows.append(Comparison.worst_of(name, *errors, psi.shape, MAX_FORCE_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE))
+            rows.append(
+                Comparison.worst_of(name, *errors, psi.shape, MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE)
+            )
     return tuple(rows)
 
 
@@ -160,8 +170,8 @@ def compare_rates(
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
         enough = (
-            len(t) > _FINITE_DIFFERENCE_ACCURACY_ORDERS[0]
-            and step * sizes[1] <= _MAX_RATE_CHANGE_PER_STEP_TO_LARGEST_RATE * sizes[0]
+            len(t) > _ACCURACY_ORDERS_OF_COMPARED_SLOPES[0]
+            and step * sizes[1] <= _MAX_RATE_CHANGE_PER_STEP_RELATIVE_TO_LARGEST_RATE * sizes[0]
         )
         for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
             error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
@@ -170,7 +180,7 @@ def compare_rates(
                     name,
                     quantity,
                     error,
-                    _RATE_TOLERANCE_TO_LARGEST_RATE * float(np.nanmax(np.abs(rate), initial=0.0)),
+                    _RATE_ERROR_TOLERANCE_RELATIVE_TO_LARGEST_RATE * float(np.nanmax(np.abs(rate), initial=0.0)),
                 )
             )
     return tuple(rows)
@@ -182,7 +192,7 @@ def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> 
     """
     fine, coarse = (
         np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1)
-        for order in _FINITE_DIFFERENCE_ACCURACY_ORDERS
+        for order in _ACCURACY_ORDERS_OF_COMPARED_SLOPES
     )
     disagreement = np.abs(fine - coarse).max(axis=-1)
     reach = 3  # samples to either side of an uncertain slope whose slopes are uncertain too
