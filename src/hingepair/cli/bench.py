@@ -64,9 +64,9 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
 
 @contextlib.contextmanager
 def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
-    """Return a context manager that opens the picture file `path` for writing and yields a function of a Report,
-    which draws the Report into the file. Raise an ArgumentError for a wrong suffix or a file that cannot be written,
-    and a MissingDependencyError without Matplotlib.
+    """Return a context manager that opens the picture file `path` for writing and yields a function that draws a
+    Report into the file. Raise an ArgumentError if the suffix is wrong or the file cannot be written, and a
+    MissingDependencyError if Matplotlib is not installed.
     """
     from hingepair.bench.plot import new_figure, write_picture
 
@@ -81,8 +81,8 @@ def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
 
 
 def _parse_sizes(sizes: str) -> list[int]:
-    """Return the batch sizes in a text, integers separated by commas, as a list of ints. Raise an ArgumentError
-    unless each is from 1 to 10 million.
+    """Return the batch sizes in a text, which are integers separated by commas, as a list of ints. Raise an
+    ArgumentError unless each integer is from 1 to 10 million.
     """
     counts = [int(part) if part.strip().isdecimal() else 0 for part in sizes.split(",")]
     if not all(1 <= count <= 10**7 for count in counts):

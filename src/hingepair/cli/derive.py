@@ -156,10 +156,10 @@ def _derive_pair(
 
 
 def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
-    """Return (robot, notes): the Mechanism of a robot's name or URDF file, with each angle that is closer than
-    `snap` [rad] (None for 1e-6) to a multiple of pi/2 replaced by it, and a tuple with a sentence on this,
-    empty if no angle changed. Return None for another source, such as a pair's scene file. Raise an
-    ArgumentError for an unknown name.
+    """Return a tuple (robot, notes): the Mechanism of a robot's name or URDF file, and a tuple of at most one
+    sentence. Angles that are closer than `snap` [rad] (None for 1e-6) to a multiple of pi/2 are replaced by the
+    multiple; the sentence says so if an angle changed. Return None for another source, such as a pair's scene file.
+    Raise an ArgumentError for an unknown name.
     """
     robot = load_named_robot(source)
     if robot is None:
@@ -202,8 +202,8 @@ def _derive_robot(
 
 
 def _largest_rotation_change(robot: Mechanism, other: Mechanism) -> float:
-    """Return the largest absolute difference, a float, between entries of the fixed rotation matrices of two
-    Mechanisms, `robot` and `other`, which are two versions of one robot.
+    """Return the largest absolute difference, a float, between entries of the fixed rotation matrices of the
+    Mechanisms `robot` and `other`, which are two versions of one robot.
     """
     first, second = (
         [*(joint.S for joint in version.tree.joints), *(link.S for link in version.tree.links.values())]

@@ -84,15 +84,15 @@ def _examples_folder() -> Path:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
-    """Return the contents of a TOML file as a dict."""
+    """Return the contents of a TOML file as a dict. Raise a TOMLDecodeError if the text is not valid TOML."""
     import tomllib
 
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def _referenced_files(path: Path) -> list[Path]:
-    """Return the list of the paths that a scene or sweep file refers to: a log, a URDF file, the scene that a sweep
-    varies, and the files that this scene refers to.
+    """Return a list of the paths that a scene or sweep file refers to: a log, a URDF file, the scene that a sweep
+    varies, and the files that the varied scene refers to.
     """
     table = _read_toml(path)
     referenced = (
@@ -106,8 +106,8 @@ def _referenced_files(path: Path) -> list[Path]:
 
 def _copy_all(files: Sequence[Path], targets: Sequence[Path], directory: Path) -> None:
     """Copy each of `files` to the path at the same position in `targets`, and make missing folders. Raise an
-    ArgumentError without copying anything if a target exists, or if a target cannot be written. Messages name
-    `directory`.
+    ArgumentError, before anything is copied, if a target exists, and also if a target cannot be written. Messages
+    name `directory`.
     """
     existing = [target for target in targets if target.exists() or target.is_symlink()]
     if existing:

@@ -27,8 +27,8 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run_command(*args: Any, **values: Any) -> None:
-        """Call the command with all arguments. Raise its ArgumentErrors again with the name of the option in place of
-        the name of the Python argument, and with a hint if a typed file does not exist.
+        """Call the command with all arguments. If it raises an ArgumentError, raise the error again with the name of
+        the option in place of the name of the Python argument, and with a hint if a typed file does not exist.
         """
         try:
             command(*args, **values)
@@ -56,7 +56,8 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
 
 def _typed_arguments(command: Callable[..., None], values: Mapping[str, Any]) -> Iterator[str]:
     """Yield the values of a command's positional arguments as texts, such as paths and names of robots. `values` is a
-    dict of all arguments by parameter name. A list yields each of its entries, None yields nothing.
+    dict of all arguments by parameter name. If a value is a list, yield each of its entries; if it is None, yield
+    nothing.
     """
     for name, hint in typing.get_type_hints(command, include_extras=True).items():
         if any(isinstance(info, ArgumentInfo) for info in getattr(hint, "__metadata__", ())):

@@ -86,7 +86,7 @@ def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any)
 
 def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Piece]:
     """Return an iterable of the same `parts` that shows a progress bar while it is iterated over; return `parts`
-    itself if standard error is no terminal or there is only one part. Each part but the last has ROWS_PER_BLOCK
+    itself if standard error is not a terminal or there is only one part. Each part except the last has ROWS_PER_BLOCK
     instants, and `num_instants` is the number of instants of all parts.
     """
     screen = Console(stderr=True)
@@ -99,8 +99,8 @@ def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Pie
 
 @contextlib.contextmanager
 def report_if_stopped(out: Path) -> Iterator[None]:
-    """Return a context manager that prints, if its block is left by a SystemExit, which a signal raises, that `out`
-    is not written. The SystemExit is raised again.
+    """Return a context manager for a block that writes the file `out`. If the block is left by a SystemExit, which a
+    signal raises, print that `out` is not written, and raise the SystemExit again.
     """
     try:
         yield
@@ -110,8 +110,8 @@ def report_if_stopped(out: Path) -> Iterator[None]:
 
 
 def split_names(option: str, text: str | None) -> list[str] | None:
-    """Return the names in `text`, the value of an option, as a list, split at commas; None if `text` is None. Raise
-    an ArgumentError that names `option` if there is no name in it.
+    """Return the names in `text`, the value of an option, as a list, split at commas; return None if `text` is None.
+    Raise an ArgumentError that names `option` if there is no name in the text.
     """
     names = None if text is None else [name.strip() for name in text.split(",") if name.strip()]
     if names == []:
@@ -172,8 +172,8 @@ def run_and_flush(run_command: Callable[[], int]) -> int:
 
 
 def _print_new_warning(printed_texts: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print the message of a warning to standard error and add it to the set `printed_texts`, unless the set has it
-    already. Further arguments of `warnings.showwarning` are ignored.
+    """Print the message of a warning to standard error and add it to the set `printed_texts`, unless the message is
+    already in the set. Further arguments of `warnings.showwarning` are ignored.
     """
     if str(message) not in printed_texts:
         printed_texts.add(str(message))

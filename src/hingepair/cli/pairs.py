@@ -237,8 +237,8 @@ _BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE: Final = ("R1_0", "S1_0", "phi_0")
 
 
 def _load_dynamics_setup(source: str, joint: str | None, *frames: str | None) -> DynamicsSetup | None:
-    """Return the DynamicsSetup of the table [dynamics] of a scene file. Return None without that table, for another
-    source, or if `joint` or one of the further arguments, the names of frames, is not None.
+    """Return the DynamicsSetup of the table [dynamics] of a scene file. Return None if the file has no such table, if
+    the source is not a scene file, or if `joint` or one of the further arguments, the names of frames, is not None.
     """
     return load_dynamics_setup(source) if _is_scene_file(source, joint, *frames) else None
 
@@ -251,9 +251,9 @@ def _is_scene_file(source: str, joint: str | None, *frames: str | None) -> bool:
 
 
 def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, written_keys: set[str]) -> str:
-    """Return the text of a model with a comment added that lists the keys of a DynamicsSetup that are not in
+    """Return the text of a model with an added comment that lists the keys of a DynamicsSetup that are not in
     `written_keys` (tol and breaks are never listed), and emit a DynamicsWarning with the same sentence. If there is
-    no such key, return `text` unchanged. `file_format`, URDF or MJCF, is part of the sentence.
+    no such key, return `text` unchanged. `file_format`, "URDF" or "MJCF", is part of the sentence.
     """
     keys = [key for key in setup.keys if key not in {*written_keys, "tol", "breaks"}]
     if not keys:

@@ -182,7 +182,9 @@ def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
 
 
 def _joint_cells(row: dict[str, Any]) -> list[str]:
-    """Return the cells of the table of joints, a list of texts, for one joint, from its dict `row` in the report."""
+    """Return the cells of the row of one joint in the table of joints, a list of texts, from the joint's dict `row`
+    in the report.
+    """
     index_text = "" if row["index"] is None else str(row["index"])
     names = [index_text, *(printable(row[key]) for key in ("joint", "kind", "parent", "child"))]
     if "error" in row:
@@ -194,8 +196,8 @@ def _joint_cells(row: dict[str, Any]) -> list[str]:
 
 
 def _mimic_text(row: dict[str, Any]) -> str:
-    """Return the rule of a mimic joint as text, from the joint's dict `row`: `leader`, or `-0.5 leader + 0.1` with a
-    multiplier and an offset. The text is empty for a joint that follows none.
+    """Return the rule of a mimic joint as text, from the joint's dict `row`: "leader", or "-0.5 leader + 0.1" with a
+    multiplier and an offset. Return "" for a joint that follows no other joint.
     """
     mimic = row["mimic"]
     if mimic is None:
@@ -204,8 +206,8 @@ def _mimic_text(row: dict[str, Any]) -> str:
 
 
 def _joint_table_notes(name: str, report: dict[str, Any]) -> Sequence[str]:
-    """Return the list of sentences below the table of joints: size of q, fixed joints, an example command, and the
-    notes of the `report`, the dict that `_joint_report` returns. The sentences call the robot `name`.
+    """Return a list of the sentences below the table of joints: the size of q, the fixed joints, an example command,
+    and the notes of `report`, the dict that `_joint_report` returns. The sentences call the robot `name`.
     """
     joints, folded = report["joints"], report["folded"]
     sentences = []

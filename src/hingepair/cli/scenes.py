@@ -230,8 +230,9 @@ def _print_gravity(screen: Console, gravity: tuple[float, ...]) -> None:
 def _component_rows(
     ranges_by_component: dict[str, dict[str, float]], with_noise: bool = False
 ) -> list[tuple[str, ...]]:
-    """Return the rows of a table of components as tuples of texts, headings first. `ranges_by_component` is the
-    result of `_component_ranges`; `with_noise` True adds the heading of the noise that it holds.
+    """Return the rows of a table of components as tuples of texts, headings first. `ranges_by_component` is the dict
+    that `_component_ranges` returns. `with_noise` says whether its ranges have the noise, for which a heading is
+    added.
     """
     headings = (
         "",
@@ -251,8 +252,9 @@ def _component_rows(
 
 
 def _component_cells(row: dict[str, float]) -> tuple[Any, ...]:
-    """Return the numbers of one component, from its dict of ranges, as a tuple: four values, the time of the largest
-    size, and a list of its noise, empty if there is none.
+    """Return the numbers of one component, from its dict of ranges, as a tuple of six: the first, smallest, largest
+    and rms value, the time of the largest absolute value [s], and a list of the noise, which is empty if there is
+    none.
     """
     sizes = [row[key] for key in ("first", "smallest", "largest", "rms", "t_of_largest_size")]
     return *sizes, [row["noise"]] if "noise" in row else []
@@ -262,8 +264,9 @@ def _component_ranges(
     t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, NDArray[Any]] | None = None
 ) -> dict[str, dict[str, float]]:
     """Return a dict from the name of each component of `arrays`, a dict of outputs by name at the instants t, to a
-    dict of floats: first, smallest, largest and rms value, the time of the largest size and, if `noise` has arrays of
-    the same names, its noise. Values that are not finite are ignored; a component without a finite value has NaN.
+    dict of floats: the first, smallest, largest and rms value, the time of the largest absolute value [s] and, if
+    `noise`, a dict of arrays with the same names, is given, the noise. Values that are not finite are ignored; a
+    component without a finite value has NaN.
     """
     v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
     v = np.where(np.isfinite(v), v, np.nan)
@@ -282,8 +285,8 @@ def _component_ranges(
 
 
 def _parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
-    """Return the finite numbers, separated by commas, in the text of the option --gravity as a tuple of floats. Raise
-    an ArgumentError unless there are `num_components`: 3, or 2 for a planar scene.
+    """Return the finite numbers in the text of the option --gravity, which are separated by commas, as a tuple of
+    floats. Raise an ArgumentError unless there are `num_components` numbers, which is 3, or 2 for a planar scene.
     """
     with contextlib.suppress(ValueError):
         vector = tuple(map(float, text.split(",")))
@@ -294,9 +297,9 @@ def _parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
 
 
 def _scene_facts(scene: Scene | MechanismScene) -> dict[str, Any]:
-    """Return a dict for JSON of a Scene or MechanismScene: path, title, number of samples, first and last instant; of
-    a pair also the Euler sequence, the error estimate, u1, u2, n and home; of a mechanism the names of its joints and
-    frames.
+    """Return a dict for JSON of a Scene or MechanismScene: path, title, number of samples, first and last instant.
+    For a pair, it also has the Euler sequence, the error estimate, and u1, u2, n and home; for a mechanism, the name,
+    the kind of base, the names of the joints and frames, and the names of the joints that move.
     """
     facts: dict[str, Any] = {"scene": str(scene.path), "title": scene.title, "samples": scene.samples}
     facts |= {"start": scene.start, "stop": scene.stop}

@@ -25,8 +25,9 @@ _LABEL_FORMULA_AND_UNIT_OF_EACH_RESIDUAL = (
 
 
 class LargestResidual(NamedTuple):
-    """Largest residual of a constraint over all instants: `label` E1 or E2, its formula `meaning`, `unit`, value
-    `largest`, and `ratio`, the value in units of u * scale, where u is the unit roundoff.
+    """Largest residual of a constraint over all instants. `label` is E1 or E2, `meaning` is the formula as text,
+    `unit` is the unit, `largest` is the absolute value, and `ratio` is the value in units of u * scale, the unit
+    roundoff times the scale of the terms.
     """
 
     label: str
@@ -37,8 +38,9 @@ class LargestResidual(NamedTuple):
 
 
 class RunSummary:
-    """Collects the summary of a scene's run: the method `add` takes one block of the results after the other, and the
-    other methods return a table of three instants and ranges, the ranges, the residuals of a pair, and the notes.
+    """Summary of a scene's run. The method `add` takes one block of the results after the other; the other methods
+    return a table of the values at three instants and of the ranges, the ranges as a dict, the residuals of a pair,
+    and the notes.
 
     Attributes:
         lost: number of instants with a value that is not finite.
@@ -60,9 +62,9 @@ class RunSummary:
         self.lost = 0
 
     def add(self, part: SceneResult | MechanismSceneResult) -> None:
-        """Update the summary with one block of the results: `lost`, the components at the first, middle and last
-        instant, their smallest and largest values, the residuals of a pair, and the notes. The blocks must come in
-        order of time.
+        """Update the summary with one block of the results. Update `lost`, the number of instants with a value that
+        is not finite, the components at the first, middle and last instant, their smallest and largest values, the
+        residuals of a pair, and the notes. The blocks must come in order of time.
         """
         arrays = part.requested_arrays()
         self._names = column_names(arrays)
@@ -85,8 +87,8 @@ class RunSummary:
         self._notes.add(part)
 
     def residuals(self) -> tuple[LargestResidual, ...]:
-        """Return a tuple of a LargestResidual over all instants for E1 and, if the motion has rates, one for E2;
-        empty for a mechanism.
+        """Return a tuple of LargestResiduals over all instants: one for equation E1 (position) and, if the motion has
+        rates, one for E2 (angular velocity). Return an empty tuple for a mechanism.
         """
         return tuple(
             LargestResidual(*meaning, *worst)
@@ -100,8 +102,8 @@ class RunSummary:
 
     @property
     def coincident_frames(self) -> dict[str, str]:
-        """Dict from the name of each frame of a mechanism that moved exactly as an earlier frame to the name of that
-        frame.
+        """Dict from the name of each frame of a mechanism that has moved exactly as an earlier frame to the name of
+        the earlier frame.
         """
         return self._coincident or {}
 
@@ -155,8 +157,9 @@ def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]
 
 
 def _largest_residuals(scene: Scene, known_motion: KnownMotion) -> NDArray[np.float64]:
-    """Return the largest residuals of E1 and, if the KnownMotion has rates, of E2, as an array with a row for each:
-    absolute, and in units of u * scale, where u is the unit roundoff. A residual that is finite at no instant is NaN.
+    """Return the largest residuals of the equation E1 (position) and, if the KnownMotion has rates, of E2 (angular
+    velocity), as an array with a row for each. The columns are the absolute value, and the value in units of u *
+    scale, where u is the unit roundoff. A residual that is finite at no instant is NaN.
     """
     pair, a = scene.space, known_motion.body_arrays(scene.pair)
     W1, psid = a.pop("W1", None), a.pop("psid", None)

@@ -78,7 +78,7 @@ def tolerance_command(
 
 def _parse_numbers(name: str, text: str) -> float | list[float]:
     """Return the number in the text of an option as a float, or several numbers separated by commas as a list of
-    floats. Raise an ArgumentError that names the option `name` for any other text.
+    floats. Raise an ArgumentError that names the option `name` if the text is anything else.
     """
     try:
         numbers = [float(part) for part in text.split(",")]

@@ -187,9 +187,9 @@ def cross_validate_from_body1(
 
 
 def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
-    """Return a dict of the named arguments, each an array or a tuple of components, broadcast to all samples of the
-    leading shape `shape`, as float64 arrays (N, ...). A sample at which one argument is not finite becomes NaN in all
-    of them.
+    """Return a dict of the named arguments as float64 arrays (N, ...), broadcast to the N samples of the leading
+    shape `shape`. Each argument is an array or a tuple of components. If one argument is not finite at a sample, all
+    arrays are NaN there.
     """
     arrays: dict[str, Float64Array] = {}
     for name, value in arguments.items():
@@ -213,8 +213,9 @@ def _compare_with_pinocchio(
     sequence: str | None,
 ) -> CrossValidation:
     """Compute the motion of body 2 by Pinocchio's model `twin`, compare it with `state`, the outputs of the pair, and
-    return a CrossValidation. `body1` and `hinge` (psi and, as far as given, its derivatives) have shape (N, ...);
-    `rate_sizes` are the sizes of omega1 and alpha1 for the scales, and `sequence` is only for the report.
+    return a CrossValidation. `body1` has shape (N,); `hinge` is a list of psi and, as far as given, its derivatives,
+    shape (N,) each. `rate_sizes` is a tuple of the sizes of omega1 and alpha1, None if unknown, for the error scales;
+    `sequence` is only for the report.
     """
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
@@ -235,9 +236,9 @@ def _compare_with_pinocchio(
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute the motion of body 2 by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by output name;
-    d is computed with R1 = 0. `body1` has shape (N,), and `hinge` lists psi and, as far as given, its derivatives,
-    shape (N,) each.
+    """Compute the motion of body 2 by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by output name.
+    The output d is the position of body 2 if R1 is zero. `body1` has shape (N,), and `hinge` is a list of psi and, as
+    far as given, its derivatives, shape (N,) each.
     """
     q = twin.configuration(body1, hinge[0])
     v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None
@@ -250,8 +251,9 @@ def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Floa
 
 
 def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
-    """Return a dict of the components of spatial outputs in the plane z = 0, by name. S2 is replaced by the angle
-    phi2 about z, plus the whole turns that bring it nearest to the given phi2.
+    """Return a dict of the components in the plane z = 0 of spatial outputs by name. S2 is replaced by the angle
+    `phi2` of body 2 about z [rad], to which whole turns are added so that it is nearest to the argument phi2, shape
+    (N,).
     """
     planar = {}
     for name, values in outputs.items():
@@ -266,7 +268,7 @@ def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[s
 def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyMotion:
     """Compute the motion of body 1 by Pinocchio, and return it as a BodyMotion, shape (N,). Body 1 is the last link
     of a chain of three joints that rotate by the Euler angles (for an extrinsic sequence in reverse order).
-    `coordinates` lists q and, as far as given, its derivatives, shape (N, 7) each.
+    `coordinates` is a list of q and, as far as given, its derivatives, shape (N, 7) each.
     """
     pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1

@@ -30,8 +30,9 @@ def import_pinocchio(caller_name: str) -> Any:
 
 
 def pinocchio_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return the pose of body 1 in the form of Pinocchio's free-flyer, in a dict: "R" (..., 3) [m], and "S" as
-    quat_xyzw (..., 4). Raise an ArgumentError if R or S is missing.
+    """Return the pose of body 1 in the form of Pinocchio's free-flyer, as a dict with two keys: "R", the position
+    [m], shape (..., 3), and "S", the attitude as a quaternion (x, y, z, w), shape (..., 4). Raise an ArgumentError if
+    R or S is missing.
 
     Raises:
         ArgumentError: body1 lacks R or S.
@@ -41,8 +42,8 @@ def pinocchio_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
 
 
 def pinocchio_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return v [m/s] and omega [rad/s] of body 1 in the form of Pinocchio's free-flyer, in a dict: in body axes,
-    (..., 3) each. Raise an ArgumentError if S, v or omega is missing.
+    """Return the velocity of body 1 in the form of Pinocchio's free-flyer, as a dict with two keys: "v" [m/s] and
+    "omega" [rad/s], both in body axes, shape (..., 3). Raise an ArgumentError if S, v or omega is missing.
 
     Raises:
         ArgumentError: body1 lacks S, v or omega.
@@ -52,8 +53,9 @@ def pinocchio_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
 
 
 def pinocchio_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
-    """Return the spatial acceleration of body 1 in the form of Pinocchio's free-flyer, in a dict: "a" and "alpha" in
-    body axes. Raise an ArgumentError if S, v, omega, a or alpha is missing.
+    """Return the spatial acceleration of body 1 in the form of Pinocchio's free-flyer, as a dict with two keys: "a"
+    [m/s^2] and "alpha" [rad/s^2], both in body axes, shape (..., 3). Raise an ArgumentError if S, v, omega, a or
+    alpha is missing.
 
     Returns:
         a [m/s^2] and alpha [rad/s^2]; shape (..., 3) each.
@@ -81,21 +83,26 @@ def _required_array(body1: BodyMotion, name: str) -> Float64Array:
 
 
 def to_body(S: Float64Array, vector: Float64Array) -> Float64Array:
-    """Return S^T times the vector, that is, a vector in world axes converted to body axes; shape (..., 3)."""
+    """Convert vectors in world axes to body axes by the transpose of the rotation matrices S, shape (..., 3, 3);
+    return an array of shape (..., 3).
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray((S * vector[..., None]).sum(axis=-2))
 
 
 def to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
-    """Return S times the vector, that is, a vector in body axes converted to world axes; shape (..., 3)."""
+    """Convert vectors in body axes to world axes by the rotation matrices S, shape (..., 3, 3); return an array of
+    shape (..., 3).
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray((S * vector[..., None, :]).sum(axis=-1))
 
 
 def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute the motion of the frame with index `frame` by Pinocchio's model at `coordinates`, a list of q, or q and
-    v, or q, v and a; return a dict of arrays (N, ...): R and S; with v also v and omega; with a also a and alpha.
-    Vectors are in world axes, accelerations classical; Pinocchio's `data` is overwritten.
+    """Compute the motion of the frame with index `frame` by Pinocchio's model at `coordinates`, a list of q, of q and
+    v, or of q, v and a. Return a dict of arrays (N, ...) with the keys R and S, also v and omega if v is given, and a
+    and alpha if a is given. Vectors are in world axes, and accelerations are classical. Pinocchio's `data` is
+    overwritten.
 
     Args:
         model: Pinocchio's model.

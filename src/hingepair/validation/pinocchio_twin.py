@@ -243,8 +243,8 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
 
 def _join_base_and_hinge(base_parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
     """Join the coordinates of the base, a dict of arrays, and the coordinate of the hinge along the last axis, and
-    return one array. psi, psid and psidd are keyword arguments; the last of them is the coordinate that is joined.
-    The leading axes of all arguments are broadcast. Raise an ArgumentError if they do not broadcast.
+    return one array. psi, psid and psidd are given by further keyword arguments; the last of these is the coordinate
+    that is joined. The leading axes of all arguments are broadcast. Raise an ArgumentError if they do not broadcast.
     """
     numbers = {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
     shape = broadcast_shape({name: part.shape[:-1] for name, part in (base_parts | numbers).items()})

@@ -81,9 +81,10 @@ class Comparison:
         shape: tuple[int, ...],
         bound: float = MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE,
     ) -> Comparison:
-        """Return the Comparison of the output named `output` from its errors, shape (N,), and the same errors in
-        units of u * scale (`ratio`), shape (N,). `shape` is the leading shape of the samples, `bound` the largest
-        ratio that passes; NaN is not compared.
+        """Return the Comparison of the output named `output` with the largest of its errors over the samples. `error`
+        holds the errors, shape (N,), and `ratio` the same errors divided by u * scale, the unit roundoff times the
+        scale of the output. `shape` is the leading shape of the samples, and `bound` the largest ratio that passes.
+        NaN is not compared.
         """
         compared = ~np.isnan(ratio)
         if not compared.any():
@@ -121,8 +122,9 @@ class RateComparison:
 
     @classmethod
     def worst_of(cls, rate: str, quantity: str, error: NDArray[np.float64], allowed: float) -> RateComparison:
-        """Return the RateComparison of the named rate from `error`, its differences from the slope of the named
-        quantity, shape (N,). `allowed` is the largest difference that passes. NaN is not compared.
+        """Return the RateComparison of the rate named `rate` with the largest of its errors over the samples. `error`
+        holds the differences of the rate from the slope of the quantity named `quantity`, shape (N,), and `allowed`
+        is the largest difference that passes. NaN is not compared.
         """
         compared = ~np.isnan(error)
         if not compared.any():

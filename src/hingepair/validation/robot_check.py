@@ -118,7 +118,7 @@ class _RobotSamples:
 
 def _samples_of_argument(value: Any, shape: tuple[int, ...], sample_rank: int) -> Float64Array:
     """Return a copy of `value`, an array or a tuple of components, as a float64 array (N, ...) with `sample_rank`
-    axes after N. It is broadcast to the leading shape `shape` of the N samples.
+    axes after the first. It is broadcast to the leading shape `shape` of the N samples.
     """
     array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
     sample_shape = array.shape[array.ndim - sample_rank :]
@@ -229,9 +229,9 @@ def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
 def _frame_outputs(
     pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]
 ) -> dict[str, Float64Array]:
-    """Compute the motion of frames, given by index, by Pinocchio's model `twin` at one state, a list of q and, as far
-    as given, v and a; return a dict of arrays (frames, ...) by output name. d is the position of a frame if the base
-    is at the origin. `pin` is the module pinocchio.
+    """Compute the motion of the frames with the indices `frames` by Pinocchio's model `twin` at one state, a list of
+    q and, as far as given, v and a. Return a dict of arrays (frames, ...) by output name; the output d is the
+    position of a frame if the base is at the origin. `pin` is the module pinocchio.
     """
     model, data, world = twin.model, twin.data, pin.LOCAL_WORLD_ALIGNED
     at_origin = state[0].copy()
@@ -257,9 +257,10 @@ def _frame_outputs(
 def _mass_outputs(
     pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array], velocity_matrix: Float64Array
 ) -> dict[str, Any]:
-    """Compute the Jacobians of frames, given by index, and the mass matrix, with v also energies and momenta, by
-    Pinocchio's model `twin` at one state; return a dict by output name. `velocity_matrix` converts the robot's
-    velocities to Pinocchio's v, and `pin` is the module pinocchio.
+    """Compute the mass matrix and the Jacobians of the frames with the indices `frames` by Pinocchio's model `twin`
+    at one state, a list of q and, as far as given, v and a. If v is given, compute energies and momenta, too; return
+    a dict by output name. `velocity_matrix` converts the robot's velocities to Pinocchio's v, and `pin` is the module
+    pinocchio.
     """
     model, data = twin.model, twin.data
     outputs: dict[str, Any] = {}
@@ -281,8 +282,8 @@ def _mass_outputs(
 
 
 def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array) -> float:
-    """Return the kinetic energy [J] of links and rotors at one state, Pinocchio's q and v. Pinocchio (the module
-    `pin`) computes the energy of the links from the model `twin`.
+    """Return the kinetic energy [J] of links and rotors at one state, given by Pinocchio's q and v. Pinocchio (the
+    module `pin`) computes the energy of the links from the model `twin`.
     """
     armature = twin.model.armature.copy()
     twin.model.armature = np.zeros_like(
@@ -331,7 +332,7 @@ def _forward_dynamics_residual(
 
 def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
     """Return a text that names the joint with the largest part in a motion that a singular mass matrix does not
-    resist; "" if the matrix is regular.
+    resist; return "" if the mass matrix `matrix` is regular.
     """
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     motion = (size == 0).astype(float)
@@ -353,9 +354,9 @@ def _output_scales(
     gravity: Float64Array,
     our_outputs: Mapping[str, Float64Array],
 ) -> dict[str, Float64Array]:
-    """Return a dict of the error scales of all outputs by name; their shapes broadcast against the outputs. `frames`
-    holds the compared Frames by name, `tips` names the frames with Jacobians, and `our_outputs` are the results of
-    hingepair.
+    """Return a dict of the error scales of all outputs by name; the shapes of the scales broadcast against the
+    outputs. `frames` is a dict of the compared Frames by name, `tips` names the frames with Jacobians, and
+    `our_outputs` are the results of hingepair.
     """
     states = _pinocchio_states(twin, samples)
     joints = [one[:, 7 if k == 0 else 6 :] for k, one in enumerate(states)]
@@ -397,8 +398,9 @@ def _output_scales(
 
 
 def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
-    """Return the scales of the errors of generalized forces, shape (N, columns), from the scales of forces, torques
-    and rotors. `columns` is the matrix from the robot's velocities to the velocities of base and joints.
+    """Return the error scales of the generalized forces of a robot, shape (N, columns), from the RobotScales `scales`
+    of forces, torques and rotors. `columns` is the matrix that converts the robot's velocities to the velocities of
+    base and joints.
     """
     force, torque = scales.forces()
     slides = np.array([joint.kind == "slider" for joint in robot.tree.joints], dtype=bool)
@@ -411,8 +413,8 @@ def _errors_by_part(
     computed: Float64Array, expected: Float64Array, scale: Float64Array, u: float, part_count: int
 ) -> tuple[Float64Array, Float64Array]:
     """Compare computed and expected arrays (N, ...). Return two arrays (N, parts): the error of the worst component
-    of each of `part_count` parts (frames or joints), and the largest error in units of u * scale. They are NaN if the
-    expected value or the scale is not finite.
+    of each of `part_count` parts (frames or joints), and the largest error of each part in units of u * scale, the
+    unit roundoff times `scale`. They are NaN if the expected value or the scale is not finite.
     """
     comparable = np.isfinite(expected) & np.isfinite(scale)
     smallest = float(np.finfo(np.float64 if u < 1e-12 else np.float32).tiny)

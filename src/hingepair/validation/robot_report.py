@@ -63,9 +63,10 @@ class RobotComparison:
     def worst_of(
         cls, output: str, error: Float64Array, ratio: Float64Array, shape: tuple[int, ...], parts: Sequence[str]
     ) -> RobotComparison:
-        """Return the RobotComparison of the output named `output` from its errors at all samples, shape (N, parts),
-        and the same errors in units of u * scale (`ratio`). `shape` is the leading shape of the samples, and `parts`
-        are the names of the links or joints. NaN is not compared.
+        """Return the RobotComparison of the output named `output` with the largest of its errors over all samples and
+        parts. `error` holds the errors, shape (N, parts), and `ratio` the same errors divided by u * scale, the unit
+        roundoff times the scale of the output. `shape` is the leading shape of the samples, and `parts` are the names
+        of the links or joints. NaN is not compared.
 
         Args:
             output: name of the output.

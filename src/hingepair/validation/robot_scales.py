@@ -32,7 +32,8 @@ _SIZE_KEY_BY_FRAME_MOTION_QUANTITY_NAME = {"R": "R", "v": "v", "omega": "W", "a"
 
 
 class RobotScales:
-    """Scales of the errors of a robot's outputs at N samples: the sizes of their terms before these cancel.
+    """Scales of the errors of a robot's outputs at N samples. A scale is the sum of the sizes of the terms of an
+    output before these cancel. Each method returns the scales of one group of outputs.
 
     Args:
         tree: the robot.
@@ -79,7 +80,7 @@ class RobotScales:
         }
 
     def jacobian(self, frame: Frame) -> Float64Array:
-        """Return the error scales of the Jacobian of a Frame object, shape (N, 6, 6 + joints); the first six columns
+        """Return the error scales of the Jacobian of a Frame object, shape (N, 6, 6 + joints). The first six columns
         belong to the base.
 
         Pinocchio first computes the motions of the joints at the origin of the world; therefore positions count.
@@ -173,8 +174,8 @@ class RobotScales:
         return self._tree.joints[body - 1].body if body else self._tree.base
 
     def _velocity_columns(self, body: int) -> list[tuple[int, bool]]:
-        """Return a list of pairs (index of the velocity's column, whether it is a translation) for the joint of a
-        body; the base has six.
+        """Return a list of tuples (index of the velocity's column, whether the velocity is a translation): one tuple
+        for the joint of a body, six tuples for the base.
         """
         if body == 0:
             return [(column, column < 3) for column in range(6)]
@@ -197,9 +198,10 @@ class RobotScales:
 def _sizes_behind_joint(
     sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, is_slider: bool
 ) -> dict[str, Any]:
-    """Return a dict of the sizes of the motion (R, W, A, v, a) of the body behind a joint, from `sizes`, the sizes
-    for the body before the joint. `length` is the length of the joint's offset; `rate` and `acceleration` are the
-    sizes of the joint's motion, linear if `is_slider`, else angular.
+    """Return a dict of the sizes of the motion of the body behind a joint: R, v, a, W (of the angular velocity) and A
+    (of the angular acceleration). `sizes` are those of the body before the joint, and `length` is the length of the
+    joint's offset. `rate` and `acceleration` are the sizes of the joint's motion, which is linear if `is_slider`,
+    else angular.
     """
     W, A, v, a = (sizes[letter] for letter in "WAva")
     turn, shift = (0.0, rate) if is_slider else (rate, 0.0)
@@ -213,8 +215,8 @@ def _sizes_behind_joint(
 
 
 def _add_sizes(sums: dict[str, Any], sizes: dict[str, Any], weight: Any) -> dict[str, Any]:
-    """Return a dict of the sums of sizes plus `weight` times the sizes of a further joint, by letter; the sum S grows
-    by the weight.
+    """Return a dict of the sums of sizes by letter, to which `weight` times the sizes of a further joint are added.
+    The sum with the key S, of the attitude, grows by the weight itself.
     """
     added = {letter: sums[letter] + weight * value for letter, value in sizes.items()}
     return {**added, "S": sums["S"] + weight}

@@ -112,8 +112,9 @@ def _force_scales(
     loads: Mapping[str, Float64Array],
     gravity: float,
 ) -> dict[str, Float64Array]:
-    """Return a dict of the error scale (N,) of each force, which is the size of its terms before they cancel, by the
-    load's name. `loads` are the acting forces by name, and `gravity` is the magnitude of the acceleration [m/s^2].
+    """Return a dict of the error scale (N,) of each force by the load's name; a scale is the size of the terms of the
+    force before they cancel. `loads` are the acting forces by name, and `gravity` is the magnitude of the
+    acceleration of gravity [m/s^2].
     """
     sizes: dict[str, Any] = {name: norm(getattr(body1, name)) for name in ("v", "a", "omega", "alpha")}
     W1, A1 = sizes["omega"], sizes["alpha"]
@@ -143,8 +144,8 @@ def compare_rates(
     t: Float64Array, body1: BodyMotion, hinge: tuple[Float64Array, ...], *, body1_moves: bool
 ) -> tuple[RateComparison, ...]:
     """Compare the rates of a motion, such as v1, with slopes of their quantities, such as R1, by finite differences;
-    return a tuple with a RateComparison for each rate. `hinge` is (psi, psi', psi''); the rates of the BodyMotion
-    `body1` are compared only if `body1_moves`.
+    return a tuple with a RateComparison for each rate. `hinge` is the tuple (psi, psi', psi''). The rates of the
+    BodyMotion `body1` are compared only if `body1_moves`.
 
     Instants are compared only if slopes of order 6 and of order 4 agree there. Instants near a kink are not compared,
     and no instants if they are too few for the motion. A rate that was not compared may be right or wrong.
@@ -187,8 +188,9 @@ def compare_rates(
 
 
 def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
-    """Return the largest difference of a rate from the slope of values, both of shape (N, k), at each instant t; an
-    array of shape (N,), NaN where the slope is uncertain: slopes of two orders of accuracy differ too much.
+    """Return the largest difference of a rate from the slope of `values` at each instant t, as an array of shape
+    (N,); `values` and `rate` have shape (N, k). The result is NaN at instants at which the slope is uncertain, since
+    slopes of two orders of accuracy differ too much there.
     """
     fine, coarse = (
         np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1)
