@@ -30,8 +30,8 @@ from hingepair.plans.plan import MotionKind, Plan
 
 class PromisedBound(NamedTuple):
     """Promised bound on the rounding error of one output, as a named tuple (proved, seen, scale). No error is larger
-    than `proved`, in units of u * scale; `seen` is the largest error that any search has met, in these units; `scale`
-    is the formula of the scale as text.
+    than `proved`, in units of u * scale, where u is the unit roundoff; `seen` is the largest error that any search
+    has met, in the same units; `scale` is the formula of the scale as text.
 
     Attributes:
         proved: no error is larger, in units of u * scale: the largest bound of `error_bounds`, maximised over all
@@ -173,9 +173,10 @@ def output_scales(
 def _scale_formulas(
     U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool
 ) -> Any:
-    """Return a dict of the scales by output name, computed from sizes; a scale that needs a size which is None is
-    None. U1, U2, R1, V1 and a1 are sizes of vectors; W1, A1, W and A are the sizes of body 1's angular velocity and
-    acceleration and of the hinge's. If `pinocchio`, the `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT` are added.
+    """Return a dict of the scales by output name, computed from sizes; a scale is None if a size that it needs is
+    None. U1, U2, R1, V1 and a1 are the sizes of vectors. W1 and A1 are the sizes of body 1's angular velocity and
+    acceleration, W and A the sizes of the hinge rate and the hinge acceleration. If `pinocchio`, the terms of
+    `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT` are added.
     """
     W2 = None if W1 is None or W is None else W1 + W
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
@@ -204,8 +205,8 @@ def error_ratios(
 ) -> tuple[Float64Array, Float64Array]:
     """Return (error, ratio) of an output at each sample, two arrays (...,). `error` is the largest absolute
     difference between the components of the arrays `computed` and `expected`, and `ratio` is error / (u * scale),
-    where u is the unit roundoff of `dtype`. Both are NaN where the expected value or the scale is not finite.
-    `output` is the name of the output.
+    where u is the unit roundoff of `dtype`. Both are NaN if the expected value or the scale is not finite. `output`
+    is the name of the output, which tells whether one sample is a vector or a matrix.
 
     If the computed value is not finite and the expected value is finite, the error is inf. If u * scale is below the
     smallest normal number, as for a body at rest, the ratio is error / (smallest normal number).
@@ -233,8 +234,8 @@ def error_ratios(
 
 
 def norm(vector: ArrayLike) -> Float64Array:
-    """Return the Euclidean norms of vectors over the last axis of an array, shape (...,), without overflow or
-    underflow on the way.
+    """Return the Euclidean norms of vectors on the last axis of an array, shape (...,). Intermediate results do not
+    overflow or underflow.
 
     >>> f"{norm((3e200, 4e200, 0.0)):.6g}"
     '5e+200'
@@ -263,7 +264,7 @@ def error_bounds(
     kind: MotionKind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
 ) -> Bounds:
     """Compute bounds on the rounding errors of the outputs of forward_kinematics for coordinates q, qd and qdd.
-    Return a dict of arrays of shape (...,) by output name. `kind` is the MotionKind, spatial or planar, `pair` are
+    Return a dict of arrays of shape (...,) by output name. `kind` is the MotionKind, spatial or planar, `pair` holds
     the Constants of the pair, and `sequence` is the Euler sequence (None for a planar pair). Raise ArgumentError for
     unusable arguments.
     """
@@ -287,8 +288,8 @@ def _plan_error_bounds(
     pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
 ) -> Bounds:
     """Return bounds on the rounding errors of the outputs of a plan, as a dict of arrays of shape (...,) by output
-    name. `pair` are the Constants of the pair, `values` the other inputs of the plan by name, and `shapes` the shapes
-    of their samples.
+    name. `pair` holds the Constants of the pair, `values` the other inputs of the plan by name, and `shapes` the
+    leading shapes of these inputs, the axes of the samples.
     """
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = bounded_class(dtype)
@@ -298,8 +299,8 @@ def _plan_error_bounds(
     }
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
-        """Run the plan on `numbers`, its inputs by name as components, with error bounds attached. Return a dict of
-        the largest error bound among the components of each output, by output name.
+        """Run the plan on `numbers`, a dict of its inputs as components, after error bounds have been attached to
+        them. Return a dict of the largest error bound among the components of each output, by output name.
         """
         bounded = {
             name: _bounded_inputs(group, source_names.get(name, ()), numbers, kind) for name, group in numbers.items()
@@ -330,10 +331,10 @@ def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
 
 
 def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]) -> Any:
-    """Return one input of a plan, a component or a tuple of components, with an error bound on each: as one instance
-    of the class `number_type` or a tuple of them. The bound covers the rounding to the precision of `number_type`. A
-    tuple that was computed from other inputs has a larger bound: `source_names` are their names, and `numbers` holds
-    them by name.
+    """Return one input of a plan, a component or a tuple of components, with an error bound on each component: as one
+    instance of the class `number_type` or a tuple of instances. The bound covers the rounding to the precision of
+    `number_type`. If `source_names` is not empty, the input was itself computed from the inputs of these names, which
+    `numbers` holds by name, and the bound also covers the error of that computation.
     """
     if not isinstance(quantity, tuple):
         return number_type.rounded(quantity)
@@ -348,8 +349,8 @@ def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named
 
 
 def _largest(quantity: Any) -> Any:
-    """Return the largest error bound, at every sample, of `quantity`, a number with a bound or a tuple of such
-    numbers. A plain number counts as exact: its bound is 0.
+    """Return the largest error bound, at every sample, of `quantity`, which is a number with a bound or a tuple of
+    such numbers. A plain number counts as exact: its bound is 0.
     """
     errors = [
         c.error if isinstance(c, Bounded) else 0.0 for c in (quantity if isinstance(quantity, tuple) else (quantity,))

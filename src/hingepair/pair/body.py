@@ -250,9 +250,9 @@ class Body(Frozen):
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (centre, inertia) of a tuple of shapes that have the same density: the centre of mass [m], shape (3,),
-    and the inertia about it divided by the mass [m^2], shape (3, 3). Without shapes, return zeros and the default
-    inertia.
+    """Return (centre, inertia) of a tuple of shapes that have the same density. `centre` is the centre of mass [m],
+    shape (3,), and `inertia` is the inertia about the centre of mass divided by the mass [m^2], shape (3, 3). Without
+    shapes, return zeros and the default inertia.
     """
     if not shapes:
         return read_only(np.zeros(3)), _DEFAULT_GYRATION_RADIUS_SQUARED * np.eye(3)
@@ -265,8 +265,8 @@ def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], 
 
 
 def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
-    """Return (volume, moments) of a Box, Cylinder or Sphere: its volume [m^3], and the (3, 3) mean of x x^T over its
-    interior [m^2], where x is the vector from its centre in body axes.
+    """Return (volume, moments) of a Box, Cylinder or Sphere: the volume [m^3], and the mean of x x^T over the
+    interior [m^2], shape (3, 3), where x is the vector from the centre of the shape in body axes.
     """
     if isinstance(shape, Box):
         return float(shape.size.prod()), (shape.axes * shape.size**2) @ shape.axes.T / 12
@@ -288,8 +288,8 @@ def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return an inertia matrix (3, 3) as a read-only array that is exactly symmetric. Raise ArgumentError if no rigid
-    body can have this inertia. Issue a DynamicsWarning if the largest principal moment exceeds the sum of the other
-    two by little, as rounding explains.
+    body can have this inertia. If the largest principal moment only slightly exceeds the sum of the other two, as
+    rounding of the given numbers can explain, issue a DynamicsWarning instead.
 
     Raises:
         ArgumentError: no rigid body can have it.
@@ -335,7 +335,9 @@ def _set_frozen_attributes(instance: object, **attributes: Any) -> None:
 
 
 def _constructor_text(instance: object, *names: str) -> str:
-    """Return the call that makes an object, such as Sphere(radius=1.0), as a text with the attributes `names`."""
+    """Return the call that makes an object, such as "Sphere(radius=1.0)", as a text. Its arguments are the attributes
+    of the object whose names follow `instance`.
+    """
     values = ((name, getattr(instance, name)) for name in names)
     arguments = (f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}" for name, value in values)
     return f"{type(instance).__name__}({', '.join(arguments)})"

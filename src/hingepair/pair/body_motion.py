@@ -197,8 +197,8 @@ class BodyMotion(Frozen):
 
 
 def motion_of_rotations(**arrays: Any) -> BodyMotion:
-    """Return a BodyMotion made of the keyword arguments R, S, v, omega, a and alpha, all optional except R. It is not
-    checked that S holds rotation matrices. Raise ShapeError or DtypeError for an unusable array.
+    """Return a BodyMotion made of the keyword arguments R, S, v, omega, a and alpha, all optional except R. Whether S
+    holds rotation matrices is not checked. Raise ShapeError or DtypeError for an unusable array.
 
     The keyword arguments are those of `BodyMotion`.
 
@@ -211,9 +211,9 @@ def motion_of_rotations(**arrays: Any) -> BodyMotion:
 
 
 def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
-    """Set the attributes R, S, v, omega, a and alpha of the BodyMotion `body` in place to read-only views of the
-    `arrays` by name, or None, and its `shape` to their common leading shape. Raise ShapeError or DtypeError for an
-    unusable array.
+    """Set the attributes R, S, v, omega, a and alpha of the BodyMotion `body` in place: to read-only views of
+    `arrays`, a dict by attribute name, or to None if there is no such array. Set the attribute `shape` to the common
+    leading shape of the arrays. Raise ShapeError or DtypeError for an unusable array.
     """
     shapes = {}
     for name, tail in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE.items():
@@ -226,9 +226,10 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
 
 
 def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
-    """Return a value as an array of a motion: a read-only view for NumPy, lists and tables; an array of another
-    library, or a Dask array, as it is. Raise ShapeError, which names the argument `name`, if its last axes do not
-    have the shape that the further arguments give, such as 3, 3; raise DtypeError unless it holds real numbers.
+    """Return a value as an array of a motion: a read-only view of a NumPy array, a list or a table; an array of
+    another library, or a Dask array, is returned as it is. Raise ShapeError, which names the argument `name`, if the
+    last axes do not have the shape that the further arguments give, such as 3, 3. Raise DtypeError unless the array
+    holds real numbers.
     """
     if not is_foreign(value) and not holds_dask(value):
         try:
@@ -242,9 +243,10 @@ def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
-    """Return a dict of arrays of the BodyMotion `body` as NumPy arrays. The further arguments are the letters of the
-    arrays, such as "S"; `name` is "body1" or "body2", and its digit is appended to the letter, so that a key is S1.
-    Raise ArgumentError if the body is not a BodyMotion, or an array is missing or is a Dask array.
+    """Return a dict of the requested arrays of the BodyMotion `body` as NumPy arrays. The further arguments are the
+    letters of these arrays, such as "S". `name` is "body1" or "body2", and a key is the letter with the digit of
+    `name`, such as S1. Raise ArgumentError if `body` is not a BodyMotion, or if an array is missing or is a Dask
+    array.
 
     Raises:
         ArgumentError: the body is not a BodyMotion, an array is missing or is a Dask array; the error names it.

@@ -21,9 +21,9 @@ _IDENTITY_ROTATION_MATRIX = read_only(np.eye(3))  # the default of home
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constants:
-    """Constants of a pair in the form that its calls take: u1, u2, n, home unless it is the identity, and the levers
-    computed from them. Each is stored by component and as an array. The object also caches what was prepared for the
-    pair.
+    """Constants of a pair in the form in which calls take them: u1, u2, n, the rotation `home` unless it is the
+    identity, and the levers computed from them. `values` holds them as tuples of components, `arrays` as arrays, both
+    by name; `prepared` is a cache of compiled calls and of extended Constants for this pair.
 
     Attributes:
         values: tuples of components by name; the components are floats for a single pair.
@@ -46,9 +46,10 @@ class Constants:
 
 
 def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
-    """Return the Constants of a pair. u1 and u2 are the vectors to the hinge point in the axes of body 1 and of body
-    2, n is the hinge axis, and home the rotation matrix of body 2 at psi = 0 or None. Raise ArgumentError for an
-    unusable argument, AxisError for a zero axis, RotationError if home is not a rotation.
+    """Return the Constants of a pair. u1 and u2 are the vectors from the reference points to the hinge point, in the
+    axes of body 1 and of body 2, and n is the hinge axis. `home` is the rotation matrix from body-2 to body-1 axes at
+    psi = 0, or None for the identity. Raise ArgumentError for an unusable argument, AxisError if n is zero or not
+    finite, and RotationError if `home` is not a rotation.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -75,8 +76,9 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
     """Return a dict of tuples of components: the axis n at unit length, and the vectors lever_fixed, lever_cos and
-    lever_sin in body-1 axes [m], for which d = S1 (lever_fixed - cos psi lever_cos - sin psi lever_sin). `values`
-    holds u1, u2 and, if it is not the identity, home by name as components; `axis` is the hinge axis of any length.
+    lever_sin in body-1 axes [m], for which R2 - R1 = S1 (lever_fixed - cos psi lever_cos - sin psi lever_sin).
+    `values` holds the components of u1, u2 and, if it is not the identity, `home` by name; `axis` holds the
+    components of the hinge axis, of any length.
 
     Each component is rounded once. The levers are computed from the axis as it was given, because the axis at unit
     length is rounded.
@@ -107,7 +109,9 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
 
 
 def _stack_components(components: Components) -> NDArray[np.float64]:
-    """Return components, which broadcast, as one array with the components on the last axis."""
+    """Return components, which are numbers or arrays that broadcast, as one array with the components on the last
+    axis.
+    """
     if all(type(c) is float for c in components):
         return np.array(components)
     return np.stack(np.broadcast_arrays(*components), axis=-1)
@@ -118,8 +122,9 @@ ADDED_HINGE_FRAME_VECTOR_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n
 
 
 def with_hinge_frames(pair: Constants) -> Constants:
-    """Return the Constants of a pair, extended by orthogonal unit vectors e1, e2 and n of its hinge in the axes of
-    body 1 and of body 2. The argument is unchanged except that the result is cached in `pair.prepared`.
+    """Return the Constants of a pair, extended by orthogonal unit vectors along and across its hinge axis: e1, e2 in
+    body-1 axes, and e1_in_2, e2_in_2 and n_in_2 in body-2 axes. The result is cached in `pair.prepared`; otherwise,
+    the argument is unchanged.
 
     e1 is the axis of body 1 with the largest angle to n, made perpendicular to n; e2 = n x e1. The vectors of body 2
     are C^-1 times the vectors of body 1. With C^T instead, a home that is a rotation to only nine digits would appear
@@ -135,8 +140,8 @@ def with_hinge_frames(pair: Constants) -> Constants:
 
 def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
     """Return a dict of orthogonal unit vectors as tuples of components: e1, e2 and n in the axes of body 1, and
-    e1_in_2, e2_in_2 and n_in_2 in the axes of body 2. `n` is the unit hinge axis (..., 3), `home` the attitude of
-    body 2 at psi = 0 as an array (..., 9), or None for the identity.
+    e1_in_2, e2_in_2 and n_in_2 in the axes of body 2. `n` is the unit hinge axis (..., 3). `home` is the rotation
+    matrix from body-2 to body-1 axes at psi = 0 as an array (..., 9), or None for the identity.
     """
     first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
     first = first - n * (n * first).sum(axis=-1, keepdims=True)
@@ -161,8 +166,8 @@ def check_pair(pair: object) -> None:
 
 
 def check_single_pair(pair: Any, where: str = "") -> None:
-    """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, its geometry has leading axes.
-    The text `where` follows "one pair" in the message.
+    """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, if its geometry has leading
+    axes. The text `where` follows the words "one pair" in the message.
 
     Args:
         pair: a HingePair or a PlanarPair.

@@ -20,15 +20,16 @@ from hingepair.rotations.sequences import find_sequence
 
 def jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), an array of shape (..., 6, 7) (E8, E2).
-    `pair` are the Constants of the pair; of the BodyMotion `body1`, S is used.
+    `pair` holds the Constants of the pair; of the BodyMotion `body1`, only S is used. Raise ArgumentError if S is
+    missing.
     """
     return _outputs_from_body1(pair, ("jacobian",), body1, "S", psi=psi)["jacobian"]
 
 
 def acceleration_bias(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
-    """Compute the bias in (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias, the part of body 2's acceleration that is
-    caused by velocities, shape (..., 6) (E9). `pair` are the Constants of the pair, `body1` is a BodyMotion with S
-    and omega.
+    """Compute the bias in (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias, the part of body 2's acceleration that
+    velocities cause, an array of shape (..., 6) (E9). `pair` holds the Constants of the pair; of the BodyMotion
+    `body1`, only S and omega are used. Raise ArgumentError if one of them is missing.
     """
     name = "acceleration_bias"
     return _outputs_from_body1(pair, (name,), body1, "S", "omega", psi=psi, psid=psid)[name]
@@ -38,8 +39,8 @@ def _outputs_from_body1(
     pair: Constants, names: tuple[str, ...], body1: BodyMotion, *letters: str, **hinge: ArrayLike
 ) -> dict[str, FloatArray]:
     """Compute the outputs `names` of a pair and return them as a dict of arrays by name. The arguments after `body1`
-    are the letters of the arrays of body 1 to use, such as "S"; psi and, if needed, psid are keyword arguments. Raise
-    ArgumentError if one of these arrays is missing.
+    are the letters of the arrays of this BodyMotion to use, such as "S"; psi and, if needed, psid are keyword
+    arguments. Raise ArgumentError if one of these arrays is missing.
     """
     values = {
         **motion_arrays("body1", body1, *letters),
@@ -50,16 +51,17 @@ def _outputs_from_body1(
 
 
 def coordinate_jacobian(pair: Constants, q: CoordinateInput, sequence: str) -> FloatArray:
-    """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, where qd are the time derivatives of the seven coordinates
-    q; shape (..., 6, 7) (E8, E2, E4). `pair` are the Constants of the pair, `sequence` is the Euler sequence.
+    """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, an array of shape (..., 6, 7), where qd are the time
+    derivatives of the seven coordinates q (E8, E2, E4). `pair` holds the Constants of the pair, `sequence` is the
+    Euler sequence.
     """
     return _output_from_coordinates(pair, "coordinate_jacobian", q, None, sequence)
 
 
 def coordinate_jacobian_rate(pair: Constants, q: CoordinateInput, qd: CoordinateInput, sequence: str) -> FloatArray:
-    """Compute the time derivative of the result of coordinate_jacobian, Jq' in (a2, alpha2) = Jq @ qdd + Jq' @ qd
-    (E9), shape (..., 6, 7). `pair` are the Constants of the pair, `sequence` is the Euler sequence. Raise
-    ArgumentError if qd is None.
+    """Compute the time derivative Jq' of the Jacobian Jq that coordinate_jacobian returns, an array of shape (..., 6,
+    7), for which (a2, alpha2) = Jq @ qdd + Jq' @ qd (E9). `pair` holds the Constants of the pair, `sequence` is the
+    Euler sequence. Raise ArgumentError if qd is None.
     """
     if qd is None:
         raise ArgumentError("qd", "the coordinates' rates", None)
@@ -67,24 +69,27 @@ def coordinate_jacobian_rate(pair: Constants, q: CoordinateInput, qd: Coordinate
 
 
 def _output_from_coordinates(pair: Constants, name: str, q: Any, qd: Any, sequence: str) -> FloatArray:
-    """Compute the output `name` of a pair from q and qd (None if not given), and return it as an array."""
+    """Compute the output `name` of a pair from q and, if it is not None, qd, and return it as an array. Raise
+    ArgumentError for an unknown Euler sequence or unusable coordinates.
+    """
     find_sequence(sequence)
     coordinates = read_pair_coordinates(SPATIAL_MOTION_KIND, q, qd, None)
     return compute_arrays(pair, (name,), coordinates.parts, coordinates.shapes, sequence=sequence)[name]
 
 
 def constraint_jacobian(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
-    """Compute the Jacobian G of the five hinge constraints in (gap', tilt') = G @ (v1, omega1, v2, omega2), shape
-    (..., 5, 12) (E1, E2). `pair` are the Constants of the pair; `body1` and `body2` are BodyMotions, of which S is
-    used.
+    """Compute the Jacobian G of the five hinge constraints in (gap', tilt') = G @ (v1, omega1, v2, omega2), an array
+    of shape (..., 5, 12) (E1, E2). `pair` holds the Constants of the pair; of the BodyMotions `body1` and `body2`,
+    only S is used. Raise ArgumentError if S is missing.
     """
     return _outputs_from_both_bodies(pair, "constraint_jacobian", body1, body2, "S")
 
 
 def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
     """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, the part of the constraints' second
-    time derivatives that is caused by velocities, shape (..., 5) (E1, E2). `pair` are the Constants of the pair;
-    `body1` and `body2` are BodyMotions, of which S and omega are used.
+    time derivatives that velocities cause, an array of shape (..., 5) (E1, E2). `pair` holds the Constants of the
+    pair; of the BodyMotions `body1` and `body2`, only S and omega are used. Raise ArgumentError if one of these
+    arrays is missing.
     """
     return _outputs_from_both_bodies(pair, "constraint_bias", body1, body2, "S", "omega")
 
@@ -92,9 +97,9 @@ def constraint_bias(pair: Constants, body1: BodyMotion, body2: BodyMotion) -> Fl
 def _outputs_from_both_bodies(
     pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, *letters: str
 ) -> FloatArray:
-    """Compute one output `name` of a pair from the motions of both bodies and return it as an array. The further
-    arguments are the letters of the arrays of both bodies to use, such as "S". Raise ArgumentError if one of these
-    arrays is missing.
+    """Compute one output `name` of a pair from two BodyMotions and return it as an array. The further arguments are
+    the letters of the arrays of both bodies to use, such as "S". Raise ArgumentError if one of these arrays is
+    missing.
     """
     values = {**motion_arrays("body1", body1, *letters), **motion_arrays("body2", body2, *letters)}
     shapes = {"body1": body1.shape, "body2": body2.shape}
@@ -140,8 +145,9 @@ class Sensitivities(Frozen):
 
 def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
     """Compute the derivatives of R2 and of body 2's attitude (rows) with respect to u1, u2, n and home (columns), an
-    array of shape (..., 6, 12) (E5, E7). Changes of the attitude are rotation vectors in world axes, changes of home
-    are rotation vectors in body 1's axes. `pair` are the Constants of the pair; of the BodyMotion `body1`, S is used.
+    array of shape (..., 6, 12) (E5, E7). Changes of the attitude are rotation vectors in world axes; changes of home
+    are rotation vectors in body 1's axes. `pair` holds the Constants of the pair; of the BodyMotion `body1`, only S
+    is used. Raise ArgumentError if S is missing.
     """
     arrays = _outputs_from_body1(pair, ("S2", "d_by_u1", "d_by_u2", "d_by_n", "S2_by_n"), body1, "S", psi=psi)
     S2 = arrays["S2"]
@@ -167,8 +173,8 @@ VELOCITY_SENSITIVITY_NAMES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "o
 
 def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
     """Compute the Sensitivities, a record of the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and
-    psi (E2, E5-E8). Without psid, the derivatives of v2 and omega2 are None. `pair` are the Constants of the pair,
-    `body1` is a BodyMotion with S, and with omega if psid is given.
+    psi (E2, E5-E8). Without psid, the derivatives of v2 and omega2 are None. `pair` holds the Constants of the pair;
+    of the BodyMotion `body1`, only S is used, and omega if psid is given.
     """
     if psid is None:
         outputs = _outputs_from_body1(pair, POSE_SENSITIVITY_NAMES, body1, "S", psi=psi)

@@ -46,8 +46,8 @@ MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO = 64 * 2.0**-53
 
 
 def _one_line_repr(self: Any) -> str:
-    """Return the `repr` of a named tuple of arrays as text in one line: each field by name with its numbers, or with
-    its shape if it has more than nine.
+    """Return the `repr` of a named tuple of arrays as a text in one line. It shows the numbers of each field, or only
+    the shape if the field has more than nine numbers.
     """
     shapes = {n: getattr(v, "shape", ()) for n, v in self._asdict().items()}
     parts = (
@@ -149,10 +149,10 @@ class Momentum(NamedTuple):
 
 
 def mass_constants(bodies: Mapping[str, Body | None], hint_without_body1: str = "") -> dict[str, Any]:
-    """Return the masses, centres of mass and inertias of `bodies`, a dict of Bodies by the names "body1" and "body2".
-    The result is a dict of floats and tuples of floats with the keys m1, c1, I1, m2, c2 and I2. Issue a
-    DynamicsWarning for each assumed value. Raise ArgumentError for a body that is None; if it is body1, the message
-    ends with `hint_without_body1`.
+    """Return the masses, centres of mass and inertias of `bodies`, a dict of Bodies with the keys "body1" and
+    "body2". The result is a dict of floats and tuples of floats with the keys m1, c1, I1, m2, c2 and I2. Issue a
+    DynamicsWarning for each assumed value. Raise ArgumentError for a body that is None; if the body is body1, the
+    message ends with `hint_without_body1`.
 
     The hint says what to call instead.
 
@@ -181,9 +181,10 @@ def _extended_constants(constants: Constants, extra_values: Mapping[str, Any]) -
 def with_loads_and_masses(
     constants: Constants, bodies: Bodies, gravity: ArrayLike, needed_names: Iterable[str]
 ) -> Constants:
-    """Return new Constants of a pair, extended by gravity, by loads of zero, and by the mass properties of each body
-    of which `needed_names` contains one (m1, c1, I1, ...). `bodies` is (body1, body2), each a Body or None. Issue a
-    DynamicsWarning for each assumed value; raise ArgumentError if a needed body is None or gravity is unusable.
+    """Return new Constants of a pair, extended by gravity, by loads of zero, and by the mass properties of the bodies
+    that are needed: body 1 if `needed_names` contains m1, c1 or I1, body 2 if it contains m2, c2 or I2. `bodies` is
+    (body1, body2), each a Body or None. Issue a DynamicsWarning for each assumed value. Raise ArgumentError if a
+    needed body is None or gravity is unusable.
 
     Raises:
         ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
@@ -205,9 +206,10 @@ def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DynamicsComputationSpec:
-    """Specification of a computation of dynamics, an argument of `compute_dynamics`. `outputs` are the names of its
-    outputs, `letters` name the arrays of body 1's motion that it needs, `bodies` are the names of the bodies whose
-    masses it needs, and `hint_without_body1` is a hint for the error message if body 1 has no mass.
+    """Specification of a computation of dynamics, an argument of `compute_dynamics`. `outputs` are the names of the
+    outputs, `letters` the names of the arrays of body 1's motion that the computation needs, and `bodies` the names
+    of the bodies whose masses it needs. `hint_without_body1` is a hint that ends the error message if body 1 has no
+    mass.
     """
 
     outputs: tuple[str, ...]
@@ -246,7 +248,8 @@ def compute_dynamics(
     """Compute the outputs that a DynamicsComputationSpec names, at all samples, and return a tuple of writable arrays
     in the order of `spec.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi,
     psid, psidd and loads are keyword arguments. The compiled call is cached in `constants.prepared` unless a mass is
-    assumed. Raise ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for assumed ones.
+    assumed. Raise ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for each assumed
+    value.
 
     Raises:
         ArgumentError: an argument cannot be used; names it.
@@ -288,8 +291,8 @@ def compute_dynamics(
 
 
 def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bodies) -> Constants:
-    """Return the Constants of a pair, extended by the mass properties of `bodies`, (body1, body2). A body 1 whose
-    mass the computation `spec` does not need may be None and then has the mass 0. The result is cached in
+    """Return the Constants of a pair, extended by the mass properties of `bodies`, which is (body1, body2). If body 1
+    is None and the computation `spec` does not need its mass, it gets the mass 0. The result is cached in
     `constants.prepared`. Raise ArgumentError if a needed body is None; issue a DynamicsWarning for assumed values.
 
     Raises:
@@ -303,9 +306,9 @@ def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bod
 
 
 def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Accelerations:
-    """Return the Accelerations (a1, alpha1, psidd) from `outputs`, the arrays a1, alpha1, psidd and the pivot ratios
-    of the mass matrix (D6). Raise ArgumentError, which shows body 2 of `bodies`, if a pivot ratio shows that the mass
-    matrix is singular.
+    """Return the Accelerations (a1, alpha1, psidd) from `outputs`: the arrays a1, alpha1 and psidd, and the pivot
+    ratios of the mass matrix (D6). Raise ArgumentError, whose message shows body 2 of `bodies`, if a pivot ratio
+    shows that the mass matrix is singular.
 
     Raises:
         ArgumentError: the mass matrix is singular.
@@ -321,8 +324,8 @@ def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Acceler
 
 def check_nonsingular_mass_matrix(constants: Constants, bodies: Bodies) -> None:
     """Raise ArgumentError if the mass matrix of a pair is singular at psi = 0, so that forces do not determine the
-    accelerations. `constants` are the Constants of the pair; `bodies` is (body1, body2), each a Body or None. Issue a
-    DynamicsWarning for assumed masses.
+    accelerations. `constants` holds the Constants of the pair; `bodies` is (body1, body2), each a Body or None. Issue
+    a DynamicsWarning for assumed masses.
 
     Raises:
         ArgumentError: as for `make_accelerations`.
@@ -343,7 +346,7 @@ def check_nonsingular_mass_matrix(constants: Constants, bodies: Bodies) -> None:
 
 
 def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return a force or a torque as an array of shape (..., 3); the number 0 becomes zeros. Raise ShapeError, which
-    names the argument `name`, for another shape.
+    """Return a force or a torque as an array of shape (..., 3); for the number 0, return zeros of shape (3,). Raise
+    ShapeError, which names the argument `name`, for another shape.
     """
     return _ZERO_LOAD_ARRAY if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)

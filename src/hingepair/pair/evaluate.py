@@ -35,7 +35,7 @@ BODY1_QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that 
 
 def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
     """Return the Call that runs a plan for the Constants `pair` and for inputs of the given names, with the backend
-    "auto", "compiled" or "numpy". It is made at the first request and cached in `pair.prepared`.
+    "auto", "compiled" or "numpy". The Call is made at the first request and cached in `pair.prepared`.
     """
     key = plan, input_names, backend
     call: Call | None = pair.prepared.get(key)
@@ -60,7 +60,9 @@ def _constant_input_names(loop: Any, input_names: tuple[str, ...]) -> list[str]:
 
 
 def _check_attitudes(values: Mapping[str, Any]) -> None:
-    """Raise RotationError if S1 or S2 in `values`, the inputs by name, is not a rotation, or a quaternion is zero."""
+    """Raise RotationError if `values`, a dict of inputs by name, holds an S1 or S2 that is not a rotation, or a
+    quaternion that is zero.
+    """
     for name, value in values.items():
         if name in BODY1_QUATERNION_INPUT_NAMES and (np.asarray(value) == 0).all(axis=-1).any():
             raise RotationError(name, "non-zero quaternions", "a zero quaternion")
@@ -77,10 +79,10 @@ def compute_state(
     execution: Execution = DEFAULT_BACKEND_AND_WORKERS,
     dtype: np.dtype[Any] | None = None,
 ) -> Any:
-    """Compute the outputs of a plan at all samples; return them as a PairState or PlanarState. `pair` are the
-    Constants of the pair, `values` the other inputs by name, `shapes` the shapes of their samples. Arrays in the dict
-    `out` are written into. `execution` says backend and number of threads; the compiled call is cached in
-    `pair.prepared`. If `dtype` is None, the results have the dtype of the values.
+    """Compute the outputs of a plan at all samples; return them as a PairState or PlanarState. `pair` holds the
+    Constants of the pair, `values` the other inputs by name, and `shapes` the leading shapes of these inputs. Results
+    are written into the arrays of the dict `out`, if given. `execution` says the backend and the number of threads;
+    the compiled call is cached in `pair.prepared`. If `dtype` is None, the results have the dtype of the values.
     """
     return cached_call(pair, plan, tuple(values), execution.backend).run(
         values, shapes, out, execution.workers, dtype
@@ -96,8 +98,8 @@ def compute_arrays(
     sequence: str | None = None,
 ) -> dict[str, NDArray[Any]]:
     """Compute the outputs of a spatial pair that `outputs` names; return them as a dict of new, writable arrays by
-    output name. `pair` are the Constants of the pair, `values` the other inputs by name, `shapes` the shapes of their
-    samples, `sequence` is the Euler sequence if there are Euler angles. The compiled call is cached in
+    output name. `pair` holds the Constants of the pair, `values` the other inputs by name, and `shapes` the leading
+    shapes of these inputs; `sequence` is the Euler sequence if there are Euler angles. The compiled call is cached in
     `pair.prepared`.
     """
     plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given_names=tuple(values))
@@ -105,8 +107,9 @@ def compute_arrays(
 
 
 def count_operations(plan: Plan, pair: Constants, values: Mapping[str, Any]) -> OperationCounts:
-    """Return the OperationCounts of a plan for a pair: the numbers of arithmetic operations in full, and of the
-    operations that are left if the Constants `pair` and the inputs in `values` that are numbers count as known.
+    """Return the OperationCounts of a plan for a single pair: the number of all arithmetic operations, and the number
+    of operations that are left if the Constants `pair` and those inputs in the dict `values` that are numbers count
+    as known.
 
     Args:
         plan: plan of the computation.

@@ -44,8 +44,9 @@ _ARGUMENT_NAME_BY_BODY1_INPUT = {name: f"body1.{letter}" for name, letter in _MO
 
 
 class PairCoordinates(NamedTuple):
-    """Coordinates of a pair and their derivatives, as read from the arguments q, qd and qdd. A named tuple of `parts`
-    and `shapes`, dicts by argument name, and of the array `library`, or None for NumPy.
+    """Coordinates of a pair and their derivatives, as read from the arguments q, qd and qdd, as a named tuple.
+    `parts` and `shapes` are dicts with the keys "q", "qd" and "qdd", as far as given: `parts` holds arrays or tuples
+    of components, `shapes` the leading shapes. `library` is the array library, or None for NumPy.
 
     Attributes:
         parts: q, qd and qdd by name, as far as given: tuples of components, or arrays with the components last.
@@ -60,8 +61,8 @@ class PairCoordinates(NamedTuple):
 
 def read_pair_coordinates(kind: MotionKind, q: Any, qd: Any, qdd: Any, keep_foreign: bool = False) -> PairCoordinates:
     """Return the arguments q, qd and qdd (None if not given) as PairCoordinates; `kind` is the MotionKind of the
-    pair, spatial or planar. Raise ArgumentError, ShapeError or DtypeError for unusable ones. Arrays of other
-    libraries stay as they are if `keep_foreign`, and otherwise become NumPy arrays.
+    pair, spatial or planar. Raise ArgumentError, ShapeError or DtypeError for unusable arguments. Arrays of other
+    libraries than NumPy stay as they are if `keep_foreign`, and otherwise become NumPy arrays.
     """
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
@@ -87,7 +88,9 @@ def read_pair_coordinates(kind: MotionKind, q: Any, qd: Any, qdd: Any, keep_fore
 
 
 def _leading_shape(name: str, components: Components | NDArray[Any]) -> tuple[int, ...]:
-    """Return the shape of the samples of an array with components last, or of a tuple of components."""
+    """Return the leading shape of an array with components on the last axis, or the common shape of a tuple of
+    components. Raise ShapeError, which names the argument `name`, if the components do not broadcast.
+    """
     if isinstance(components, np.ndarray):
         return components.shape[:-1]
     return broadcast_shape({f"{name}[{i}]": np.shape(c) for i, c in enumerate(components)})
@@ -126,7 +129,8 @@ def _read_coordinates(name: str, value: Any, coordinate_names: tuple[str, ...]) 
 
 def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Return the columns of a data frame `table` that hold q, qd or qdd (`name` says which), as a dict of arrays by
-    column name, in the order of `coordinate_names`. Raise ArgumentError if one is missing or a column is unknown.
+    column name, in the order of `coordinate_names`. Raise ArgumentError if a needed column is missing or a column has
+    an unknown name.
     """
     column_names_by_level, endings = (
         COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[coordinate_names],
@@ -142,21 +146,23 @@ def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]
 
 def spatial_columns(name: str, table: Any) -> tuple[str, ...]:
     """Return the names of the columns of a data frame `table` that hold q, qd or qdd of a HingePair (`name` says
-    which), as a tuple in the order of the coordinates. Raise ArgumentError if one is missing or a column is unknown.
+    which), as a tuple in the order of the coordinates. Raise ArgumentError if a needed column is missing or a column
+    has an unknown name.
     """
     return tuple(_coordinate_columns(name, table, SPATIAL_MOTION_KIND.coordinates))
 
 
 def planar_columns(name: str, table: Any) -> tuple[str, ...]:
     """Return the names of the columns of a data frame `table` that hold q, qd or qdd of a PlanarPair (`name` says
-    which), as a tuple in the order of the coordinates. Raise ArgumentError if one is missing or a column is unknown.
+    which), as a tuple in the order of the coordinates. Raise ArgumentError if a needed column is missing or a column
+    has an unknown name.
     """
     return tuple(_coordinate_columns(name, table, PLANAR_MOTION_KIND.coordinates))
 
 
 def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
-    """Return exactly `count` numbers, given as an array, list or tuple, as a float64 array. Return None for any other
-    value, and for numbers that are not computed in float64.
+    """Return exactly `count` numbers, given as a NumPy array, list or tuple, as a float64 array of shape (count,).
+    Return None for any other value, and for numbers of a dtype that is not computed in float64.
     """
     if type(value) is np.ndarray:
         is_supported = value.shape == (count,) and value.dtype.char in _DTYPE_CHARACTERS_COMPUTED_IN_FLOAT64
@@ -173,8 +179,9 @@ def float_row(value: Any, count: int) -> NDArray[np.float64] | None:
 
 
 def read_component(name: str, value: Any) -> Any:
-    """Return the value of one coordinate, the argument `name`, as an array of real numbers, or a Python number as a
-    float, which takes the dtype of the arrays that it is combined with. Raise DtypeError for other values.
+    """Return the value of one coordinate, the argument `name`: a Python number as a float, and any other value as an
+    array of real numbers. A float takes the dtype of the arrays that it is combined with. Raise DtypeError if the
+    value does not hold real numbers.
     """
     if type(value) is float or (type(value) is int and value.bit_length() < 1024):
         return float(value)
@@ -192,10 +199,10 @@ def from_coordinates(
     sequence: str | None,
     execution: Execution,
 ) -> Any:
-    """Compute the PairState or PlanarState of a pair from its coordinates and the derivatives that are not None
-    (E1-E11). `kind` is the MotionKind of the pair, spatial or planar, `pair` are its Constants, `execution` says
-    backend and number of threads. Arrays in the dict `out` are written into. The compiled call is cached in
-    `pair.prepared`. Raise ArgumentError for unusable arguments.
+    """Compute the PairState or PlanarState of a pair from the coordinates q and those of the derivatives qd and qdd
+    that are not None (E1-E11). `kind` is the MotionKind of the pair, spatial or planar, `pair` holds its Constants,
+    and `execution` says the backend and the number of threads. Results are written into the arrays of the dict `out`,
+    if given. The compiled call is cached in `pair.prepared`. Raise ArgumentError for unusable arguments.
     """
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     if type(outputs) is list:
@@ -236,9 +243,9 @@ def plan_from_coordinates(
     keep_foreign: bool = False,
 ) -> tuple[Plan, PairCoordinates]:
     """Return (plan, coordinates): the Plan that computes the requested outputs from the coordinates, and the
-    arguments q, qd and qdd as PairCoordinates. `kind` is the MotionKind of the pair, spatial or planar, `pair` are
-    its Constants. Arrays of other libraries than NumPy are kept if `keep_foreign`. Raise ArgumentError for unusable
-    arguments.
+    arguments q, qd and qdd as PairCoordinates. `kind` is the MotionKind of the pair, spatial or planar, and `pair`
+    holds its Constants. Arrays of other libraries than NumPy are kept if `keep_foreign`. Raise ArgumentError for
+    unusable arguments.
     """
     if kind is SPATIAL_MOTION_KIND and (type(sequence) is not str or sequence != "XYZ"):
         find_sequence(sequence)
@@ -258,8 +265,9 @@ def from_body1(
     execution: Execution,
 ) -> Any:
     """Compute the PairState of a pair from the BodyMotion of body 1 and the hinge angle with its derivatives (E1, E2,
-    E5-E9). `pair` are the Constants of the pair, `execution` says backend and number of threads. Arrays in the dict
-    `out` are written into. The call is cached in `pair.prepared`. Raise ArgumentError for unusable arguments.
+    E5-E9). `pair` holds the Constants of the pair, and `execution` says the backend and the number of threads.
+    Results are written into the arrays of the dict `out`, if given. The compiled call is cached in `pair.prepared`.
+    Raise ArgumentError for unusable arguments.
     """
     plan, values, shapes = plan_from_body1(pair, body1, psi, psid, psidd, outputs, out)
     library = library_of({_ARGUMENT_NAME_BY_BODY1_INPUT.get(name, name): value for name, value in values.items()})
@@ -273,8 +281,9 @@ def plan_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
 ) -> tuple[Plan, Named, dict[str, tuple[int, ...]]]:
     """Return (plan, values, shapes): the Plan that computes the requested outputs from the BodyMotion of body 1 and
-    the hinge angle with its derivatives, its inputs by name, and the shapes of their samples. `pair` are the
-    Constants of the pair. Raise ArgumentError for unusable arguments.
+    the hinge angle with its derivatives, the inputs of this plan by name, and the leading shapes of body 1 and of the
+    hinge's inputs by argument name. `pair` holds the Constants of the pair. Raise ArgumentError for unusable
+    arguments.
     """
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))
@@ -296,7 +305,7 @@ def plan_from_body1(
 
 
 def _requested_outputs(outputs: Outputs, out: Out, level: int, kind: MotionKind) -> tuple[str, ...]:
-    """Return a tuple of the names of the outputs to compute: `outputs`, or if this is None, the default outputs for
+    """Return a tuple of the names of the outputs to compute: `outputs`, or if this is None, the default outputs at
     the level (0 pose, 1 velocity, 2 acceleration) and the keys of the dict `out`. `kind` is the MotionKind of the
     pair, spatial or planar. Raise ArgumentError for unknown names.
     """

@@ -252,8 +252,8 @@ class HingeLoad:
 
     def _terms(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> dict[str, Any]:
         """Compute the terms of the torque [N m]. Return a dict with the keys "motor", "spring" and "damper", with
-        "friction" if there is friction, and with "stop" if there are stops. `side` is a pair (angle, rate) that
-        selects the stop and the direction of dry friction; psi and psid enter the formulas.
+        "friction" if there is friction, and with "stop" if there are stops. The pair `side` = (angle, rate) selects
+        the stop and the direction of dry friction; the magnitudes are computed from psi and psid.
         """
         terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
         angle, rate = side
@@ -283,15 +283,15 @@ class HingeLoad:
 
 
 def is_plain_hinge_load(torque: object) -> TypeGuard[HingeLoad]:
-    """Return whether a hinge torque is exactly a HingeLoad, whose kinks and parts are known. For objects of derived
-    classes, return False.
+    """Return whether a hinge torque is an instance of exactly the class HingeLoad, whose kinks and parts are known.
+    For instances of derived classes, return False.
     """
     return type(torque) is HingeLoad
 
 
 def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> None:
-    """Raise ArgumentError, which names the argument `name`, if `function` cannot be called with as many positional
-    arguments as there are further arguments here. These are the names of the arguments, for the message.
+    """Raise ArgumentError, which names the argument `name`, unless `function` can be called with the positional
+    arguments whose names are the further arguments. The message contains these names.
 
     Raises:
         ArgumentError: the function cannot be called so.
@@ -308,9 +308,9 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
 
 
 def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a call of `function` with the further arguments, which are arrays. Raise ArgumentError,
-    which names the argument `name`, if the function fails because it treats an array as a single number; other errors
-    are passed on.
+    """Call `function` with the further arguments, which are arrays, and return the result. Raise ArgumentError, which
+    names the argument `name`, if the function fails because it treats an array as a single number; other errors are
+    passed on.
 
     Raises:
         ArgumentError: the callable compares or converts an array as if it were one number; names it.

@@ -746,7 +746,9 @@ class HingePair(Shown):
     def _residual_arrays(
         self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
     ) -> dict[str, NDArray[Any]]:
-        """Compute the arrays of a report of `residuals`, and return them as a dict by name."""
+        """Compute the arrays of a report of `residuals`, among them the sizes and tolerances of each residual, and
+        return them as a dict by name.
+        """
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:

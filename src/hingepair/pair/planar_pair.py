@@ -468,10 +468,10 @@ class PlanarPair(Shown):
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
         **loads: ArrayLike,
     ) -> tuple[FloatArray, ...]:
-        """Compute the outputs that a DynamicsComputationSpec names, in space: a force has three components. Return a
-        tuple of arrays in the order of `spec.outputs`. `coordinates` holds q, qd and qdd by name, `gravity` has two
-        components, and planar loads are keyword arguments. Raise ArgumentError if a coordinate argument is None or a
-        needed mass is missing.
+        """Compute the outputs that a DynamicsComputationSpec names, as vectors in space: a force has three
+        components. Return a tuple of arrays in the order of `spec.outputs`. `coordinates` holds q, qd and qdd by
+        name, `gravity` has two components, and planar loads are keyword arguments. Raise ArgumentError if a
+        coordinate argument is None or a needed mass is missing.
         """
         for name, row in coordinates.items():
             if row is None:
@@ -498,8 +498,9 @@ _PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and
 
 
 def _body_in_plane(body: Body) -> Body:
-    """Return a copy of a Body with its centre of mass moved to z = 0, and with its moment of inertia about z as all
-    three principal moments. An inertia that was assumed stays assumed if it is unchanged.
+    """Return a copy of a Body whose centre of mass is moved to z = 0 and whose three principal moments are all the
+    moment of inertia about the axis parallel to z through the centre of mass. An inertia that was assumed stays
+    assumed if it is unchanged.
     """
     x, y, _ = body.center_of_mass
     level = np.eye(3) * body.inertia[2, 2]
@@ -512,8 +513,8 @@ def _body_in_plane(body: Body) -> Body:
 def motion_in_space(
     q: CoordinateInput, qd: CoordinateInput | None = None, qdd: CoordinateInput | None = None
 ) -> tuple[Any, ...]:
-    """Return the planar coordinates q, qd and qdd as a spatial motion: a tuple of the BodyMotion of body 1, psi, and,
-    as far as qd and qdd are given, psid and psidd.
+    """Return the planar coordinates q, qd and qdd as a spatial motion, the tuple (body1, psi, psid, psidd). `body1`
+    is the BodyMotion of body 1; psid is absent if qd is None, and psidd if qdd is None.
     """
     coordinates = kinematics.read_pair_coordinates(PLANAR_MOTION_KIND, q, qd, qdd)
     shape = broadcast_shape(coordinates.shapes)

@@ -116,9 +116,10 @@ class Prepared:
         return self._call_any_arguments(given, out)
 
     def _call_any_arguments(self, given: Sequence[Any], out: Out) -> Any:
-        """Compute the PairState for any kind of arguments, such as lists and arrays of other libraries, which the
-        fast paths do not take. `given` are the inputs in the order of the attribute `given`. Arrays in the dict `out`
-        are written into. Raise ArgumentError for unusable arguments.
+        """Compute the PairState for arguments of any kind, such as lists and arrays of other libraries, which
+        the fast paths do not take. `given` holds the values of the inputs, in the order of the names in
+        `self.given`. Results are written into the arrays of the dict `out`, if given. Raise ArgumentError for
+        unusable arguments.
         """
         values = dict(zip(self.given, given, strict=True))
         check_out(out, self.outputs)
@@ -136,7 +137,7 @@ class Prepared:
 
 def _input_array(name: str, value: Any, sample_shape: tuple[int, ...]) -> NDArray[Any]:
     """Return the value of the input `name` as an array whose last axes have the shape `sample_shape`. Raise
-    ArgumentError, ShapeError or DtypeError for an unusable one.
+    ArgumentError if the value is None, and ShapeError or DtypeError if it is unusable.
     """
     if value is None:
         raise ArgumentError(name, "a value, since the call was prepared for it", None)
@@ -152,9 +153,9 @@ def prepare(
     execution: Execution,
 ) -> Prepared:
     """Return the Prepared call that `HingePair.prepare` describes, for inputs `given` (a keyword such as "velocity",
-    or names); compile it if the backend of `execution` is "auto" or "compiled". `pair` is a HingePair, `sequence` the
-    Euler sequence of body 1. Raise ArgumentError for unknown names, missing inputs and missing masses; issue a
-    DynamicsWarning for assumed masses.
+    or names) and for the names `outputs`, or default outputs if this is None. Compile the call if the backend of
+    `execution` is "auto" or "compiled". `pair` is a HingePair, `sequence` the Euler sequence of body 1. Raise
+    ArgumentError for unknown names, missing inputs and missing masses; issue a DynamicsWarning for assumed masses.
     """
     names = _checked_input_names(given)
     bodies, constants = (pair.body1, pair.body2), pair.constants
@@ -192,8 +193,9 @@ def prepare(
 
 
 def _checked_input_names(given: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the input names for which `given` (a keyword such as "velocity", or the names themselves) stands, as a
-    tuple. Raise ArgumentError for unknown or repeated names, and unless exactly one of them is an attitude of body 1.
+    """Return the names of the inputs for which `given` (a keyword such as "velocity", or the names themselves)
+    stands, as a tuple. Raise ArgumentError for unknown or repeated names, or unless exactly one of the inputs gives
+    the attitude of body 1.
     """
     try:
         names = _INPUT_NAMES_BY_KEYWORD[given] if isinstance(given, str) else tuple(given)

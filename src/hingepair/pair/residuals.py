@@ -288,8 +288,8 @@ class LazyResiduals(Results):
         return _make_report(self.name, self.t, self._u, summary, self.arrays())
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return (values, make_report): a dict of the arrays and the summary, which are not computed, and the
-        function that makes the report of these values.
+        """Return (values, make_report): a dict of the arrays and of the summary, which are not computed yet, and the
+        function that makes the report from such a dict with computed values.
         """
         lazy = {**self.arrays(), "summary": self._summary}
         return lazy, functools.partial(_report_from_parts, self.name, self.t, self._u)
@@ -324,9 +324,10 @@ def lazy_residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> LazyResiduals:
-    """Return the LazyResiduals of two BodyMotions, made of the results of `residual_arrays` as Dask arrays by name.
-    `name` is the name of the pair, `tolerances` a dict by kind of residual or None, t the instants in memory or None.
-    Nothing is computed. Raise ArgumentError if t is a Dask array, ShapeError if it does not broadcast to the samples.
+    """Return the LazyResiduals of two BodyMotions, made of the results of `residual_arrays` as Dask arrays by name;
+    nothing is computed. `name` is the name of the pair, `tolerances` is a dict by kind of residual or None, and `t`
+    holds the instants in memory or is None. Raise ArgumentError if t is a Dask array, ShapeError if it does not
+    broadcast to the samples.
 
     Raises:
         ArgumentError: t is a Dask array, or does not broadcast to the samples.
@@ -379,8 +380,8 @@ class _ResidualSummary(NamedTuple):
 def _summarize_chunk(
     sizes_and_tolerances: Mapping[str, tuple[Float64Array, Float64Array]], basis_by_kind: Mapping[str, str]
 ) -> _ResidualSummary:
-    """Return the _ResidualSummary of the samples of one chunk. `sizes_and_tolerances` holds a pair of arrays by kind
-    of residual, `basis_by_kind` a text on the origin of the tolerance.
+    """Return the _ResidualSummary of the samples of one chunk. By kind of residual, `sizes_and_tolerances` holds a
+    pair of arrays (sizes, tolerances), and `basis_by_kind` holds a text on the origin of the tolerance.
     """
     comparison_by_kind = {}
     for kind, (sizes, tolerance) in sizes_and_tolerances.items():
@@ -415,8 +416,8 @@ def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[in
 
 
 def _shift_worst_sample(check: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
-    """Return a copy of the ResidualCheck of a chunk whose index of the worst sample counts from the first sample of
-    all chunks. `chunk_start` is the index of the first sample of the chunk.
+    """Return a copy of the ResidualCheck of a chunk in which the index of the worst sample counts from the first
+    sample of all chunks. `chunk_start` is the index of the first sample of the chunk.
     """
     if check.worst_sample is None:
         return check
@@ -466,8 +467,8 @@ def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays:
 
 
 def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
-    """Return the instant in the array `t` at the index `sample`, a number or a text for datetime64; None if either
-    argument is None.
+    """Return the instant in the array `t` at the index `sample`: a number, or a text if the array holds datetime64.
+    Return None if either argument is None.
     """
     if t is None or sample is None:
         return None
@@ -487,10 +488,10 @@ _SIZE_AND_TOLERANCE_ARRAY_NAMES = {
 def residual_arrays(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> dict[str, NDArray[Any]]:
-    """Compute the arrays of a report on two BodyMotions, and return them as a dict by name: the residuals, the hinge
-    angle and its derivatives; `ratio`, the largest residual / tolerance of each sample; sizes and tolerances of each
-    residual. `tolerances` is a dict by kind of residual, or None for the defaults. Raise ArgumentError for unusable
-    arguments.
+    """Compute the arrays of a report on two BodyMotions, and return them as a dict by name. They are the residuals,
+    the hinge angle and its derivatives, `ratio`, which is the largest residual / tolerance of each sample, and the
+    sizes and tolerances of each residual. `tolerances` is a dict by kind of residual, or None for the defaults. Raise
+    ArgumentError for unusable arguments.
 
     Sizes and tolerances have shape (...,). Sizes are -inf where the motion is not finite.
     """
@@ -505,9 +506,9 @@ def residual_arrays(
 
 
 class _ResidualComparison(NamedTuple):
-    """Comparison of a residual with its tolerance at every sample: arrays (...,) of its `sizes`, its `tolerance`,
-    their `ratio` and `is_finite`, and the text `basis` on the origin of the tolerance. Sizes and ratios are -inf
-    where the motion is not finite.
+    """Comparison of a residual with its tolerance at every sample, as a named tuple: arrays (...,) of the `sizes` of
+    the residual, of the `tolerance`, of the `ratio` size / tolerance, and of `is_finite`, and the text `basis` on the
+    origin of the tolerance. Sizes and ratios are -inf at samples where the motion is not finite.
 
     Attributes:
         sizes: sizes of the residual; inf where a size overflows.
@@ -576,9 +577,9 @@ def _compare_residual(
     u: float,
     tolerance_by_kind: Mapping[str, float],
 ) -> _ResidualComparison:
-    """Return the _ResidualComparison of a kind of residual, whose sizes and scale are arrays (...,). The tolerance is
-    `tolerance_by_kind[kind]` if it is given, and otherwise the default tolerance, a multiple of u * scale. Sizes
-    become -inf where `is_finite` is False, and inf where they overflow.
+    """Return the _ResidualComparison of a kind of residual from the arrays (...,) of its sizes and of the scale of
+    its rounding errors. The tolerance is `tolerance_by_kind[kind]` if this is given, and otherwise a multiple of u *
+    scale, where u is the unit roundoff. Sizes become -inf if `is_finite` is False, and inf if they overflow.
     """
     with np.errstate(all="ignore"):
         if kind in tolerance_by_kind:
@@ -601,7 +602,7 @@ def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
 
 def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> _ResidualComparison:
     """Return the _ResidualComparison of the arrays `sizes` and `tolerance`, sample by sample, with the text `basis`
-    on the origin of the tolerances. Sizes are -inf where the motion is not finite.
+    on the origin of the tolerances. Sizes must be -inf at samples where the motion is not finite.
     """
     is_finite = sizes != -np.inf
     with np.errstate(all="ignore"):
@@ -655,9 +656,10 @@ def residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> Residuals:
-    """Compute the Residuals of two BodyMotions: by how much they violate the hinge constraints E1 and E2 and their
-    time derivatives, compared with tolerances. `name` is the name of the pair, `tolerances` a dict by kind of
-    residual or None for the defaults, t the instants or None. Raise ArgumentError for unusable arguments.
+    """Compute the Residuals of two BodyMotions: by how much the motions violate the hinge constraints E1 and E2 and
+    the time derivatives of these constraints, compared with tolerances. `name` is the name of the pair, `tolerances`
+    is a dict by kind of residual or None for the defaults, and `t` holds the instants or is None. Raise ArgumentError
+    for unusable arguments.
     """
     arrays, comparison_by_kind, _, u = _compute_residuals(pair, body1, body2, tolerances)
     return _make_report(name, t, u, _summarize(comparison_by_kind), arrays)
@@ -677,8 +679,8 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualCheck:
-    """Return the ResidualCheck of one kind of residual from its comparison at every sample. Its worst sample is the
-    one with the largest size / tolerance; the instant of this sample is left None.
+    """Return the ResidualCheck of one kind of residual from its comparison at every sample. The worst sample is the
+    one with the largest size / tolerance; the field for the instant of this sample is None.
     """
     label, unit, *_ = RESIDUAL_KIND_BY_NAME[kind]
     sizes, tolerance, ratio, is_finite, basis = comparison
@@ -708,9 +710,9 @@ def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualC
 
 
 def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """Return a dict of the scales that the rounding errors of the residuals are relative to, at each sample, for the
-    given kinds of residual (the formulas of `RESIDUAL_KIND_BY_NAME`). `motions` are the arrays of both motions by
-    name, such as R1.
+    """Return a dict by kind of residual of the scales that the rounding errors of the residuals are relative to, at
+    each sample, for the given `kinds` (the formulas of `RESIDUAL_KIND_BY_NAME`). `motions` are the arrays of both
+    motions by name, such as R1.
     """
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
@@ -737,8 +739,8 @@ def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: l
 
 def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None:
     """Raise ArgumentError unless both motions have the velocities and accelerations that a kind of residual needs.
-    `motions` are the arrays of both motions by name, such as omega1. The message names the tolerance that was given
-    for this kind.
+    `motions` are the arrays of both motions by name, such as omega1. The message names the argument `tolerances` at
+    this kind.
     """
     letters = RESIDUAL_KIND_BY_NAME[kind].letters
     missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]
@@ -749,7 +751,7 @@ def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None
 
 def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
     """Return the argument `tolerances`, a mapping by kind of residual or None, as a dict of floats (empty for None).
-    Raise ArgumentError for unknown kinds and for numbers that are not positive.
+    Raise ArgumentError for unknown kinds and for values that are not positive, finite numbers.
     """
     if tolerances is None:
         return {}

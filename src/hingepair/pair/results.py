@@ -81,8 +81,8 @@ class Result(Shown):
         raise NotImplementedError
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return (axis_names, arrays): the names of the leading axes that all arrays share, of which the last is
-        time, and the arrays by name.
+        """Return (axis_names, arrays): the names of the leading axes that all arrays share, with the time axis last,
+        and a dict of the arrays by name.
         """
         return ("time",), self.recorded()
 
@@ -237,10 +237,10 @@ def result_file(
     unit: Callable[[str], str] = unit_of,
 ) -> Iterator[RowWriter]:
     """Open a file for results, as a context manager that yields a function `add(t, arrays)`, which appends a block of
-    rows. The file replaces an existing one only if the `with` block ends without an error. `samples` is the number of
-    rows in all, `described` a text and `unit` a function from name to unit for the metadata; `inputs` are files that
-    must not be overwritten. Raise ArgumentError if the path cannot be used, MissingDependencyError if a package is
-    missing.
+    rows. The file replaces an existing one only if the `with` block ends without an error. `samples` is the total
+    number of rows. The text `described` and the function `unit`, from name to unit, give the metadata; `inputs` are
+    files that must not be overwritten. Raise ArgumentError if the path cannot be used, MissingDependencyError if a
+    package is missing.
 
     .csv and .parquet files are written block by block; for .npz and .nc, all blocks are held in memory until the end.
 
@@ -292,7 +292,7 @@ def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
 
 def _component_suffixes(sample_shape: tuple[int, ...]) -> list[str]:
     """Return a list of the suffixes of the components' names for an array with the given shape of one sample, such as
-    "_x" for (3,) and "_xy" for (3, 3); an empty suffix for ().
+    "_x" for the shape (3,) and "_xy" for (3, 3). For the shape (), the only suffix is an empty text.
     """
     letters = ["".join(_COMPONENT_LETTERS[i] for i in index) for index in np.ndindex(sample_shape)]
     return [f"_{c}" if c else "" for c in letters]
@@ -326,9 +326,9 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
 
 @contextlib.contextmanager
 def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
-    """Yield, as a context manager, a function `add(t, arrays)` that appends rows to an open Parquet file. The file's
-    metadata contain the text `described` and the units, which the function `unit` returns by name. Raise
-    MissingDependencyError if PyArrow is not installed.
+    """Yield, as a context manager, a function `add(t, arrays)` that appends rows to an open binary file in the
+    Parquet format. The file's metadata contain the text `described` and the units, which the function `unit` returns
+    by name. Raise MissingDependencyError if PyArrow is not installed.
     """
     arrow, parquet = import_data_package("pyarrow", "save"), import_data_package("pyarrow.parquet", "save")
     writer: Any = None
@@ -356,7 +356,7 @@ def _collecting_writer(
 ) -> Iterator[RowWriter]:
     """Yield, as a context manager, a function `add(t, arrays)` that collects blocks of rows in memory. When the
     `with` block ends without an error, `write(file, arrays, described, unit)` is called once with the arrays of all
-    rows by name, including t. `samples` is the number of all rows.
+    rows by name, including t. `samples` is the total number of rows.
     """
     array_by_name: dict[str, Any] = {}
     count = 0
@@ -382,16 +382,16 @@ def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
 
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
-    """Write arrays by name, of which t is removed from the dict, to an open binary file in the format .nc. Raise
-    MissingDependencyError if xarray or SciPy is not installed.
+    """Write arrays by name, including t, to an open binary file in the format .nc. The instants t are removed from
+    the dict. Raise MissingDependencyError if xarray or SciPy is not installed.
     """
     import_data_package("scipy", "save")
     file.write(Record(arrays.pop("t"), arrays, described, (), unit).to_xarray().to_netcdf(engine="scipy"))
 
 
 def import_data_package(package: str, caller: str) -> Any:
-    """Import the package of this name, which tables or files need, and return it. Raise MissingDependencyError, which
-    names the method `caller` that needs it, if it is not installed.
+    """Import the package `package`, which tables or files need, and return it. If it is not installed, raise
+    MissingDependencyError, which names the method `caller` that needs it.
 
     Raises:
         MissingDependencyError: the package is not installed.

@@ -89,9 +89,9 @@ def propagate_covariance(
     pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **std: ArrayLike
 ) -> PoseCovariance:
     """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of the geometry
-    cause, to first order. The tolerances are `covariance` (12, 12), or None and the standard deviations u1_std,
-    u2_std, axis_std and home_std as keyword arguments. `pair` are the Constants of the pair. Raise ShapeError if it
-    has leading axes, ArgumentError if all standard deviations are 0.
+    cause, to first order. The tolerances are `covariance` (12, 12); if this is None, they are the standard deviations
+    u1_std, u2_std, axis_std and home_std as keyword arguments. `pair` holds the Constants of the pair. Raise
+    ShapeError if the pair has leading axes, ArgumentError if all standard deviations are 0.
     """
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
@@ -180,8 +180,9 @@ def sample_pairs(
 
 def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
     """Return the covariance of u1, u2, n and the rotation vector of home, shape (12, 12): the checked `covariance`,
-    or if it is None, the covariance of independent deviations, whose standard deviations are the keyword arguments
-    u1_std, u2_std, axis_std and home_std. Raise ArgumentError if both are given, or if all standard deviations are 0.
+    or if this is None, the covariance of independent deviations whose standard deviations are the keyword arguments
+    u1_std, u2_std, axis_std and home_std. `n` is the hinge axis at unit length. Raise ArgumentError if both are
+    given, or if all standard deviations are 0.
 
     Args:
         n: hinge axis, of unit length; shape (3,).
@@ -210,8 +211,8 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
 
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
-    """Return an array of three standard deviations from the value of the argument `name`; a number stands for three
-    equal ones. Raise ArgumentError for negative numbers, and for three numbers if `name` is "axis_std".
+    """Return an array of three standard deviations from the value of the argument `name`; a single number stands for
+    three equal ones. Raise ArgumentError for negative numbers, and for three numbers if `name` is "axis_std".
     """
     if name == "axis_std" or np.ndim(value) == 0:
         number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value

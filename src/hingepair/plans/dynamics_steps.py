@@ -152,7 +152,8 @@ _UNKNOWN_ACCELERATION_NAMES_BY_BASE = {
 
 def inertia_steps(base: str) -> tuple[Step, ...]:
     """Return a tuple of the steps that compute centres of mass, inertias, and the inertia about the point about which
-    the pair rotates. `base` says what holds body 1: "free", "pinned" or "carried".
+    the pair rotates. `base` says what holds body 1: nothing ("free"), a ball joint at R1 ("pinned"), or its given
+    motion ("carried").
 
     The values of `base` are explained in `forward_dynamics_steps`.
     """
@@ -161,10 +162,10 @@ def inertia_steps(base: str) -> tuple[Step, ...]:
 
 @functools.lru_cache(maxsize=64)
 def forward_dynamics_steps(kinematic_steps: tuple[Step, ...], base: str = "free") -> tuple[Step, ...]:
-    """Return a cached tuple of the steps that solve forward dynamics: the steps of kinematics, the steps from loads
-    to a1, alpha1 and psidd (D6), then those to all quantities that depend on these. `base` says what holds body 1:
-    nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried"), for which only psidd is solved
-    for.
+    """Return a cached tuple of the steps that solve forward dynamics: the given `kinematic_steps`, the steps from
+    loads to a1, alpha1 and psidd (D6), and the steps to all quantities that depend on these accelerations. `base`
+    says what holds body 1: nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried"). If it is
+    "carried", only psidd is solved for.
 
     Args:
         kinematic_steps: steps to S1, omega1 and to the motion of body 2.

@@ -84,9 +84,10 @@ _SPATIAL_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionKind:
-    """A kind of motion of a pair, in space or in a plane. `coordinates` are the names of the components of q, `parts`
-    the names of the parts of q, qd and qdd, `shapes` the shapes of one sample of all quantities, and `levels` the
-    level at which each output is a default output (None: never). All but `coordinates` are dictionaries by name.
+    """A kind of motion of a pair, in space or in a plane. `coordinates` are the names of the components of q. Three
+    dictionaries: `parts` maps "q", "qd" and "qdd" to the names of their parts, `shapes` maps the name of each
+    quantity to the shape of one sample, and `levels` maps the name of each output to the level from which it is a
+    default output (None: never).
 
     Attributes:
         coordinates: names of the components of q.
@@ -140,7 +141,7 @@ _COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT = {
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """The steps that compute outputs of a pair from inputs, in order. `outputs` are the names of the outputs, `steps`
-    the steps, `inputs` the names of the inputs that are needed, and `kind` is the `MotionKind`.
+    is a tuple of the steps, `inputs` are the names of the inputs that the steps need, and `kind` is the `MotionKind`.
 
     Attributes:
         outputs: names of the outputs, in the requested order.
@@ -155,8 +156,8 @@ class Plan:
     kind: MotionKind
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Run the steps on `values`, a dictionary by name. Each result is added to this dictionary, which is
-        returned; traced results get names for generated code.
+        """Run the steps on `values`, a dictionary that holds the inputs by name. The result of each step is added to
+        this dictionary, which is returned. Results that are being traced get names for generated code.
         """
         for result, function, arguments in self.steps:
             value = values[result] = function(*[values[name] for name in arguments])
@@ -178,9 +179,10 @@ def make_plan(
     given_names: tuple[str, ...] = (),
 ) -> Plan:
     """Return the cached `Plan` that computes the named outputs of a pair in space or in a plane (`kind`); equal steps
-    give the identical object. `sequence` names the Euler angles, None if S1 is given; `has_home` says that C is not
-    the identity. `trig_functions` is a pair of functions that return sines and cosines, of phi and of psi;
-    `given_names` are the inputs beside the pair's constants. Raises an error if the sequence is unknown.
+    give the identical object. `sequence` is the Euler sequence of body 1, or None if S1 is given; `has_home` says
+    that the rotation `home` is not the identity. `trig_functions` is a pair of functions that return sines and
+    cosines, of phi and of psi; `given_names` are the names of the inputs other than the constants of the pair. Raise
+    ArgumentError if the sequence is unknown.
 
     Args:
         outputs: names of the outputs.
@@ -218,8 +220,8 @@ def plan_loop(plan: Plan) -> Loop:
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
-    """Return a tuple of the steps on which the outputs depend, in order, and a frozenset of the names of the inputs:
-    the arguments of these steps, and the outputs, that no step computes.
+    """Return (steps, inputs): the steps on which the outputs depend, as a tuple in order, and the names of the needed
+    inputs, as a frozenset. The inputs are all arguments of these steps and all outputs that no step computes.
     """
     needed = set(outputs)
     selected = []
@@ -233,15 +235,15 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
 
 @functools.cache
 def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION_KIND) -> tuple[str, ...]:
-    """Return a tuple of the names of the outputs that are computed at a level (0 pose, 1 velocity, 2 acceleration) or
-    below it if the user names none. `kind` is the `MotionKind`, in space or in a plane.
+    """Return a tuple of the names of the outputs that are computed if the user names none, at a level (0 pose, 1
+    velocity, 2 acceleration) or below it. `kind` is the `MotionKind`, in space or in a plane.
     """
     return tuple(name for name, lowest in kind.levels.items() if lowest is not None and lowest <= level)
 
 
 def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
-    """Check the argument `outputs`, and return a tuple of its names without repetitions. Raises an error if it is a
-    string, empty, not a collection, or contains a name that is not among known_names.
+    """Check the argument `outputs`, and return a tuple of its names without repetitions. Raise ArgumentError if it is
+    None, a string, empty or not a collection, or contains a name that is not among `known_names`.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -266,11 +268,11 @@ def all_steps(
     kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
 ) -> tuple[Step, ...]:
-    """Return a cached tuple of all steps that are possible from the given inputs, of which a plan takes those it
-    needs. `sequence` names the Euler angles, None if S1 is given; `has_home` says that C is not the identity;
-    `trig_functions` is a pair of functions that return sines and cosines, of phi and of psi; `kind` is motion in
-    space or in a plane; `given_names` are the inputs beside the pair's constants. Raises an error if the sequence is
-    unknown.
+    """Return a cached tuple of all steps that are possible with the given inputs; a plan takes those that it needs.
+    `sequence` is the Euler sequence of body 1, or None if S1 is given; `has_home` says that the rotation `home` is
+    not the identity. `trig_functions` is a pair of functions that return sines and cosines, of phi and of psi; `kind`
+    is motion in space or in a plane. `given_names` are the names of the inputs other than the constants of the pair.
+    Raise ArgumentError if the sequence is unknown.
     """
     if kind is PLANAR_MOTION_KIND:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
@@ -292,9 +294,10 @@ def all_steps(
 
 
 def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return a tuple of the steps that compute the motion of both bodies in space. `sequence` names the Euler angles
-    of body 1, None if its attitude is given instead; `has_home` says that C is not the identity; `trig_functions` is
-    a pair of functions: sines and cosines of the angles phi, and (sin, 1 - cos) of psi.
+    """Return a tuple of the steps that compute the motion of both bodies in space. `sequence` is the Euler sequence
+    of body 1, or None if its attitude S1 is given instead; `has_home` says that the rotation `home` is not the
+    identity. `trig_functions` is a pair of functions: sines and cosines of the angles phi, and (sin, 1 - cos) of psi.
+    Raise ArgumentError if the sequence is unknown.
     """
     angle_terms, hinge_terms = trig_functions
     if trig_functions is NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:
@@ -330,7 +333,8 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
 
 def _planar_steps(trig_functions: TrigFunctions) -> tuple[Step, ...]:
     """Return a tuple of the steps that compute the motion of both bodies in the plane. `trig_functions` is a pair of
-    functions: (sin, cos) of a tuple of angles, here phi1 alone, and (sin, 1 - cos) of psi.
+    functions: the first returns (sin, cos) of a tuple of angles, here of phi1 alone, and the second returns (sin, 1 -
+    cos) of psi.
     """
     if trig_functions == NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:
         return PLANAR_KINEMATICS_STEPS

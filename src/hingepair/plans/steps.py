@@ -17,8 +17,8 @@ from hingepair.rotations.sequences import find_sequence
 
 
 class Step(NamedTuple):
-    """One equation of a plan, result = function(*arguments). The fields `result` and `arguments` are names of
-    values.
+    """One equation of a plan, as a named tuple: result = function(*arguments). The fields `result` and `arguments`
+    are names of values, and `function` is called with these values.
     """
 
     result: str
@@ -70,8 +70,8 @@ PLANAR_COORDINATE_SPLIT_STEPS = tuple(
 
 
 def _quaternion_rotation(quat: tuple[Any, ...]) -> eq.Matrix:
-    """Return the rotation matrix, as nine entries, of a quaternion (w, x, y, z) of any length but zero. The
-    quaternion is normalised.
+    """Return the rotation matrix, as nine entries row by row, of a quaternion (w, x, y, z) of any non-zero length.
+    The quaternion is normalised.
     """
     scale = _largest_component(quat)
     w, x, y, z = (c / scale for c in quat)
@@ -85,8 +85,8 @@ def _largest_component(parts: tuple[Any, ...]) -> Any:
 
 
 def _rotation_defect(S: eq.Matrix) -> Any:
-    """Return the largest absolute entry of S S^T - I, which is 0 for a rotation. If the determinant of S is negative,
-    as of a reflection, return 2.
+    """Return the largest absolute entry of S S^T - I, which is 0 for a rotation. S is a matrix as nine entries row by
+    row. If the determinant of S is negative, for example if S is a reflection, return 2.
     """
     *errors, volume = eq.orthonormality_terms(S)
     return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
@@ -194,8 +194,8 @@ def z_component(v: Vector) -> Scalar:
 
 
 def planar_velocity2(v1: Vector, omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return v2 = v1 + omega1 x r1 - omega2 x r2 (E8), the time derivative of E11. All arguments and the result are
-    vectors in space.
+    """Return v2 = v1 + omega1 x r1 - omega2 x r2 (E8), the time derivative of E11. r1 and r2 lead from the reference
+    points of body 1 and body 2 to the hinge point. All arguments and the result are vectors in space.
     """
     return eq.add(v1, eq.subtract(eq.cross(omega1, r1), eq.cross(omega2, r2)))
 
@@ -204,7 +204,8 @@ def planar_acceleration2(
     a1: Vector, rates1: tuple[Vector, Vector], r1: Vector, rates2: tuple[Vector, Vector], r2: Vector
 ) -> Vector:
     """Return a2 = a1 + r1'' - r2'' of a planar pair as a vector in space (E9, E11), where rates1 = (omega1, alpha1)
-    and rates2 = (omega2, alpha2).
+    and rates2 = (omega2, alpha2). r1 and r2 lead from the reference points of body 1 and body 2 to the hinge point.
+    All vectors are vectors in space.
     """
     return eq.add(a1, eq.subtract(eq.point_acceleration(*rates1, r1), eq.point_acceleration(*rates2, r2)))
 
@@ -287,8 +288,9 @@ JACOBIAN_AND_ACCELERATION_BIAS_STEPS = (
 
 @functools.lru_cache(maxsize=64)
 def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
-    """Return a cached tuple of the steps that compute the Jacobian with respect to the rates of the coordinates and
-    its time derivative, for an Euler sequence such as "XYZ". Raises an error if the sequence is unknown.
+    """Return a cached tuple of the steps that compute the Jacobian of (v2, omega2) with respect to the rates of the
+    seven coordinates, and the time derivative of this Jacobian, for an Euler sequence such as "XYZ". Raise
+    ArgumentError if the sequence is unknown.
     """
     euler_sequence = find_sequence(sequence)
     return (
@@ -330,7 +332,7 @@ def _twist(turn: Components) -> Any:
 
 def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
     """Return the angle [rad] between the hinge axes h1 and h2 of both bodies. `tilt` holds the two components of h1 x
-    h2 across h1.
+    h2 in the plane perpendicular to h1.
     """
     return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
 

@@ -50,9 +50,10 @@ then those of each frame, in the order of these three dictionaries."""
 
 
 class Form(NamedTuple):
-    """The structure of a robot: `names`, `parents`, `slides` (whether it is a slider) and `columns` (its column in q)
-    hold one value for each joint, and `known` the constants of the robot that are 0, 1 or -1 (else None). Robots of
-    equal form share programs.
+    """The structure of a robot. `names`, `parents`, `slides` and `columns` hold one value for each joint: its name,
+    the number of the body that carries it, whether it is a slider, and its column in q. `known` has one element for
+    each constant of the base and the joints: its value if this is 0, 1 or -1, and otherwise None. Robots of equal
+    form share programs.
 
     Attributes:
         names: names of the joints in generated code.
@@ -80,9 +81,10 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What a program computes of a robot: `outputs` are names, `free` says that forces move the base, and `frames`
-    are the numbers of the frames' bodies. `known` holds the frames' constants that are 0, 1 or -1 (else None), and
-    `loaded` the indices of the frames that wrenches act on.
+    """What a program computes of a robot. `outputs` are the names of the outputs, `free` says that forces move the
+    base, and `frames` holds the number of the body of each frame. `known` has one element for each constant of the
+    frames: its value if this is 0, 1 or -1, and otherwise None. `loaded` holds the indices of the frames that
+    wrenches act on.
 
     Attributes:
         outputs: names out of TREE_OUTPUT_BY_NAME.
@@ -100,9 +102,9 @@ class Request(NamedTuple):
 
 
 class Output(NamedTuple):
-    """An output that can be computed for a robot. The function `shape_function` returns its shape for a form and a
-    request, `input_names` are the names of its inputs, and the function `compute` returns its components for a
-    `Computation`.
+    """An output that can be computed for a robot. The function `shape_function` returns the shape of one sample for a
+    form and a request, `input_names` are the names of the inputs other than constants, and the function `compute`
+    returns the components of the output for a `Computation`.
 
     Attributes:
         shape_function: function of (form, request) that returns the shape of one sample.
@@ -123,8 +125,8 @@ def velocity_count(form: Form, request: Request) -> int:
 
 
 class Computation:
-    """The quantities of a robot for one set of values. Quantities that several outputs need are properties, computed
-    at first access and cached.
+    """The quantities of a robot for one set of values, given a `Form`, a `Request` and the inputs by name. Quantities
+    that several outputs need are properties, which are computed at first access and cached.
 
     Args:
         form: the robot's build.
@@ -152,7 +154,8 @@ class Computation:
 
     def _values_by_joint(self, name: str) -> list[Scalar]:
         """Return a list with one number for each joint, from the vector `name` ("q", "qd" or "qdd"), which has one
-        number for each coordinate. A mimic joint takes the number of its leader, times its multiplier.
+        number for each coordinate. A mimic joint takes the number of its leader, times its multiplier; its offset is
+        not added.
         """
         row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
@@ -307,10 +310,10 @@ class Computation:
         a: Vector,
         with_loads: bool = True,
     ) -> list[eq.Wrench]:
-        """Return a list of the wrenches (force, torque) that the joints transmit, in the axes of their bodies, the
-        total wrench on the base first (T1-T3). omega, alpha and a are the base's angular velocity and accelerations
-        in base axes, with gravity subtracted from a. If `with_loads` is False, the wrenches that act on links are
-        left out. Names the components in generated code.
+        """Return a list of the wrenches (force, torque) that the joints transmit, each in the axes and about the
+        reference point of the joint's body, with the total wrench on the base first (T1-T3). omega, alpha and a are
+        the base's angular velocity and accelerations in base axes, with gravity subtracted from a. If `with_loads` is
+        False, the wrenches that act on links are left out. Names the components in generated code.
         """
         body_motions = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
         self._name_components(body_motions, ("omega", "a", "B"))
@@ -325,8 +328,8 @@ class Computation:
 
     @functools.cached_property
     def transmitted_wrenches(self) -> list[eq.Wrench]:
-        """List of the wrenches that the joints transmit during the given motion, in the axes of their bodies, the
-        total wrench on the base first.
+        """List of the wrenches (force, torque) that the joints transmit during the given motion, each in the axes of
+        the joint's body, with the total wrench on the base first.
         """
         omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
         falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
@@ -334,8 +337,8 @@ class Computation:
 
     @functools.cached_property
     def transmitted_bias_wrenches(self) -> list[eq.Wrench]:
-        """List of the wrenches that the joints transmit for q'' = 0, in the axes of their bodies, the total wrench on
-        the base first. For a free base, its acceleration and gravity are left out.
+        """List of the wrenches (force, torque) that the joints transmit for q'' = 0, each in the axes of the joint's
+        body, with the total wrench on the base first. For a free base, its acceleration and gravity are left out.
 
         Gravity acts on all bodies of a free robot alike, so it is added when the accelerations have been solved for.
         """
@@ -357,9 +360,9 @@ class Computation:
         return rotate(self.values["S1"], self.transmitted_wrenches[0][kind])
 
     def bias_forces(self, with_rates: bool) -> tuple[Scalar, ...]:
-        """Return a tuple of the forces for q'' = 0, by coordinate; a free base has no acceleration, and its force1
-        and torque1 come first. If `with_rates` is False, the base and the joints are taken to be at rest, which
-        leaves the forces of gravity.
+        """Return a tuple of the forces, by coordinate, for which q'' = 0 under gravity and under the wrenches that
+        act on links. A free base then has no acceleration, and its force1 and torque1 come first. If `with_rates` is
+        False, the base and the joints are taken to be at rest.
         """
         values, still = self.values, ZERO_VECTOR
         if self.request.free:
@@ -436,8 +439,8 @@ class Computation:
         return self._solve_by_mass_matrix() if self.form.mimics else self._solve_by_articulated_bodies()
 
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by articulated bodies (T5), and return the tuples (a1, alpha1, q''), of which the
-        first two hold for a free base only. All are NaN where M is singular.
+        """Solve forward dynamics by articulated bodies (T5), and return the tuples (a1, alpha1, q''). The first two
+        are meaningless unless the base is free. All are NaN where M is singular.
         """
         steps, base = self.articulated
         left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, self.motor_loads)
@@ -471,8 +474,8 @@ class Computation:
     def _nan_where_singular(
         self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
     ) -> tuple[tuple[Scalar, ...], ...]:
-        """Add gravity to the acceleration a of the base, and return the tuples (a + gravity, alpha, q''). All are NaN
-        where a pivot of M is not larger than its rounding error.
+        """Return the tuples (a + gravity, alpha, q''), where a is the acceleration of the base without gravity. All
+        are NaN where a pivot of M is not larger than its rounding error.
         """
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), limit in zip(self.form.columns, self.ratios, self.min_pivots, strict=True):
@@ -521,8 +524,8 @@ class Computation:
         return add(self.values["R1"], self.centre_from_base)
 
     def centre_of_mass_jacobian(self) -> tuple[Scalar, ...]:
-        """Return the Jacobian of the robot's centre of mass with respect to v1 and omega1 of a free base and to q',
-        as a flat tuple row by row (three rows).
+        """Return the Jacobian of the velocity of the robot's centre of mass with respect to v1 and omega1 of a free
+        base and to q', as a flat tuple row by row (three rows).
         """
         joint_columns = []
         share = _reciprocal(self.composites[0].mass)
@@ -555,8 +558,8 @@ class Computation:
 
     @functools.cached_property
     def momenta(self) -> list[eq.Wrench]:
-        """List of the linear and angular momentum (P, L) of all bodies, about their reference points and in the axes
-        of each body.
+        """List of the pairs (P, L), linear and angular momentum, of all bodies, the base first. L is about the
+        reference point of the body, and both are in the axes of the body.
         """
         return eq.body_momenta(self.base, self.links, self.velocities_in_own_axes)
 
@@ -585,8 +588,9 @@ class Computation:
         return add(L, cross(offset, P))
 
     def _name_components(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
-        """Name the components of every body's values in generated code, and return the list of values unchanged. Each
-        of `letters` names one part of a body's values, such as omega in omega_JOINT.
+        """Name the components of every body's values in generated code, and return the list `values` unchanged. It
+        holds a tuple for each body, the base first; each of `letters` names one element of these tuples, such as
+        omega in omega_JOINT.
         """
         for name, parts in zip(("base", *self.form.names), values, strict=True):
             for letter, part in zip(letters, parts, strict=False):
@@ -625,8 +629,8 @@ def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
 
 
 def _frames_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
-    """Return a function of (form, request) that returns the shape of an output with one part for each frame: the
-    number of frames, then the lengths that are given as positional arguments.
+    """Return a function of (form, request) that returns the shape of an output with one vector or matrix for each
+    frame: the number of frames, then the lengths that are given as positional arguments.
     """
     return lambda _, request: (len(request.frames), *lengths)
 
@@ -644,8 +648,8 @@ def _dof_shape(form: Form, _: Request) -> ArrayShape:
 
 
 def _velocities_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
-    """Return a function of (form, request) that returns a shape: the lengths given as positional arguments, then the
-    number of velocities.
+    """Return a function of (form, request) that returns a shape: the lengths that are given as positional arguments,
+    then the number of velocities of the robot.
     """
     return lambda form, request: (*lengths, velocity_count(form, request))
 
