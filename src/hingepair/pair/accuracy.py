@@ -288,8 +288,8 @@ def _plan_error_bounds(
     pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
 ) -> Bounds:
     """Return bounds on the rounding errors of the outputs of a plan, as a dict of arrays of shape (...,) by output
-    name. `pair` holds the Constants of the pair, `values` the other inputs of the plan by name, and `shapes` the
-    leading shapes of these inputs, the axes of the samples.
+    name. `pair` holds the Constants of the pair, `values` is a dict of the other inputs of the plan, and `shapes` a
+    dict of their leading shapes.
     """
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = bounded_class(dtype)

@@ -96,8 +96,9 @@ class Accelerations(NamedTuple):
 
 
 class HingeWrench(NamedTuple):
-    """Force and torque that body 1 exerts on body 2 at the hinge point (D3, D4), a named tuple of arrays.
-    `hinge_torque` is the component of `torque` along the hinge axis, `bearing_torque` the part perpendicular to it.
+    """Force and torque that body 1 exerts on body 2 at the hinge point (D3, D4), as a named tuple of arrays. `force`
+    and `torque` are vectors, `hinge_torque` is the component of `torque` along the hinge axis, and `bearing_torque`
+    the vector component perpendicular to this axis.
 
     Attributes:
         force: force at the hinge point, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.

@@ -80,9 +80,10 @@ def compute_state(
     dtype: np.dtype[Any] | None = None,
 ) -> Any:
     """Compute the outputs of a plan at all samples; return them as a PairState or PlanarState. `pair` holds the
-    Constants of the pair, `values` the other inputs by name, and `shapes` the leading shapes of these inputs. Results
-    are written into the arrays of the dict `out`, if given. `execution` says the backend and the number of threads;
-    the compiled call is cached in `pair.prepared`. If `dtype` is None, the results have the dtype of the values.
+    Constants of the pair, `values` is a dict of the other inputs, and `shapes` a dict of their leading shapes.
+    Results are written into the arrays of the dict `out`, if given. `execution` says the backend and the number of
+    threads; the compiled call is cached in `pair.prepared`. If `dtype` is None, the results have the dtype of the
+    values.
     """
     return cached_call(pair, plan, tuple(values), execution.backend).run(
         values, shapes, out, execution.workers, dtype
@@ -98,9 +99,9 @@ def compute_arrays(
     sequence: str | None = None,
 ) -> dict[str, NDArray[Any]]:
     """Compute the outputs of a spatial pair that `outputs` names; return them as a dict of new, writable arrays by
-    output name. `pair` holds the Constants of the pair, `values` the other inputs by name, and `shapes` the leading
-    shapes of these inputs; `sequence` is the Euler sequence if there are Euler angles. The compiled call is cached in
-    `pair.prepared`.
+    output name. `pair` holds the Constants of the pair, `values` is a dict of the other inputs, and `shapes` a dict
+    of their leading shapes; `sequence` is the Euler sequence if there are Euler angles. The compiled call is cached
+    in `pair.prepared`.
     """
     plan = make_plan(tuple(outputs), sequence, "home" in pair.values, given_names=tuple(values))
     return writable_arrays(compute_state(pair, plan, values, shapes, dtype=dtype))

@@ -199,10 +199,11 @@ def from_coordinates(
     sequence: str | None,
     execution: Execution,
 ) -> Any:
-    """Compute the PairState or PlanarState of a pair from the coordinates q and those of the derivatives qd and qdd
-    that are not None (E1-E11). `kind` is the MotionKind of the pair, spatial or planar, `pair` holds its Constants,
-    and `execution` says the backend and the number of threads. Results are written into the arrays of the dict `out`,
-    if given. The compiled call is cached in `pair.prepared`. Raise ArgumentError for unusable arguments.
+    """Compute the PairState or PlanarState of a pair from the coordinates q and, if they are not None, the
+    derivatives qd and qdd (E1-E11). `kind` is the MotionKind of the pair, spatial or planar, `pair` holds its
+    Constants, and `execution` says the backend and the number of threads. Results are written into the arrays
+    of the dict `out`, if given. The compiled call is cached in `pair.prepared`. Raise ArgumentError for
+    unusable arguments.
     """
     rows = (q,) if qd is None else (q, qd) if qdd is None else (q, qd, qdd)
     if type(outputs) is list:
@@ -281,9 +282,9 @@ def plan_from_body1(
     pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: Outputs, out: Out
 ) -> tuple[Plan, Named, dict[str, tuple[int, ...]]]:
     """Return (plan, values, shapes): the Plan that computes the requested outputs from the BodyMotion of body 1 and
-    the hinge angle with its derivatives, the inputs of this plan by name, and the leading shapes of body 1 and of the
-    hinge's inputs by argument name. `pair` holds the Constants of the pair. Raise ArgumentError for unusable
-    arguments.
+    the hinge angle with its derivatives, a dict of the inputs of this plan, and a dict of the leading shapes of
+    "body1", "psi" and the given derivatives of psi. `pair` holds the Constants of the pair. Raise ArgumentError for
+    unusable arguments.
     """
     if not isinstance(body1, BodyMotion):
         raise ArgumentError("body1", "a BodyMotion", quoted(body1))
@@ -337,7 +338,7 @@ def _checked_plan(
 ) -> Plan:
     """Return the Plan that computes the outputs `names` from the inputs `input_names` and the Constants `pair`.
     `kind` is the MotionKind of the pair, spatial or planar; `sequence` is the Euler sequence or None. Raise
-    ArgumentError, which names the missing input, if the inputs do not suffice.
+    ArgumentError, which names a missing input, if the inputs do not suffice.
     """
     home = "home" in pair.values
     plan = make_plan(names, sequence, home, kind=kind, given_names=input_names)

@@ -747,7 +747,7 @@ class HingePair(Shown):
         self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
     ) -> dict[str, NDArray[Any]]:
         """Compute the arrays of a report of `residuals`, among them the sizes and tolerances of each residual, and
-        return them as a dict by name.
+        return them as a dict.
         """
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 

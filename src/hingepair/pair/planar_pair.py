@@ -469,9 +469,9 @@ class PlanarPair(Shown):
         **loads: ArrayLike,
     ) -> tuple[FloatArray, ...]:
         """Compute the outputs that a DynamicsComputationSpec names, as vectors in space: a force has three
-        components. Return a tuple of arrays in the order of `spec.outputs`. `coordinates` holds q, qd and qdd by
-        name, `gravity` has two components, and planar loads are keyword arguments. Raise ArgumentError if a
-        coordinate argument is None or a needed mass is missing.
+        components. Return a tuple of arrays in the order of `spec.outputs`. `coordinates` is a dict with the keys q,
+        qd and qdd, as far as needed, `gravity` has two components, and planar loads are keyword arguments. Raise
+        ArgumentError if a coordinate argument is None or a needed mass is missing.
         """
         for name, row in coordinates.items():
             if row is None:

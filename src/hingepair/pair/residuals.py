@@ -324,7 +324,7 @@ def lazy_residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> LazyResiduals:
-    """Return the LazyResiduals of two BodyMotions, made of the results of `residual_arrays` as Dask arrays by name;
+    """Return the LazyResiduals of two BodyMotions, made of the dict of Dask arrays that `residual_arrays` returns;
     nothing is computed. `name` is the name of the pair, `tolerances` is a dict by kind of residual or None, and `t`
     holds the instants in memory or is None. Raise ArgumentError if t is a Dask array, ShapeError if it does not
     broadcast to the samples.
@@ -442,8 +442,8 @@ def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
 
 def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -> Residuals | LazyResiduals:
     """Return the report on two motions: LazyResiduals if the arrays in `values` are Dask arrays, and otherwise
-    Residuals. `values` holds the arrays by name and the summary under the key "summary"; `name` is the name of the
-    pair, t the instants or None, u the unit roundoff.
+    Residuals. `values` is a dict of the arrays, with the summary under the key "summary"; `name` is the name of the
+    pair, `t` holds the instants or is None, and `u` is the unit roundoff of the motions.
     """
     arrays = {key: value for key, value in values.items() if key != "summary"}
     if holds_dask(arrays):
@@ -453,8 +453,9 @@ def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -
 
 
 def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays: Mapping[str, Any]) -> Residuals:
-    """Return the Residuals made of a summary and of NumPy or Dask arrays by name. `name` is the name of the pair, u
-    the unit roundoff, and t holds the instants or is None; each row gets the instant of its worst sample.
+    """Return the Residuals made of a summary and of a dict of NumPy or Dask arrays. `name` is the name of the pair,
+    `u` is the unit roundoff of the motions, and `t` holds the instants or is None; each row gets the instant of its
+    worst sample.
     """
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
@@ -488,9 +489,9 @@ _SIZE_AND_TOLERANCE_ARRAY_NAMES = {
 def residual_arrays(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> dict[str, NDArray[Any]]:
-    """Compute the arrays of a report on two BodyMotions, and return them as a dict by name. They are the residuals,
-    the hinge angle and its derivatives, `ratio`, which is the largest residual / tolerance of each sample, and the
-    sizes and tolerances of each residual. `tolerances` is a dict by kind of residual, or None for the defaults. Raise
+    """Compute the arrays of a report on two BodyMotions, and return them as a dict. They are the residuals, the hinge
+    angle and its derivatives, `ratio`, which is the largest residual / tolerance of each sample, and the sizes and
+    tolerances of each residual. `tolerances` is a dict by kind of residual, or None for the defaults. Raise
     ArgumentError for unusable arguments.
 
     Sizes and tolerances have shape (...,). Sizes are -inf where the motion is not finite.
@@ -526,8 +527,9 @@ class _ResidualComparison(NamedTuple):
 
 
 class _ResidualComputation(NamedTuple):
-    """All residuals of two motions: the `arrays` by name, `comparison_by_kind` with a _ResidualComparison for each
-    kind of residual, the leading `shape` of the samples, and the unit roundoff `u` of the least precise input.
+    """All residuals of two motions, as a named tuple: the dict `arrays`, the dict `comparison_by_kind` with a
+    _ResidualComparison for each kind of residual, the leading `shape` of the samples, and the unit roundoff `u` of
+    the least precise input.
 
     Attributes:
         arrays: residuals, hinge angle and its derivatives by name.
@@ -622,7 +624,7 @@ def _dtypes_of_motions(*bodies: BodyMotion) -> list[np.dtype[Any]]:
 
 
 def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
-    """Return all arrays of two BodyMotions that are not None as a dict by name, such as R1 and omega2. Raise
+    """Return a dict of all arrays of two BodyMotions that are not None, with keys such as R1 and omega2. Raise
     ArgumentError if a motion has no attitude or holds Dask arrays.
     """
     motions: dict[str, NDArray[Any]] = {}
@@ -636,8 +638,9 @@ def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArra
 def _computable_arrays(
     pair: Constants, motions: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, NDArray[Any]]:
-    """Compute the residuals, the hinge angle and its derivatives, as far as the `motions`, arrays by name such as R1,
-    suffice for them. Return them as a dict of float64 arrays by name. `shapes` are the leading shapes of both bodies.
+    """Compute those residuals, hinge angles and derivatives of the hinge angle for which `motions` suffices, and
+    return them as a dict of float64 arrays by name. `motions` is a dict of the arrays of both motions, with keys such
+    as R1, and `shapes` holds the leading shapes of both bodies.
     """
     home, known_names = "home" in pair.values, {*motions, *pair.values}
     names = [
@@ -710,9 +713,9 @@ def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualC
 
 
 def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """Return a dict by kind of residual of the scales that the rounding errors of the residuals are relative to, at
-    each sample, for the given `kinds` (the formulas of `RESIDUAL_KIND_BY_NAME`). `motions` are the arrays of both
-    motions by name, such as R1.
+    """Return the scales that the rounding errors of the residuals are relative to, as a dict of arrays by kind of
+    residual, for the given `kinds` (the formulas of `RESIDUAL_KIND_BY_NAME`). `motions` is a dict of the arrays of
+    both motions, with keys such as R1.
     """
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
@@ -738,9 +741,8 @@ def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: l
 
 
 def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None:
-    """Raise ArgumentError unless both motions have the velocities and accelerations that a kind of residual needs.
-    `motions` are the arrays of both motions by name, such as omega1. The message names the argument `tolerances` at
-    this kind.
+    """Raise ArgumentError, which names `tolerances[kind]`, unless both motions have the velocities and accelerations
+    that the residual `kind` needs. `motions` is a dict of the arrays of both motions, with keys such as omega1.
     """
     letters = RESIDUAL_KIND_BY_NAME[kind].letters
     missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]

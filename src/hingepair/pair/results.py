@@ -281,8 +281,8 @@ def check_ending(path: Path) -> None:
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Return a list of column names, one for each component of each array by name: R2_x, S2_xy and so on. An array of
-    one number at each instant keeps its name.
+    """Return a list of column names, one for each component of each array in the dict `arrays`: R2_x, S2_xy and so
+    on. An array with one number at each instant keeps its name.
 
     >>> column_names({"d": np.zeros((1, 3))})
     ['d_x', 'd_y', 'd_z']
@@ -311,7 +311,9 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
     is_header_written = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows with the instants t [s] and the components of the arrays by name, one line per instant."""
+        """Append rows with the instants t [s] and the components of the arrays in the dict `arrays`, one line per
+        instant.
+        """
         nonlocal is_header_written
         if not is_header_written:
             is_header_written = True
@@ -334,7 +336,9 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows with the instants t [s] and the components of the arrays by name, as a row group."""
+        """Append rows with the instants t [s] and the components of the arrays in the dict `arrays`, as one row
+        group.
+        """
         nonlocal writer
         arrays_by_column = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
         columns = [
@@ -355,14 +359,16 @@ def _collecting_writer(
     file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
 ) -> Iterator[RowWriter]:
     """Yield, as a context manager, a function `add(t, arrays)` that collects blocks of rows in memory. When the
-    `with` block ends without an error, `write(file, arrays, described, unit)` is called once with the arrays of all
-    rows by name, including t. `samples` is the total number of rows.
+    `with` block ends without an error, `write(file, arrays, described, unit)` is called once with a dict of the
+    arrays of all rows, including t. `samples` is the total number of rows.
     """
     array_by_name: dict[str, Any] = {}
     count = 0
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Collect the instants t [s] and arrays by name of a block. A block of all samples is kept without a copy."""
+        """Collect the instants t [s] and the arrays in the dict `arrays` of one block. A block of all samples is kept
+        without a copy.
+        """
         nonlocal count
         for name, array in {"t": t, **arrays}.items():
             if len(t) == samples:
@@ -377,12 +383,12 @@ def _collecting_writer(
 
 
 def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
-    """Write arrays by name to an open binary file in the format .npz."""
+    """Write a dict of arrays to an open binary file in the format .npz."""
     np.savez(file, **arrays)  # NumPy 2.1 takes any further keyword argument for an array
 
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
-    """Write arrays by name, including t, to an open binary file in the format .nc. The instants t are removed from
+    """Write a dict of arrays, including t, to an open binary file in the format .nc. The instants t are removed from
     the dict. Raise MissingDependencyError if xarray or SciPy is not installed.
     """
     import_data_package("scipy", "save")

@@ -28,8 +28,8 @@ STANDARD_DEVIATION_ARGUMENT_NAMES: Final = ("u1_std", "u2_std", "axis_std", "hom
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
     """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample.
-    `covariance` is that of the pose, `jacobian` the derivatives of the pose with respect to the geometry, and
-    `geometry` the covariance of the geometry.
+    `covariance` is the covariance of the pose, `jacobian` holds the derivatives of the pose with respect to the
+    geometry, and `geometry` is the covariance of the geometry.
 
     The pose has six components: R2 [m], and the attitude error [rad], which is the rotation vector, in world axes, of
     the rotation of body 2 away from its attitude without tolerances. The geometry has twelve: u1, u2, n, and the

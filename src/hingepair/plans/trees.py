@@ -433,14 +433,14 @@ class Computation:
 
     @functools.cached_property
     def solved(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solution of forward dynamics as three tuples: a1 and alpha1 of a free base (world axes), and q''. All are
-        NaN where M is singular.
+        """Solution of forward dynamics as three tuples: a1 and alpha1 of a free base in world axes, which are
+        meaningless for any other base, and q''. All are NaN if M is singular.
         """
         return self._solve_by_mass_matrix() if self.form.mimics else self._solve_by_articulated_bodies()
 
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
         """Solve forward dynamics by articulated bodies (T5), and return the tuples (a1, alpha1, q''). The first two
-        are meaningless unless the base is free. All are NaN where M is singular.
+        are meaningless unless the base is free. All are NaN if the mass matrix M is singular.
         """
         steps, base = self.articulated
         left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, self.motor_loads)
@@ -464,8 +464,8 @@ class Computation:
 
     @functools.cached_property
     def pivots(self) -> tuple[Scalar, ...]:
-        """Tuple of the pivots of the factored mass matrix, one for each coordinate. A pivot is 0 where M is
-        singular.
+        """Tuple of the pivots of the factored mass matrix, one for each coordinate. At least one pivot is 0, to
+        rounding errors, if the matrix is singular.
         """
         if self.form.mimics:
             return self._solve_mass_matrix((0.0,) * velocity_count(self.form, self.request))[1]
@@ -475,7 +475,7 @@ class Computation:
         self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
     ) -> tuple[tuple[Scalar, ...], ...]:
         """Return the tuples (a + gravity, alpha, q''), where a is the acceleration of the base without gravity. All
-        are NaN where a pivot of M is not larger than its rounding error.
+        are NaN if a pivot of the mass matrix M is not larger than its rounding error.
         """
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), limit in zip(self.form.columns, self.ratios, self.min_pivots, strict=True):
@@ -489,7 +489,7 @@ class Computation:
 
     def _solve_by_mass_matrix(self) -> tuple[tuple[Scalar, ...], ...]:
         """Solve forward dynamics by factoring the mass matrix M, and return the tuples (a1, alpha1, q''). The first
-        two are meaningless unless the base is free. All are NaN where M is singular.
+        two are meaningless unless the base is free. All are NaN if M is singular.
 
         M is eliminated from the tips inward, where entries between branches are zero.
         """
@@ -504,8 +504,8 @@ class Computation:
         return self._nan_where_singular(a, alpha, accelerations[shift:])
 
     def _solve_mass_matrix(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """Solve M x = loads for the mass matrix M, and return the tuple x and a tuple of the pivots of M, without
-        those of a free base.
+        """Solve M x = loads for the mass matrix M. Return the tuple x and a tuple of the pivots of M for the
+        coordinates, without the six pivots of a free base.
         """
         rows, order = [*map(_diagonal_not_0, self.mass_rows)], range(len(loads) - 1, -1, -1)
         lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
@@ -609,8 +609,9 @@ def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
 
 
 def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, Any]:
-    """Take the next numbers from an iterator, as many as each of the named shapes needs. Return a dictionary by name,
-    of numbers for shape () and of tuples of numbers for others.
+    """Take the next numbers from an iterator, as many as the shapes in the dictionary `shapes` need. Return a
+    dictionary with the same keys, whose values are a number for the shape () and a tuple of numbers for any other
+    shape.
     """
     return {
         name: tuple(next(numbers) for _ in range(shape[0])) if shape else next(numbers)
@@ -739,8 +740,8 @@ _SHAPE_BY_BASE_OR_GRAVITY_INPUT: Final[Mapping[str, ArrayShape]] = {
 
 @functools.lru_cache(maxsize=512)
 def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
-    """Return a cached dictionary with the shape of one sample of each input that a request needs, by name, the
-    constants first. The dictionary must not be changed.
+    """Return a cached dictionary from the name of each input that a request needs to the shape of one sample of the
+    input, with "constants" first. The dictionary must not be changed.
     """
     names = set()
     for output in request.outputs:
@@ -757,8 +758,9 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
 
 
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Compute the outputs of a request for a robot of this form, and return a dictionary of them by name, each a
-    scalar or a flat tuple of components. `values` holds the inputs by name, of any kind of scalar.
+    """Compute the outputs of a request for a robot of the given form. Return a dictionary from the name of each
+    output to a scalar or a flat tuple of components. `values` is a dictionary of the inputs, which may be scalars of
+    any kind.
     """
     computation = Computation(form, request, values)
     return {name: TREE_OUTPUT_BY_NAME[name].compute(computation) for name in request.outputs}
