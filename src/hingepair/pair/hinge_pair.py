@@ -32,7 +32,7 @@ from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
 Returned = TypeVar("Returned")
 
-SAMPLE_SHAPE_BY_DASK_ARGUMENT: Final = {
+_SAMPLE_SHAPE_OR_SHAPES_BY_DASK_ARGUMENT: Final = {
     **SPATIAL_MOTION_KIND.shapes,
     **dict.fromkeys(("body1", "body2"), SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE),
 }
@@ -156,7 +156,9 @@ class HingePair(Shown):
         are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading axes.
         """
         check_single_pair(self, " if the arguments are Dask arrays")
-        return apply_to_chunks(method, arguments, SAMPLE_SHAPE_BY_DASK_ARGUMENT, kinematics.spatial_columns)
+        return apply_to_chunks(
+            method, arguments, _SAMPLE_SHAPE_OR_SHAPES_BY_DASK_ARGUMENT, kinematics.spatial_columns
+        )
 
     def forward_kinematics(
         self,
