@@ -165,17 +165,17 @@ def check_pair(pair: object) -> None:
         raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))
 
 
-def check_single_pair(pair: Any, where: str = "") -> None:
+def check_single_pair(pair: Any, condition: str = "") -> None:
     """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, if its geometry has leading
-    axes. The text `where` follows the words "one pair" in the message.
+    axes. The text `condition` follows the words "one pair" in the message.
 
     Args:
         pair: a HingePair or a PlanarPair.
-        where: text that follows "one pair" in the message, such as " if the arguments are Dask arrays".
+        condition: text that follows "one pair" in the message, such as " if the arguments are Dask arrays".
 
     Raises:
         ShapeError: u1, u2, n or home have leading axes.
     """
     if not pair.constants.single:
-        expected = f"one pair{where}, such as {type(pair).__name__}(u1[i], ...)"
+        expected = f"one pair{condition}, such as {type(pair).__name__}(u1[i], ...)"
         raise ShapeError("pair", expected, f"pairs of shape {pair.constants.shape}")

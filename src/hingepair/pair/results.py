@@ -336,8 +336,8 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Append rows with the instants t [s] and the components of the arrays in the dict `arrays`, as one row
-        group.
+        """Append rows with the instants t [s] and the components of the arrays in the dict `arrays`, as row groups of
+        the file.
         """
         nonlocal writer
         arrays_by_column = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
