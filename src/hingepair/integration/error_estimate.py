@@ -81,9 +81,9 @@ class StepSample(NamedTuple):
 
 def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> StepSample:
     """Choose the steps between times t whose errors are measured; return a `StepSample`. These are all steps, if
-    there are at most MAX_FULLY_MEASURED_STEP_COUNT. Otherwise they are one step in each part of the time, drawn with
-    a probability proportional to its length to the power `order` + 1, and the steps over which a Signal of `signals`
-    changes most abruptly.
+    there are at most MAX_FULLY_MEASURED_STEP_COUNT. Otherwise they are one step in each part of the time, drawn by a
+    fixed sequence in proportion to its length to the power `order` + 1, and the steps over which a Signal of
+    `signals` changes most abruptly.
 
     Parts are similar in time and number of steps. The measured step of a part is drawn by a fixed quasi-random
     sequence (fractions of multiples of the golden ratio), with a probability in proportion to length^(order + 1), as
@@ -128,10 +128,10 @@ def _most_abrupt_steps(t: Array, values: Array) -> NDArray[np.intp]:
 
 
 class StepErrors(NamedTuple):
-    """Measured errors of integration steps, one row each. `errors` are the errors [rad], `noise` the standard
-    deviations of their rounding, `undetected` the sizes of errors of jumps that the measurement may miss,
-    `rate_integral` the integrals of the absolute rate, and `rate_integral_noise` the standard deviations of their
-    rounding.
+    """Measured errors of integration steps, arrays with a row for each step. `errors` are the errors [rad], `noise`
+    the standard deviations of their rounding, `undetected` the sizes of errors of jumps that the measurement may
+    miss, `rate_integral` the integrals of the absolute rate, and `rate_integral_noise` the standard deviations of
+    their rounding.
     """
 
     errors: Array  # rotation vectors (P, 3) or angles (P, 1) [rad]

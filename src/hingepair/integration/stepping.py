@@ -57,8 +57,8 @@ class Steps(NamedTuple):
         return Steps(t, np.searchsorted(t, self.at_instants(self.t)))
 
     def chunks(self) -> Iterator[tuple[int, int]]:
-        """Return an iterator over pairs (first, last) of step indices: chunks of at most STEPS_PER_CHUNK steps. The
-        step with index `last` is not in the chunk.
+        """Return an iterator over pairs (first, last) of step indices, one for each chunk of at most STEPS_PER_CHUNK
+        steps. The step with the index `last` is not in the chunk.
         """
         return (
             (first, min(first + STEPS_PER_CHUNK, self.step_count))
@@ -105,9 +105,9 @@ def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivisi
 
 
 class PrefixScan:
-    """Prefix scan: computes the products of the first k elements for all k. An element is a tuple of numbers, and the
-    product any associative operation on two elements. `scan` works on an array of elements in place, and `scan_steps`
-    on the elements of integration steps.
+    """Prefix scan, which computes for each k the product of the first k elements. An element is a tuple of numbers,
+    and the product any associative operation on two elements. `scan` works on an array of elements in place, and
+    `scan_steps` on the elements of integration steps.
 
     Args:
         name: of the operation, for the names of kernels.

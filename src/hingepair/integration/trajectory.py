@@ -139,8 +139,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return replace(self, psi=psi, state=state, steps=steps, **values)
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return a dict of the Dask arrays of the trajectory, and the function that makes a trajectory from such a
-        dict, computed or not.
+        """Return a pair: a dict of the Dask arrays of the trajectory by name, and a function that makes a trajectory
+        from a dict of these arrays, computed or lazy.
         """
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         state = values.pop("state")
@@ -168,8 +168,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return self._arrays()
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return a tuple of the names of the leading axes, and a dict of all arrays. The axes are those of the
-        motions, if there are many, and "time".
+        """Return a pair: a tuple of the names of the leading axes, and a dict of all arrays by name. The axes are
+        those of the motions, if the trajectory holds many, and "time".
         """
         count = len(self.motions)
         if not count and not holds_dask(self.psi):

@@ -215,9 +215,10 @@ def run_sweep(
     sweep: Sweep, out: Path, scheduler: str | None = None, workers: int = -1, progress: Progress | None = None
 ) -> Path:
     """Compute all chunks of a Sweep that are not stored yet, write the store, and return its path `out`. `scheduler`
-    is the address of a Dask scheduler; None computes on `workers` threads of this process. `progress` is called after
-    each chunk with the numbers of finished and of all chunks. Raise an ArgumentError if a variant cannot be computed
-    or the store cannot be written; finished chunks are kept, and the next call continues from them.
+    is the address of a Dask scheduler; None computes on `workers` threads of this process (-1: one on every core).
+    `progress` is called after each chunk with the numbers of finished and of all chunks. Raise an ArgumentError if a
+    variant cannot be computed or the store cannot be written; finished chunks are kept, and the next call continues
+    from them.
 
     Args:
         sweep: a sweep from `load_sweep`.
@@ -280,8 +281,8 @@ def _compute_on_threads(
     sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter, thread_count: int
 ) -> None:
     """Compute the chunks of a Sweep with the given indices on threads of this process, and call `store_chunk` with
-    the index and the columns of each chunk when it is finished. Raise the error of a chunk that cannot be computed;
-    an error that is not of this package, a MemoryError or an OSError becomes an ArgumentError.
+    the index and the columns of each chunk when it is finished. If a chunk cannot be computed, raise its error:
+    unchanged if it is an error of this package, a MemoryError or an OSError, and otherwise as an ArgumentError.
     """
     import dask
 

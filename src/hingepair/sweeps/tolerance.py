@@ -35,9 +35,9 @@ _HALF_WIDTH_OF_95_PERCENT_BAND_IN_STD: Final = 1.96
 
 
 class Band(NamedTuple):
-    """Deviations of one component of the pose of body 2 at the instant `t`: name and unit of the component, standard
-    deviations `first_order_std` and `sampled_std`, and the ends `low` and `high` of the middle 95 % of the sampled
-    pairs.
+    """Deviations of one component of the pose of body 2 at the instant `t` [s]: the `component` by name, its `unit`,
+    the standard deviations `first_order_std` and `sampled_std`, and the ends `low` and `high` of the middle 95 % of
+    the sampled pairs.
 
     Attributes:
         component: one of `BODY2_POSE_COMPONENT_NAMES`.
@@ -117,8 +117,8 @@ class ToleranceStudy(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """Sentence that names the dimension that causes most of the variance of R2, and the one that causes most of
-        the variance of the attitude.
+        """Sentence that names the dimension with the largest share in the variance of R2, and the dimension with the
+        largest share in the variance of the attitude.
         """
         shares = self.shares()
         leaders = [max(shares, key=lambda name: shares[name][k]) for k in (0, 1)]
