@@ -17,7 +17,7 @@ from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUT_QUANTITY_NAMES
 from hingepair.scenes.pair_table import SPATIAL_PAIR_TABLE_KEYS
 from hingepair.scenes.simulated_motion import SPATIAL_DYNAMICS_KEYS
 from hingepair.scenes.waypoints import WAY_POINT_PROFILE_NAMES
-from hingepair.symbolic.expressions import BUILTIN_CONSTANT_VALUE_BY_NAME, FUNCTION_SIGNATURE_BY_NAME
+from hingepair.symbolic.expressions import BUILTIN_SYMPY_CONSTANT_BY_NAME, FUNCTION_SIGNATURE_BY_NAME
 from support.sparse import sparse
 
 ROOT = Path(__file__).parents[2]
@@ -87,7 +87,7 @@ def test_there_are_examples_of_every_kind():
 
 WORDS = (
     *FUNCTION_SIGNATURE_BY_NAME,
-    *BUILTIN_CONSTANT_VALUE_BY_NAME,
+    *BUILTIN_SYMPY_CONSTANT_BY_NAME,
     *WAY_POINT_PROFILE_NAMES,
     *SPATIAL_PAIR_TABLE_KEYS,
     *COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME,

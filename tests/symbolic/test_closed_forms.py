@@ -202,7 +202,7 @@ def test_forms_run_the_same_equations_as_numbers():
     """No step but the sines and cosines is another function."""
     for name in SPATIAL_MOTION_KIND.levels:
         numeric = {step.result: step for step in (*LEVER_CONSTANT_STEPS, *make_plan((name,)).steps)}
-        steps = make_plan((name,), "XYZ", True, closed_forms._EULER_AND_HINGE_TRIG_FUNCTIONS).steps
+        steps = make_plan((name,), "XYZ", True, closed_forms._TRIG_FUNCTIONS_OF_EULER_AND_HINGE_ANGLES).steps
         own = {step.result for step in steps if step != numeric[step.result]}
         assert own <= {"trig", "hinge", "cosine"}
 

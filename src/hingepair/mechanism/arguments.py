@@ -17,7 +17,7 @@ from hingepair.pair.forward_kinematics import read_component
 Coordinates: TypeAlias = ArrayLike | Mapping[str, Any]
 """One array of shape (..., dof), a table with the joints' names, or a value by each joint's name."""
 
-MOTION_ATTRIBUTE_BY_BASE_INPUT: Final = {
+BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME: Final = {
     "R1": "R",
     "S1": "S",
     "v1": "v",
@@ -27,13 +27,13 @@ MOTION_ATTRIBUTE_BY_BASE_INPUT: Final = {
 }
 """Attributes of a BodyMotion by the names of the inputs that describe the base's motion."""
 
-RESTING_BASE_VALUE_BY_INPUT: Final[Mapping[str, tuple[float, ...]]] = {
+RESTING_BASE_VALUE_BY_INPUT_NAME: Final[Mapping[str, tuple[float, ...]]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
     "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
 }
 """Inputs of a base that rests at the origin, by name."""
 
-ZERO_BASE_LOAD_BY_INPUT: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(
+ZERO_BASE_LOAD_BY_INPUT_NAME: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(
     ("force1", "torque1"), (0.0, 0.0, 0.0)
 )
 """Inputs of a base without loads, by name."""
@@ -81,7 +81,7 @@ def read_arguments(
             raise ArgumentError(name, "values of the joints, since the method needs them", None)
     base = _base_arrays(base_motion, needed_inputs)
     loads = {label: value for value, label in labelled_loads.values() if is_foreign(value)}
-    motion = {f"base_motion.{MOTION_ATTRIBUTE_BY_BASE_INPUT[name]}": value for name, value in base.items()}
+    motion = {f"base_motion.{BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]}": value for name, value in base.items()}
     library = common_library({**coordinates, **motion, **loads})
     parts: dict[str, Any] = {}
     shapes: dict[str, tuple[int, ...]] = {}
@@ -193,8 +193,8 @@ def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -
     arrays = {}
     at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
     for name in needed_inputs:
-        if name in MOTION_ATTRIBUTE_BY_BASE_INPUT and (name in {"R1", "S1"} or not at_rest):
-            letter = MOTION_ATTRIBUTE_BY_BASE_INPUT[name]
+        if name in BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME and (name in {"R1", "S1"} or not at_rest):
+            letter = BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]
             arrays[name] = getattr(base_motion, letter)
             if arrays[name] is None:
                 expected = f"a value, as in BodyMotion(..., {letter}=...): an output needs it"

@@ -22,10 +22,10 @@ from hingepair.plans.trees import Form
 Exact: TypeAlias = list[Fraction]
 
 _FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
-_OBLIQUE_AXES_RELATIVE_ERROR: Final = 16 * 2.0**-53
-"""Rounding error of oblique axes and of products with them, over the largest entry."""
-# Axes of a program by the joint's axis, where they permute those of the body.
-_PERMUTED_AXES_BY_JOINT_AXIS: Final = {  # columns of the body's axes: x, y and z of the program's axes
+_OBLIQUE_AXES_ERROR_PER_LARGEST_ENTRY: Final = 16 * 2.0**-53
+"""Largest rounding error of oblique axes and of products with them, divided by the largest entry."""
+# The axes x, y and z of a program in the body's axes, by the components' sizes of a joint axis along x, y or z.
+_PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
     (1.0, 0.0, 0.0): ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
     (0.0, 1.0, 0.0): ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
     (0.0, 0.0, 1.0): ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -79,7 +79,7 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
         pose, masses = [*S.ravel().tolist(), *u.tolist()], _rounded_numbers(moments[k])
         numbers += [*pose, *masses, joint.armature, multiplier, offset, thresholds[k]]
         turned = oblique[k] or oblique[joint.parent]
-        pose_bound = _OBLIQUE_AXES_RELATIVE_ERROR * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0
+        pose_bound = _OBLIQUE_AXES_ERROR_PER_LARGEST_ENTRY * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0
         bounds += [pose_bound] * len(pose)
         bounds += [*_mass_bounds(masses, any(oblique)), 0.0, 0.0, 0.0, 0.0]
     folded, parameters = split_numbers(numbers)
@@ -193,8 +193,8 @@ def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
     axes along x, y or z.
     """
     size = tuple(np.abs(n).tolist())
-    if size in _PERMUTED_AXES_BY_JOINT_AXIS:
-        columns = np.array(_PERMUTED_AXES_BY_JOINT_AXIS[size], float).T
+    if size in _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS:
+        columns = np.array(_PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS[size], float).T
         if n.sum() < 0:  # turned by pi about the new x axis
             columns = columns * (1.0, -1.0, -1.0)
         return columns + 0.0
@@ -350,7 +350,7 @@ def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
     """Return a list of bounds on the rounding errors of a body's ten mass numbers. The bounds are larger if
     `oblique`, that is, if axes of the program are rounded.
     """
-    size = _OBLIQUE_AXES_RELATIVE_ERROR * max(map(abs, numbers)) if oblique else 0.0
+    size = _OBLIQUE_AXES_ERROR_PER_LARGEST_ENTRY * max(map(abs, numbers)) if oblique else 0.0
     return [float(np.spacing(abs(number))) / 2 + size for number in numbers]
 
 

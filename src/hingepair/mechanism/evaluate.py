@@ -17,9 +17,9 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.arguments import (
-    MOTION_ATTRIBUTE_BY_BASE_INPUT,
-    RESTING_BASE_VALUE_BY_INPUT,
-    ZERO_BASE_LOAD_BY_INPUT,
+    BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME,
+    RESTING_BASE_VALUE_BY_INPUT_NAME,
+    ZERO_BASE_LOAD_BY_INPUT_NAME,
     InputValues,
     check_out_names,
 )
@@ -34,13 +34,14 @@ MASS_INDEPENDENT_OUTPUT_NAMES = ("R", "S", "d", "v", "omega", "a", "alpha", "jac
 
 
 # Shapes of one sample of the inputs that describe the base.
-_SAMPLE_SHAPE_BY_BASE_INPUT: Final = {
-    **dict.fromkeys(MOTION_ATTRIBUTE_BY_BASE_INPUT, (3,)),
+_SAMPLE_SHAPE_BY_BASE_INPUT_NAME: Final = {
+    **dict.fromkeys(BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, (3,)),
     "S1": (3, 3),
     "force1": (3,),
     "torque1": (3,),
 }
-_MAX_CACHED_CALLS: Final = 64  # number of calls that a computation keeps: for names, gravity and backend
+# Number of calls (for names, gravity and backend) that a computation keeps; at it, all of them are dropped.
+_MAX_CACHED_CALLS_PER_ROBOT_COMPUTATION: Final = 64
 
 
 class RobotComputation:
@@ -89,8 +90,8 @@ class RobotComputation:
         for the others the values of a base at rest without loads.
         """
         assumed = {
-            **RESTING_BASE_VALUE_BY_INPUT,
-            **ZERO_BASE_LOAD_BY_INPUT,
+            **RESTING_BASE_VALUE_BY_INPUT_NAME,
+            **ZERO_BASE_LOAD_BY_INPUT_NAME,
             "gravity": gravity,
             "constants": self.parameters,
         }
@@ -114,19 +115,19 @@ class RobotComputation:
             check = {"attitude_check": MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE} if has_check else {}
             loop = request_loop(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
             assumed = {
-                **RESTING_BASE_VALUE_BY_INPUT,
-                **ZERO_BASE_LOAD_BY_INPUT,
+                **RESTING_BASE_VALUE_BY_INPUT_NAME,
+                **ZERO_BASE_LOAD_BY_INPUT_NAME,
                 "gravity": gravity,
                 "constants": self.parameters,
             }
             constants = {name: assumed[name] for name, _ in loop.inputs if name not in argument_names}
-            shapes = {name: _SAMPLE_SHAPE_BY_BASE_INPUT.get(name, (self.form.dof,)) for name in argument_names}
+            shapes = {name: _SAMPLE_SHAPE_BY_BASE_INPUT_NAME.get(name, (self.form.dof,)) for name in argument_names}
             shapes |= {name: tail for name, tail in loop.inputs if name in argument_names}
             call = Call(
                 loop, shapes, constants, self.result, backend=backend, constants_name="robot",
                 limits=check, on_limit=lambda values: check_rotation("S1", np.asarray(values["S1"])),
             )  # fmt: skip
-            if len(self._calls) >= _MAX_CACHED_CALLS:
+            if len(self._calls) >= _MAX_CACHED_CALLS_PER_ROBOT_COMPUTATION:
                 self._calls.clear()
             self._calls[key] = call
         return call
@@ -173,7 +174,7 @@ class RobotComputation:
         full = loop.program(bind(loop.inputs, sample_arrays).pattern)
         bound_inputs = {
             **sample_arrays,
-            **{name: value for name, value in RESTING_BASE_VALUE_BY_INPUT.items() if name in sample_arrays},
+            **{name: value for name, value in RESTING_BASE_VALUE_BY_INPUT_NAME.items() if name in sample_arrays},
             "constants": self.parameters,
             **{name: value for name, value in (known_inputs or {}).items() if name in sample_arrays},
         }

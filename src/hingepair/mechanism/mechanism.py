@@ -22,7 +22,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 
 # Headings of the printed table of joints.
-_JOINT_TABLE_HEADINGS = (
+_PRINTED_JOINT_TABLE_HEADINGS_WITHOUT_ARMATURE = (
     "joint",
     "kind",
     "carried by",
@@ -337,7 +337,7 @@ class Mechanism(MechanismMethods):
         """
         joints = self.tree.joints
         geared = any(joint.armature for joint in joints)
-        rows: list[tuple[str, ...]] = [(*_JOINT_TABLE_HEADINGS, "armature") if geared else _JOINT_TABLE_HEADINGS]
+        rows: list[tuple[str, ...]] = [(*_PRINTED_JOINT_TABLE_HEADINGS_WITHOUT_ARMATURE, *["armature"] * geared)]
         for joint in joints:
             rule = joint.mimic
             follows = "" if rule is None else str(records.MimicRecord(joints[rule.leader - 1].name, *rule[1:]))

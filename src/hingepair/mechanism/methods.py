@@ -41,11 +41,11 @@ Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
 # Outputs of motion at the levels of pose, velocity and acceleration.
-_MOTION_OUTPUT_NAMES_BY_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
+_OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
 _MOTION_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
 _SINGLE_FRAME_OUTPUT_NAMES: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
 _INVERSE_DYNAMICS_OUTPUT_NAMES = ("tau", "force1", "torque1")  # of inverse dynamics
-_RESULT_CLASS_BY_OUTPUT: Final[Mapping[str, type[JointResults]]] = {
+_JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME: Final[Mapping[str, type[JointResults]]] = {
     **dict.fromkeys(_INVERSE_DYNAMICS_OUTPUT_NAMES, MechanismForces),
     **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
 }
@@ -65,7 +65,7 @@ _BARE_ARRAY_OUTPUT_NAMES: Final = (
     "centre_of_mass_bias",
 )
 """Outputs that are returned as bare arrays if they are the only output."""
-_NAMES_OF_OUTPUTS_WITH_ERROR_BOUNDS: Final = (
+_OUTPUT_NAMES_WITH_ERROR_BOUNDS: Final = (
     *FRAME_MOTION_OUTPUT_NAMES,
     *_INVERSE_DYNAMICS_OUTPUT_NAMES,
     *_BARE_ARRAY_OUTPUT_NAMES,
@@ -313,7 +313,7 @@ class MechanismMethods(Shown):
             loads = {name: value for name, (value, _) in labelled_loads.items()}
             arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
             return apply_to_chunks(self.error_bounds, arguments, tails, self._table_columns)
-        accepted_names = (*_NAMES_OF_OUTPUTS_WITH_ERROR_BOUNDS, *(("a1", "alpha1") if self.base == "free" else ()))
+        accepted_names = (*_OUTPUT_NAMES_WITH_ERROR_BOUNDS, *(("a1", "alpha1") if self.base == "free" else ()))
         level = sum(name in coordinates for name in ("qd", "qdd"))
         names = self._requested_outputs(outputs, level, None, accepted_names)
         computation = self._computation(names, self._named_frames("frames", frames))
@@ -826,7 +826,9 @@ class MechanismMethods(Shown):
         if given in _MOTION_LEVEL_NAMES or not isinstance(given, str):
             level = sum(name in argument_names for name in ("qd", "qdd"))
             default_names = tuple(
-                name for outputs_by_name in _MOTION_OUTPUT_NAMES_BY_LEVEL[: level + 1] for name in outputs_by_name
+                name
+                for outputs_by_name in _OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL[: level + 1]
+                for name in outputs_by_name
             )
             return _checked_outputs(
                 outputs,
@@ -896,7 +898,9 @@ class MechanismMethods(Shown):
         are all outputs of motion up to a level (0 pose, 1 velocity, 2 acceleration), and the accepted keys of `out`.
         Raise an ArgumentError for a name that is not among `accepted_names`.
         """
-        default_names = tuple(name for names in _MOTION_OUTPUT_NAMES_BY_LEVEL[: level + 1] for name in names)
+        default_names = tuple(
+            name for names in _OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL[: level + 1] for name in names
+        )
         return _checked_outputs(outputs, out, accepted_names, default_names)
 
     def _computation(
@@ -910,8 +914,9 @@ class MechanismMethods(Shown):
         result: RobotComputation | None = self._constants.cache.get(key)
         if result is None:
             kind: type[Results] | None = Results
-            if outputs[0] in _RESULT_CLASS_BY_OUTPUT:
-                kind = joint_results_class(_RESULT_CLASS_BY_OUTPUT[outputs[0]], self._constants.names)  # type: ignore[arg-type]
+            if outputs[0] in _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME:
+                base_class = _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME[outputs[0]]
+                kind = joint_results_class(base_class, self._constants.names)  # type: ignore[arg-type]
             elif outputs[0] in FRAME_MOTION_OUTPUT_NAMES:
                 kind = mechanism_state_class(names, self.tree.frame_names)
             elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUT_NAMES:

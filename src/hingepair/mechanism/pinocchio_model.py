@@ -28,7 +28,7 @@ _PINOCCHIO_SLIDER_TYPE_NAMES = {*(f"JointModelP{axis}" for axis in "XYZ"), "Join
 _QUARTER_TURN_ENTRY_TOLERANCE = 2.0**-50
 """Largest error of an entry of a quarter turn: Pinocchio's rotations come from quaternions, 2^-52 off at most."""
 
-_PINOCCHIO_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
+_PINOCCHIO_VALUE_OF_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
 
 
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
@@ -173,7 +173,7 @@ def _convert_limit(value: float) -> float:
     """Return a limit of Pinocchio as a float; its largest number, which stands for no limit, becomes infinity of the
     same sign.
     """
-    return float(np.copysign(np.inf, value)) if abs(value) >= _PINOCCHIO_MISSING_LIMIT else float(value)
+    return float(np.copysign(np.inf, value)) if abs(value) >= _PINOCCHIO_VALUE_OF_MISSING_LIMIT else float(value)
 
 
 def _is_leader(model: Any, number: int, mimic: Any) -> bool:

@@ -12,8 +12,8 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.arguments import (
-    MOTION_ATTRIBUTE_BY_BASE_INPUT,
-    ZERO_BASE_LOAD_BY_INPUT,
+    BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME,
+    ZERO_BASE_LOAD_BY_INPUT_NAME,
     InputValues,
     check_out_names,
     common_library,
@@ -39,7 +39,11 @@ ARGUMENT_NAMES_BY_COMPUTATION: Final = {
 
 _JOINT_ARGUMENT_NAMES: Final = ("q", "qd", "qdd", "tau")  # which have a component for each coordinate
 # Names that the argument `given` of `prepare` may hold.
-_ACCEPTED_ARGUMENT_NAMES: Final = (*_JOINT_ARGUMENT_NAMES, *MOTION_ATTRIBUTE_BY_BASE_INPUT, *ZERO_BASE_LOAD_BY_INPUT)
+_ARGUMENT_NAMES_ACCEPTED_BY_PREPARE: Final = (
+    *_JOINT_ARGUMENT_NAMES,
+    *BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME,
+    *ZERO_BASE_LOAD_BY_INPUT_NAME,
+)
 
 
 class PreparedMechanism:
@@ -169,8 +173,8 @@ def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ())
             "given", f"{choices(tuple(ARGUMENT_NAMES_BY_COMPUTATION))}, or a tuple of names", quoted(given)
         ) from None
     for name in names:
-        if name not in _ACCEPTED_ARGUMENT_NAMES:
-            raise ArgumentError("given", choices(_ACCEPTED_ARGUMENT_NAMES), quoted(name))
+        if name not in _ARGUMENT_NAMES_ACCEPTED_BY_PREPARE:
+            raise ArgumentError("given", choices(_ARGUMENT_NAMES_ACCEPTED_BY_PREPARE), quoted(name))
     if len({*names}) < len(names):
         raise ArgumentError("given", "each name once", quoted(names))
     for name in needed_inputs:

@@ -26,7 +26,7 @@ _PART_KIND_BY_URDF_JOINT_TYPE: Mapping[str, PartKind] = {
     "prismatic": "slider",
     "fixed": "fixed",
 }
-BASE_LINK_NAME = "base"
+BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS = "base"
 """Name of the base link of a robot that is built from pairs."""
 
 
@@ -115,7 +115,8 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
         ]
         bodies.append(_shared_body([("body2", pair), *carried]))
     seats = [IDENTITY_POSE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
-    parts = [JointPart("", "fixed", -1, **_body_content(BASE_LINK_NAME, bodies[0], IDENTITY_POSE, is_leaf=False))]
+    base_content = _body_content(BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS, bodies[0], IDENTITY_POSE, is_leaf=False)
+    parts = [JointPart("", "fixed", -1, **base_content)]
     for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
         leaf = number not in parent_numbers
         home = np.asarray(pair.home)
@@ -153,9 +154,11 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
             check_single_pair(pair)
         if pair.name in names:
             raise ArgumentError("pairs", "a different name for each, by name=", f"{pair.name!r} twice")
-        if pair.name == BASE_LINK_NAME:
+        if pair.name == BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS:
             raise ArgumentError(
-                "pairs", f"names other than {BASE_LINK_NAME!r}, which is that of the base", quoted(pair.name)
+                "pairs",
+                f"names other than {BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS!r}, which is that of the base",
+                quoted(pair.name),
             )
         names.add(pair.name)
     return checked
@@ -241,7 +244,7 @@ def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_l
     """
     content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:
-        if link_name != BASE_LINK_NAME:
+        if link_name != BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS:
             content["notes"] = (f"{link_name}: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
         return content
     content["inertias"] = {link_name: body_inertia(body).placed(frame_pose)}

@@ -16,7 +16,7 @@ from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.results import column_names, import_data_package
 
 # Docstrings of the outputs of motion, by name.
-_DOC_BY_MOTION_OUTPUT = {
+_DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME = {
     "R": "Position of the frame's origin; (..., 3) m.",
     "S": "Rotation matrix from frame axes to world axes; (..., 3, 3).",
     "d": "Vector from the base's R1 to R, accurate even if the base is far from the world's origin; (..., 3) m.",
@@ -25,7 +25,7 @@ _DOC_BY_MOTION_OUTPUT = {
     "a": "Acceleration of the frame's origin, the second time derivative of R; (..., 3) m/s^2.",
     "alpha": "Angular acceleration; (..., 3) rad/s^2.",
 }
-FRAME_MOTION_OUTPUT_NAMES: Final = tuple(_DOC_BY_MOTION_OUTPUT)
+FRAME_MOTION_OUTPUT_NAMES: Final = tuple(_DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME)
 """Outputs of the motion of a frame: pose, displacement from the base, velocities and accelerations."""
 _PER_COORDINATE_OUTPUT_NAMES: Final = ("tau", "qdd")
 """Outputs with a component for each coordinate."""
@@ -37,7 +37,7 @@ class FrameState(Results):
     origin, angular velocity omega, and angular acceleration alpha. Outputs that were not computed are None.
     """
 
-    __slots__ = _DOC_BY_MOTION_OUTPUT
+    __slots__ = _DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME
 
     R: FloatArray
     S: FloatArray
@@ -61,7 +61,9 @@ class MechanismState(Results):
         frames: names of the frames, in the order of the axis of the frames.
     """
 
-    __slots__ = {name: text.replace("(...,", "(..., frames,") for name, text in _DOC_BY_MOTION_OUTPUT.items()}
+    __slots__ = {
+        name: text.replace("(...,", "(..., frames,") for name, text in _DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME.items()
+    }
 
     frames: ClassVar[tuple[str, ...]] = ()
     _robot_frames: ClassVar[tuple[str, ...]] = ()
@@ -91,7 +93,11 @@ class MechanismState(Results):
                 expected += nearest(str(name), self._robot_frames)
             raise ArgumentError("frame", expected, quoted(name))
         place, axis = self.frames.index(name), len(self.shape)
-        moving = {output: array for output, array in self.arrays().items() if output in _DOC_BY_MOTION_OUTPUT}
+        moving = {
+            output: array
+            for output, array in self.arrays().items()
+            if output in _DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME
+        }
         arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
         return FrameState(arrays, self.shape)
 

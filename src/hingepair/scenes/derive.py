@@ -15,7 +15,7 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.pair_table import pair_expressions
 from hingepair.scenes.scene import Scene, load_pair, load_tables
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.closed_forms import ALLOWED_SYMBOLIC_CONSTANT_NAMES
+from hingepair.symbolic.closed_forms import PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS
 from hingepair.symbolic.derivation import Derivation
 from hingepair.symbolic.frame_forms import FrameForms
 from hingepair.symbolic.kinks import Expr, constant_value
@@ -139,7 +139,7 @@ def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: C
     or not an iterable, or if a name is not u1, u2, n (if the pair has an axis n) or one of `constants`, the names of
     the scene's constants.
     """
-    allowed_names = (*(key for key in ALLOWED_SYMBOLIC_CONSTANT_NAMES if hasattr(pair, key)), *constants)
+    allowed_names = (*(key for key in PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(allowed_names)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
         raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))

@@ -33,11 +33,11 @@ MAX_SYMBOLS_PER_OUTPUT_COMPONENT: Final = 5_000
 """Largest number of symbols in a component, counted with repetition; a longer one is not readable."""
 MAX_SYMBOLS_PER_COORDINATE_DERIVATIVE: Final = 2_000
 """Largest number of symbols in a derivative of a coordinate, counted with repetition."""
-ALLOWED_SYMBOLIC_CONSTANT_NAMES: Final = ("u1", "u2", "n")
+PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
 PAIR_CONSTANT_NAMES: Final = ("u1", "u2", "n", "home")
 """Constants of a pair that closed forms hold."""
-_Q_QD_QDD_INPUT_NAMES: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
+_PLAN_INPUT_NAMES_OF_Q_QD_QDD: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
 
 
 class ClosedForms:
@@ -76,7 +76,7 @@ class ClosedForms:
         self._sequence = None if self._planar else sequence
         self._home = "home" in constants
         self._working_forms: dict[str, Any] = constants | dict(
-            zip(_Q_QD_QDD_INPUT_NAMES, zip(*coordinates, strict=True), strict=True)
+            zip(_PLAN_INPUT_NAMES_OF_Q_QD_QDD, zip(*coordinates, strict=True), strict=True)
         )
         self._display_forms: dict[str, tuple[Expr, ...]] = {}
 
@@ -123,14 +123,19 @@ class ClosedForms:
         """
         check_outputs((name,), self.kind.levels)
         plan = make_plan(
-            (name,), self._sequence, self._home, _EULER_AND_HINGE_TRIG_FUNCTIONS, self.kind, _Q_QD_QDD_INPUT_NAMES
+            (name,),
+            self._sequence,
+            self._home,
+            _TRIG_FUNCTIONS_OF_EULER_AND_HINGE_ANGLES,
+            self.kind,
+            _PLAN_INPUT_NAMES_OF_Q_QD_QDD,
         )
         for result, function, arguments in plan.steps:
             if result not in self._working_forms:
                 value = function(*[self._working_forms[key] for key in arguments])
                 keep = (
                     result in ("angles", "phi2")  # sums of angles
-                    or bool({*arguments} & {*_Q_QD_QDD_INPUT_NAMES})
+                    or bool({*arguments} & {*_PLAN_INPUT_NAMES_OF_Q_QD_QDD})
                     or isinstance(components(value)[0], tuple)
                 )
                 self._working_forms[result] = value if keep else self._shorten(result, value)
@@ -227,5 +232,5 @@ def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
     return sine_expression(psi), 1 - cosine_expression(psi)
 
 
-_EULER_AND_HINGE_TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
+_TRIG_FUNCTIONS_OF_EULER_AND_HINGE_ANGLES: Final = (_angle_trig, _hinge_trig)
 """Functions that plans take for the sines and cosines of the Euler angles and of psi."""

@@ -14,7 +14,7 @@ from hingepair.symbolic.kinks import Expr
 
 MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT: Final = 1_000
 """Largest denominator of the fraction whose square root an entry of a rotation or a unit vector is recognised as."""
-_EXACT_ENTRY_TOLERANCE: Final = 4 * 2.0**-53
+_EXACT_ROTATION_ENTRY_TOLERANCE: Final = 4 * 2.0**-53
 """Largest difference of an entry of a rotation from an exact number that it is taken for; relative to a root."""
 _EXACT_ANGLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
 """Largest difference [rad] of an angle from an exact number that it is taken for."""
@@ -33,11 +33,11 @@ def exact_entry(value: float) -> Expr:
     (0, sqrt(2)/2, -1/4)
     """
     nearest = float(round(value))
-    if abs(value - nearest) <= _EXACT_ENTRY_TOLERANCE:
+    if abs(value - nearest) <= _EXACT_ROTATION_ENTRY_TOLERANCE:
         return sympy.Integer(int(nearest))
     square = Fraction(value * value).limit_denominator(MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
-    return root if abs(float(root) - value) <= _EXACT_ENTRY_TOLERANCE * abs(value) else exact(value)
+    return root if abs(float(root) - value) <= _EXACT_ROTATION_ENTRY_TOLERANCE * abs(value) else exact(value)
 
 
 def exact_angle(value: float) -> Expr:
@@ -54,11 +54,11 @@ def exact_angle(value: float) -> Expr:
     return exact(next(number for number in roundings if abs(number - value) <= _EXACT_ANGLE_TOLERANCE_RAD))
 
 
-def unnested(function: Callable[..., Expr], *arguments: Expr) -> Expr:
+def value_without_nested_roots(function: Callable[..., Expr], *arguments: Expr) -> Expr:
     """Return the value of a SymPy function at arguments without t. If the value has nested roots, return the call
     unevaluated.
 
-    >>> unnested(sympy.cos, sympy.pi / 6), unnested(sympy.cos, sympy.pi / 60)
+    >>> value_without_nested_roots(sympy.cos, sympy.pi / 6), value_without_nested_roots(sympy.cos, sympy.pi / 60)
     (sqrt(3)/2, cos(pi/60))
     """
     value = function(*arguments)
@@ -90,7 +90,7 @@ def axis_rotation(axis: Sequence[Expr], angle: Expr) -> tuple[Expr, ...]:
     >>> axis_rotation([0, 0, 2], sympy.pi / 2)
     (0, -1, 0, 1, 0, 0, 0, 0, 1)
     """
-    hinge = unnested(sympy.sin, angle), 1 - unnested(sympy.cos, angle)
+    hinge = value_without_nested_roots(sympy.sin, angle), 1 - value_without_nested_roots(sympy.cos, angle)
     x, y, z = exact_unit_axis(axis)
     return _expanded(eq.hinge_rotation((x, y, z), hinge))
 

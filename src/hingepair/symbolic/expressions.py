@@ -22,7 +22,7 @@ from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 import sympy
 
 from hingepair.errors import ArgumentError, line_with_caret, nearest
-from hingepair.symbolic.exact_constants import exact, unnested
+from hingepair.symbolic.exact_constants import exact, value_without_nested_roots
 from hingepair.symbolic.jets import (
     MAX_EXACT_NUMBER_BITS,
     SMOOTH_FUNCTION_NAMES,
@@ -38,8 +38,8 @@ MAX_NESTING_DEPTH: Final = 50
 """Largest number of nested parentheses, calls and powers; a sum or a product of any length is one level."""
 MAX_SYNTAX_NODES: Final = 3_000
 """Largest number of numbers, names and operations, which bounds the steps that compute the derivatives too."""
-MAX_EXPONENT: Final = 1_000
-"""Largest exponent of a power, and of ten in a decimal number."""
+MAX_ABSOLUTE_EXPONENT: Final = 1_000
+"""Largest size of the exponent of a power, and of the exponent of ten in a decimal number."""
 MAX_EXPONENT_DENOMINATOR: Final = 10_000
 """Largest denominator of an exponent: t**0.1234 has 5000."""
 
@@ -73,7 +73,7 @@ FUNCTION_SIGNATURE_BY_NAME: Final = MappingProxyType(
 )
 """Calls of all functions, by name."""
 
-BUILTIN_CONSTANT_VALUE_BY_NAME: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
+BUILTIN_SYMPY_CONSTANT_BY_NAME: Final = MappingProxyType({"pi": sympy.pi, "tau": 2 * sympy.pi, "e": sympy.E})
 """Constants that every expression knows, by name."""
 
 Number: TypeAlias = float | Expr
@@ -84,7 +84,7 @@ _HINT_BY_FORBIDDEN_CHARACTER: Final = {
     "^": "; a power is written **",
     "%": "; a remainder is written mod(x, period)",
 }  # how the operation of the character is written instead
-_HINT_BY_SYNTAX_NODE_TYPE: Final[Mapping[type[ast.expr], str]] = {
+_EXPECTED_TEXT_BY_REFUSED_SYNTAX_NODE_TYPE: Final[Mapping[type[ast.expr], str]] = {
     **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
@@ -94,16 +94,16 @@ _REAL_HYPERBOLIC_FUNCTION_BY_NAME: Final = {
     "cosh": cosh,
     "tanh": tanh,
 }  # used for arguments that SymPy does not know to be real
-_EXPECTED_NUMBER_TEXT = "a finite real number"  # in messages
-_MAX_CONSTANT_NAMES_IN_MESSAGE = 20  # constants in a message
-_MAX_FRAGMENT_CHARACTERS = 40  # characters of the text in a message
+_EXPECTED_FINITE_NUMBER_TEXT = "a finite real number"  # in messages
+_MAX_GIVEN_CONSTANT_NAMES_IN_UNKNOWN_NAME_MESSAGE = 20  # beside the built-in ones
+_MAX_FRAGMENT_CHARACTERS_IN_MESSAGE = 40  # characters of the text in a message
 # A word other than an operator.
-_OPERAND_WORD_PATTERN = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
+_OPERAND_WORD_PATTERN_TEXT = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"
 # A number.
-_NUMBER_PATTERN = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
+_NUMBER_PATTERN_TEXT = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
 # Two operands without an operator between them: 2t, 2 sin(t), (1 + t)(2 - t), pi t.
 _MISSING_OPERATOR_PATTERN = re.compile(
-    rf"({_NUMBER_PATTERN}|\)|\b{_OPERAND_WORD_PATTERN}(?=\s+\w))\s*({_OPERAND_WORD_PATTERN}|\(|(?<=\s)\d)"
+    rf"({_NUMBER_PATTERN_TEXT}|\)|\b{_OPERAND_WORD_PATTERN_TEXT}(?=\s+\w))\s*({_OPERAND_WORD_PATTERN_TEXT}|\(|(?<=\s)\d)"
 )
 
 
@@ -164,7 +164,7 @@ def constant_name_fault(name: str) -> str | None:
         return "a name of letters, digits and _"
     taken = (
         "t",
-        *BUILTIN_CONSTANT_VALUE_BY_NAME,
+        *BUILTIN_SYMPY_CONSTANT_BY_NAME,
         *SMOOTH_FUNCTION_NAMES,
     )  # a constant may be called step or max: step(x) is a call
     return f"a name other than {', '.join(taken)}" if name in taken else None
@@ -212,7 +212,7 @@ class _ExpressionBuilder:
         self.line = re.sub(r"\s", " ", text, flags=re.ASCII)
         self.text = self.line.strip(" ")
         self.constants = {
-            **BUILTIN_CONSTANT_VALUE_BY_NAME,
+            **BUILTIN_SYMPY_CONSTANT_BY_NAME,
             **constants,
             **{key: sympy.Symbol(key, real=True) for key in symbols},
         }
@@ -260,17 +260,19 @@ class _ExpressionBuilder:
                 return self._build_power(node, depth + 1)
             case ast.Call():
                 return self._build_call(node, depth + 1)
-        self._refuse(node, _HINT_BY_SYNTAX_NODE_TYPE.get(type(node), "numbers, names, calls and + - * / **"))
+        self._refuse(
+            node, _EXPECTED_TEXT_BY_REFUSED_SYNTAX_NODE_TYPE.get(type(node), "numbers, names, calls and + - * / **")
+        )
 
     def _build_number(self, node: ast.Constant) -> _ParsedSubexpression:
         """Return the parsed subexpression of a number as an exact rational. Raise an ArgumentError if it is not
         finite, or if its power of ten is too large.
         """
         if type(node.value) not in {int, float} or node.value == math.inf:
-            self._refuse(node, _EXPECTED_NUMBER_TEXT)
+            self._refuse(node, _EXPECTED_FINITE_NUMBER_TEXT)
         source = self._source_of(node) if isinstance(node.value, float) else str(node.value)
-        if abs(int(source.lower().partition("e")[2] or 0)) > MAX_EXPONENT:
-            self._refuse(node, f"a power of ten of at most {MAX_EXPONENT}")
+        if abs(int(source.lower().partition("e")[2] or 0)) > MAX_ABSOLUTE_EXPONENT:
+            self._refuse(node, f"a power of ten of at most {MAX_ABSOLUTE_EXPONENT}")
         return self._checked_subexpression(node, sympy.Rational(Fraction(source)))
 
     def _build_name(self, node: ast.Name) -> _ParsedSubexpression:
@@ -355,7 +357,7 @@ class _ExpressionBuilder:
         if is_constant and name == "atan2":  # evaluation may take SymPy minutes
             function = functools.partial(function, evaluate=False)
         elif is_constant and name in ("sin", "cos", "tan"):  # their values may have nested roots
-            function = functools.partial(unnested, function)
+            function = functools.partial(value_without_nested_roots, function)
         elif not is_constant and name in _REAL_HYPERBOLIC_FUNCTION_BY_NAME and not parts[0].expr.is_extended_real:
             function = _REAL_HYPERBOLIC_FUNCTION_BY_NAME[name]
         return self._apply(node, function, getattr(math, name), *parts)
@@ -393,7 +395,7 @@ class _ExpressionBuilder:
         try:
             value = None if None in values else operate_on_floats(*values)
         except (ArithmeticError, ValueError):
-            self._refuse(node, _EXPECTED_NUMBER_TEXT)
+            self._refuse(node, _EXPECTED_FINITE_NUMBER_TEXT)
         return self._checked_subexpression(node, operate_exactly(*exprs), value)
 
     def _checked_subexpression(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedSubexpression:
@@ -401,7 +403,7 @@ class _ExpressionBuilder:
         known. Raise an ArgumentError on the syntax node if the expression is not finite or too large.
         """
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
-            self._refuse(node, _EXPECTED_NUMBER_TEXT)
+            self._refuse(node, _EXPECTED_FINITE_NUMBER_TEXT)
         for part in (expr, *expr.args):
             if part.is_Pow:
                 self._check_power(node, part.base, part.exp)
@@ -410,7 +412,7 @@ class _ExpressionBuilder:
         if expr.is_Rational or (value is None and not expr.free_symbols):
             value = constant_value(expr)
         if value is not None and not math.isfinite(value):
-            self._refuse(node, _EXPECTED_NUMBER_TEXT)
+            self._refuse(node, _EXPECTED_FINITE_NUMBER_TEXT)
         return _ParsedSubexpression(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
@@ -418,8 +420,8 @@ class _ExpressionBuilder:
         base, is too large for SymPy to compute the power quickly.
         """
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
-        if exponent.is_Rational and (abs(exponent) > MAX_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
-            self._refuse(node, f"an exponent of at most {MAX_EXPONENT}, with at most 4 decimals")
+        if exponent.is_Rational and (abs(exponent) > MAX_ABSOLUTE_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
+            self._refuse(node, f"an exponent of at most {MAX_ABSOLUTE_EXPONENT}, with at most 4 decimals")
         if base is not sympy.E and bit_length(base.as_coeff_Mul()[0]) * largest > MAX_EXACT_NUMBER_BITS:
             self._refuse(node, f"exact numbers of at most {MAX_EXACT_NUMBER_BITS} bits")
 
@@ -450,11 +452,10 @@ class _ExpressionBuilder:
             )
             return f"; a function is called as {call}"
         if match and match[2].startswith("deg"):
-            return f"; degrees are written {match[1][:_MAX_FRAGMENT_CHARACTERS]}*pi/180"
+            return f"; degrees are written {match[1][:_MAX_FRAGMENT_CHARACTERS_IN_MESSAGE]}*pi/180"
         if match:
-            return (
-                f"; a product is written {match[1][:_MAX_FRAGMENT_CHARACTERS]}*{match[2][:_MAX_FRAGMENT_CHARACTERS]}"
-            )
+            left, right = (operand[:_MAX_FRAGMENT_CHARACTERS_IN_MESSAGE] for operand in match.groups()[:2])
+            return f"; a product is written {left}*{right}"
         if re.search(r"\bif\b", self.text):
             return "; a choice is written where(condition, x, y)"
         assigns = re.search("(?<![<>=])=(?!=)", self.text)
@@ -463,7 +464,11 @@ class _ExpressionBuilder:
     def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
         """Raise an ArgumentError on a syntax node, with the node's text, its column and the text `expected`."""
         source = self._source_of(node)
-        shown = source if len(source) <= _MAX_FRAGMENT_CHARACTERS else source[: _MAX_FRAGMENT_CHARACTERS - 3] + "..."
+        shown = (
+            source
+            if len(source) <= _MAX_FRAGMENT_CHARACTERS_IN_MESSAGE
+            else source[: _MAX_FRAGMENT_CHARACTERS_IN_MESSAGE - 3] + "..."
+        )
         column = self.column + node.col_offset
         self._fail(expected, f"{shown} at column {column}", column)
 
@@ -472,9 +477,11 @@ class _ExpressionBuilder:
         names = (
             *FUNCTION_SIGNATURE_BY_NAME,
             "t",
-            *list(self.constants)[: _MAX_CONSTANT_NAMES_IN_MESSAGE + len(BUILTIN_CONSTANT_VALUE_BY_NAME)],
+            *list(self.constants)[
+                : len(BUILTIN_SYMPY_CONSTANT_BY_NAME) + _MAX_GIVEN_CONSTANT_NAMES_IN_UNKNOWN_NAME_MESSAGE
+            ],
         )
-        column, short = self.column + node.col_offset, node.id[:_MAX_FRAGMENT_CHARACTERS]
+        column, short = self.column + node.col_offset, node.id[:_MAX_FRAGMENT_CHARACTERS_IN_MESSAGE]
         hint = f" ({_HINT_BY_UNKNOWN_NAME[short]})" if short in _HINT_BY_UNKNOWN_NAME else nearest(short, names)
         got = f"unknown name '{short}' at column {column}{hint}"
         error = ArgumentError(self.name, ", ".join(names), got)

@@ -12,7 +12,7 @@ import sympy
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.frame_program import SYMBOLIC_POINTS_OPTION, FrameProgram
+from hingepair.symbolic.frame_program import NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
 from hingepair.symbolic.layout import (
     align_environment,
@@ -91,9 +91,11 @@ class FrameForms:
             expected = "a robot with base='fixed': the motion of its frames relative to its base"
             raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
         symbols = symbolic if isinstance(symbolic, str) or not isinstance(symbolic, Iterable) else tuple(symbolic)
-        if symbols not in ((), (SYMBOLIC_POINTS_OPTION,)):
+        if symbols not in ((), (NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT,)):
             raise ArgumentError(
-                "symbolic", f"({SYMBOLIC_POINTS_OPTION!r},): points of a robot's joints, or nothing", quoted(symbolic)
+                "symbolic",
+                f"({NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT!r},): points of a robot's joints, or nothing",
+                quoted(symbolic),
             )
         end_links = robot.tree.tips
         if frame is None and len(end_links) != 1:

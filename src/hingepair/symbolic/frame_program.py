@@ -33,13 +33,13 @@ VectorExpr: TypeAlias = tuple[Expr, Expr, Expr]
 MatrixExpr: TypeAlias = tuple[Expr, ...]
 """Nine entries, row by row."""
 
-SYMBOLIC_POINTS_OPTION: Final = "u"
+NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT: Final = "u"
 """Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
 _PARALLEL_AXES_COMPONENT_TOLERANCE: Final = 16 * 2.0**-53
 """Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
-_RIGHT_ANGLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
+_RIGHT_ANGLE_MULTIPLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
 """Largest difference [rad] from a multiple of pi/2 of an angle that counts as such a multiple."""
-_ZERO_TO_LARGEST_COMPONENT_TOLERANCE: Final = 4 * 2.0**-53
+_ZERO_TO_LARGEST_POINT_COMPONENT_TOLERANCE: Final = 4 * 2.0**-53
 """Largest size, relative to the largest component of a point, of a component that counts as 0."""
 _ZERO_VECTOR_EXPR: Final = (sympy.S.Zero,) * 3  # as expressions
 # The rotation by no angle, row by row.
@@ -131,7 +131,7 @@ class _ParallelJoints:
             doubled_sines = np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))
             angle = math.atan2(float(n @ doubled_sines) / 2, float(np.trace(S) - 1) / 2)
             quarters = round(angle / (math.pi / 2))
-            is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE_TOLERANCE_RAD
+            is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE_MULTIPLE_TOLERANCE_RAD
             if not is_right or (quarters and np.count_nonzero(np.abs(n) > _PARALLEL_AXES_COMPONENT_TOLERANCE) > 1):
                 self.angle += exact_angle(angle)
                 return
@@ -145,8 +145,8 @@ class FrameProgram:
     Args:
         tree: the robot, whose base rests at the origin.
         frame: one of its frames.
-        symbolic: if it contains SYMBOLIC_POINTS_OPTION, components of joint points and of the frame's origin that are
-            not 0 are symbols.
+        symbolic: if it contains NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT, components of joint points and of the frame's
+            origin that are not 0 are symbols.
 
     Attributes:
         results: components by output: R (3), S (9, row by row), jacobian (6 dof, row by row), v (3), omega (3).
@@ -167,7 +167,7 @@ class FrameProgram:
         self.numbers: dict[Expr, float] = {}
         self.largest_rounded = 0.0
         self._trig_symbols: dict[Expr, tuple[Expr, Expr]] = {}
-        self._points_are_symbols = SYMBOLIC_POINTS_OPTION in symbolic
+        self._points_are_symbols = NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT in symbolic
         self._columns = {joint.name: column for column, joint in enumerate(coordinates)}
         chain = _joint_path(tree, frame.body)
         columns = sorted({self._column(tree, tree.joints[number - 1]) for number in chain})
@@ -224,7 +224,7 @@ class FrameProgram:
         parts = []
         for axis, value in zip("xyz", point.tolist(), strict=True):
             number = exact(value)
-            if abs(value) <= _ZERO_TO_LARGEST_COMPONENT_TOLERANCE * size:
+            if abs(value) <= _ZERO_TO_LARGEST_POINT_COMPONENT_TOLERANCE * size:
                 self.largest_rounded = max(self.largest_rounded, abs(value))
                 number = sympy.S.Zero
             if number and self._points_are_symbols:

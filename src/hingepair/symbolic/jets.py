@@ -39,7 +39,7 @@ SMOOTH_FUNCTION_NAMES: Final = (
 """Names of functions that SymPy and math share."""
 
 # Names of the functions that are compiled to NumPy.
-_FUNCTION_NAMES_COMPILED_TO_NUMPY = (
+_SYMPY_FUNCTION_NAMES_COMPILED_TO_NUMPY = (
     *SMOOTH_FUNCTION_NAMES,
     "Abs",
     "sign",
@@ -231,7 +231,7 @@ def _check_real(expr: Expr) -> None:
         if power.base.is_Number and power.base.is_negative and not power.exp.is_integer:
             raise NotRealError(f"a power of the negative number {power.base}")
     for function in expr.atoms(sympy.Function, sympy.Derivative, sympy.Subs, sympy.Piecewise):
-        if type(function).__name__ not in _FUNCTION_NAMES_COMPILED_TO_NUMPY:
+        if type(function).__name__ not in _SYMPY_FUNCTION_NAMES_COMPILED_TO_NUMPY:
             raise NotRealError(f"{type(function).__name__}(...)")
 
 

@@ -19,16 +19,18 @@ from sympy.printing.str import StrPrinter
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
-_MAX_READABLE_DENOMINATOR: Final = 1_000  # largest denominator of a fraction that is easier to read than a decimal
+_MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION: Final = (
+    1_000  # largest denominator of a fraction that is easier to read than a decimal
+)
 # Largest numerator or denominator of a fraction that is printed as such.
-_MAX_INTEGER_IN_PRINTED_FRACTION: Final = 10**6
+_MAX_INTEGER_IN_NON_TERMINATING_PRINTED_FRACTION: Final = 10**6
 _MAX_EXACT_FLOAT_INTEGER: Final = 2**53  # integers below are exact as floats
 # Characters of an exact number; a longer one is printed as a decimal of 17 digits.
 _MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER: Final = 18
 # A sum of constants that is smaller, relative to its largest term, counts as 0.
 _ZERO_SUM_TO_LARGEST_TERM_TOLERANCE: Final = 1e-60
 # Largest denominator of a fraction among decimals, such as the lengths of a robot.
-_MAX_FRACTION_DENOMINATOR_AMONG_DECIMALS: Final = 4
+_MAX_DENOMINATOR_OF_FRACTION_IN_DECIMAL_PRINTERS: Final = 4
 _GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
 _LATEX_BY_JACOBIAN_BLOCK_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
 _SUPERSCRIPT_TRANSLATION_TABLE = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
@@ -93,14 +95,18 @@ def latex_name(name: str) -> str:
     return f"{dotted}_{{{index}}}" if index else dotted
 
 
-def _decimal_text(value: Expr, max_denominator: int = _MAX_READABLE_DENOMINATOR) -> str | None:
+def _decimal_text(value: Expr, max_denominator: int = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION) -> str | None:
     """Return the decimal text of a rational number if it is easier to read than its fraction; otherwise None.
     Fractions with a denominator up to `max_denominator` stay fractions.
     """
     if value.q <= max_denominator and abs(value.p) < _MAX_EXACT_FLOAT_INTEGER:
         return None
     terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
-    return _float_text(value) if terminates or max(abs(value.p), value.q) > _MAX_INTEGER_IN_PRINTED_FRACTION else None
+    return (
+        _float_text(value)
+        if terminates or max(abs(value.p), value.q) > _MAX_INTEGER_IN_NON_TERMINATING_PRINTED_FRACTION
+        else None
+    )
 
 
 def _float_text(value: Expr) -> str:
@@ -201,7 +207,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
     \sin 2 t.
     """
 
-    max_denominator = _MAX_READABLE_DENOMINATOR
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION
 
     def _print_Symbol(self, expr: Expr, **_: Any) -> str:
         return latex_name(expr.name)
@@ -237,7 +243,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     t²)`.
     """
 
-    max_denominator = _MAX_READABLE_DENOMINATOR
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION
     needs_parentheses = False  # whether it prints inside a power or fraction, where functions need parentheses
 
     def _print_Symbol(self, expr: Expr) -> str:
@@ -389,13 +395,13 @@ def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
 class _DecimalText(_TextPrinter):
     """Printer of plain text, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_FRACTION_DENOMINATOR_AMONG_DECIMALS
+    max_denominator = _MAX_DENOMINATOR_OF_FRACTION_IN_DECIMAL_PRINTERS
 
 
 class _DecimalLatex(_LatexPrinter):
     """Printer of LaTeX, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_FRACTION_DENOMINATOR_AMONG_DECIMALS
+    max_denominator = _MAX_DENOMINATOR_OF_FRACTION_IN_DECIMAL_PRINTERS
 
 
 # The printers of expressions as functions.

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import sympy
 
-from hingepair.symbolic.exact_constants import unnested
+from hingepair.symbolic.exact_constants import value_without_nested_roots
 from hingepair.symbolic.kinks import Expr
 
 MAX_TRIG_SUM_TERMS: Final = 200
@@ -94,7 +94,7 @@ def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
     neither a sine nor a cosine, or has nested roots.
     """
     if not angle.free_symbols:
-        return unnested(function, angle)
+        return value_without_nested_roots(function, angle)
     value = function(angle)
     is_wave = isinstance(value.as_coeff_Mul()[1], sympy.sin | sympy.cos)
     return value if is_wave else function(angle, evaluate=False)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.mechanism.arguments import MOTION_ATTRIBUTE_BY_BASE_INPUT, Coordinates, read_arguments
+from hingepair.mechanism.arguments import BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, Coordinates, read_arguments
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
@@ -94,11 +94,11 @@ class _RobotSamples:
     def __init__(
         self, robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
     ) -> None:
-        needed = tuple(MOTION_ATTRIBUTE_BY_BASE_INPUT)[: 2 * len(coordinates)]
+        needed = tuple(BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME)[: 2 * len(coordinates)]
         values = read_arguments(robot.names, coordinates, base_motion, needed, {})
         self.shape = broadcast_shape(values.shape_by_argument)
         parts = {
-            name: np.asarray(getattr(BASE_MOTION_AT_REST_AT_ORIGIN, MOTION_ATTRIBUTE_BY_BASE_INPUT[name]))
+            name: np.asarray(getattr(BASE_MOTION_AT_REST_AT_ORIGIN, BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]))
             for name in needed
         } | values.value_by_input
         flat = {
@@ -110,7 +110,7 @@ class _RobotSamples:
             array[~self.finite] = np.nan
         self.skipped = int((~self.finite).sum())
         self.joints = [flat[name] for name in coordinates]
-        self.base = BodyMotion(**{MOTION_ATTRIBUTE_BY_BASE_INPUT[name]: flat[name] for name in needed})
+        self.base = BodyMotion(**{BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]: flat[name] for name in needed})
         leaves = [part for name, part in values.value_by_input.items() if name in coordinates]
         single = all(getattr(part, "dtype", None) == np.float32 for part in leaves) and base_motion is None
         self.u = unit_roundoff(np.float32 if single else np.float64)
