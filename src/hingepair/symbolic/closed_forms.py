@@ -155,8 +155,8 @@ class ClosedForms:
         return working if isinstance(value, tuple) else working[0]
 
     def _choose_forms(self, expr: Expr) -> tuple[Expr, Expr]:
-        """Return (working, display): the forms of an expression for further steps and for display. Each is the
-        expression itself or its sum of sines and cosines, whichever has fewer symbols.
+        """Return (working, display): the form of an expression for further steps and its form for display. Each is
+        either the expression itself or its sum of sines and cosines, whichever has fewer symbols.
         """
         as_sum = trig_sum(expr)
         if as_sum is None:
@@ -166,9 +166,9 @@ class ClosedForms:
 
 
 def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDerivatives:
-    """Return the coordinate called `name`, an expression in t, with its first and second derivative by t, a tuple.
-    `expr` None stands for an unknown function of t. Raise an ArgumentError if a derivative is too long or does not
-    exist.
+    """Return a tuple of the coordinate called `name`, an expression in t, and its first and second derivatives with
+    respect to t. If `expr` is None, the coordinate is an unknown function of t. Raise an ArgumentError if a
+    derivative is too long or does not exist.
     """
     if expr is None:
         t = time_symbol()
@@ -193,8 +193,9 @@ def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDeriva
 def constant_inputs(
     pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, SumTerms]
 ) -> dict[str, SumTerms]:
-    """Return a dict of the pair's u1, u2, n and home, tuples of expressions. A constant named in `symbolic` has
-    symbols, one in `exact_values` has these values, and any other has exact numbers from the pair's floats.
+    """Return a dict of the pair's constants u1, u2, n and home, as far as it has them, by name; each is a tuple of
+    expressions. The components of a constant named in `symbolic` are symbols, those of a constant in the dict
+    `exact_values` are given there, and all others are exact numbers made from the pair's floats.
     """
     inputs: dict[str, SumTerms] = {}
     values = pair.constants.values

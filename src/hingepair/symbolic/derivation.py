@@ -93,8 +93,8 @@ class Derivation(ClosedForms):
         return {label: to_sympy_source(sympy.Add(*terms)) for label, terms in self._labelled_terms(names)}
 
     def _labelled_terms(self, names: Iterable[str] | None) -> list[tuple[str, SumTerms]]:
-        """Return a list of (label, terms) with every component of the named outputs; None means all outputs. Labels
-        are such as omega1_x.
+        """Return a list of (label, terms) for all components of the outputs in `names`, an iterable of names or None
+        for all outputs. A label is, for example, omega1_x; the terms are a tuple of expressions.
         """
         labelled_terms = []
         for name in self.names if names is None else names:
@@ -108,8 +108,10 @@ class Derivation(ClosedForms):
 def _abbreviated_rows(
     labelled_terms: list[tuple[str, SumTerms]], short: bool
 ) -> tuple[list[tuple[str, SumTerms]], dict[str, Expr]]:
-    """Replace functions of t by symbols in `labelled_terms`, a list of (label, terms of a sum). Return that list and
-    a dict of the abbreviations of repeated functions, expressions by name, which is empty without `short`.
+    """Return (rows, definitions) for `labelled_terms`, a list of (label, terms of a sum). The rows are a copy of this
+    list with sorted terms and short constants, in which symbols replace functions of t. If `short`, repeated
+    functions are abbreviated too, and the dict `definitions` maps each abbreviation's name to its expression;
+    otherwise it is empty.
     """
     rows = [
         (label, tuple(with_symbols(sorted_terms(with_short_constants(sympy.Add(*terms))), "'")))
@@ -128,7 +130,9 @@ def _abbreviated_rows(
     definitions: dict[str, Expr] = {}
 
     def define(expr: Expr) -> None:
-        """Add the definitions of the symbols in an expression to `definitions`, each after those that it uses."""
+        """Add the definitions of the symbols in an expression to the dict `definitions`. Each definition follows the
+        definitions that it uses.
+        """
         for symbol in sorted(expr.free_symbols & meanings.keys(), key=lambda a: (a.name[2:].zfill(9), a.name)):
             if symbol.name not in definitions:
                 define(meanings[symbol])  # definitions that it needs come first
@@ -169,8 +173,8 @@ def _is_short_wave(wave: Expr) -> bool:
 
 
 def _function_source(name: str, component_exprs: list[Expr]) -> str:
-    """Return the Python source of a NumPy function called `name` that computes an output from its components, a list
-    of expressions.
+    """Return the Python source of a NumPy function called `name`. The function computes an output whose components
+    are the expressions in the list `component_exprs`.
     """
     t = time_symbol()
     expressions = with_symbols([*map(with_short_constants, component_exprs), t], "d")[:-1]

@@ -55,8 +55,8 @@ def exact_angle(value: float) -> Expr:
 
 
 def value_without_nested_roots(function: Callable[..., Expr], *arguments: Expr) -> Expr:
-    """Return the value of a SymPy function at arguments without t. If the value has nested roots, return the call
-    unevaluated.
+    """Return the value of a SymPy function at `arguments`, expressions without symbols. If the value has nested
+    roots, return the unevaluated call instead.
 
     >>> value_without_nested_roots(sympy.cos, sympy.pi / 6), value_without_nested_roots(sympy.cos, sympy.pi / 60)
     (sqrt(3)/2, cos(pi/60))
@@ -67,7 +67,8 @@ def value_without_nested_roots(function: Callable[..., Expr], *arguments: Expr) 
 
 
 def exact_unit_axis(n: Sequence[Expr]) -> tuple[Expr, ...]:
-    """Return the unit vector along an axis of any non-zero length as a tuple of three exact expressions.
+    """Return the unit vector along `n`, three expressions of any non-zero length, as a tuple of three exact
+    expressions.
 
     >>> exact_unit_axis([sympy.cos(1), sympy.sin(1), 0])
     (cos(1), sin(1), 0)

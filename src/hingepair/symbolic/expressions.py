@@ -110,8 +110,9 @@ _MISSING_OPERATOR_PATTERN = re.compile(
 def parse_expression(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Parse a text in t and return its SymPy expression. Names in `constants` are replaced by their values, names in
-    `symbols` stay symbols. Raise an ArgumentError, which uses `name`, for a text that is no allowed expression.
+    """Parse a text in t and return its SymPy expression. Names in the dict `constants` are replaced by their values,
+    and names in `symbols` stay symbols. Raise an ArgumentError, whose message names the expression by `name`, if the
+    text is not an allowed expression.
 
     The text may hold numbers, `+ - * / **`, parentheses, t, pi, tau, e, the given constants and the functions of
     FUNCTION_SIGNATURE_BY_NAME; decimal numbers are exact.
@@ -143,9 +144,9 @@ def parse_expression(
 def parse_constant(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Parse a text without t, such as `pi/6`, and return its SymPy expression. `name` is used in messages; names in
-    `constants` are replaced by their values, names in `symbols` stay symbols. Raise an ArgumentError if the text
-    depends on t or cannot be parsed.
+    """Parse a text without t, such as `pi/6`, and return its SymPy expression. Names in the dict `constants` are
+    replaced by their values, and names in `symbols` stay symbols. Raise an ArgumentError, whose message names the
+    constant by `name`, if the text depends on t or cannot be parsed.
 
     Raises:
         ArgumentError: as for `parse_expression`, or the text depends on t.
@@ -157,8 +158,8 @@ def parse_constant(
 
 
 def constant_name_fault(name: str) -> str | None:
-    """Return a description of the names that are allowed if `name` cannot be the name of a constant; return None if
-    it can.
+    """Return None if `name` can be the name of a constant; otherwise return a text that describes the allowed
+    names.
     """
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
         return "a name of letters, digits and _"
@@ -174,9 +175,9 @@ _Function: TypeAlias = Callable[..., Any]
 
 
 class _OperatorGroup(NamedTuple):
-    """Operators + and -, or * and /, whose operands make one chain: `node_types`, the classes of both operators in
-    the syntax tree, and the functions `operate_exactly` and `operate_on_floats` that sum or multiply all operands.
-    `invert` is the function that the second operator, - or /, applies to its right operand first.
+    """The operators + and -, or * and /, which make one chain with their operands. `node_types` are the classes of
+    the two operators in the syntax tree; the functions `operate_exactly` and `operate_on_floats` add or multiply all
+    operands. The function `invert` is applied first to operands that follow - or /.
     """
 
     node_types: tuple[type[ast.operator], type[ast.operator]]
@@ -196,8 +197,8 @@ _PRODUCT_OPERATOR_GROUP: Final = _OperatorGroup(
 
 
 class _ParsedSubexpression(NamedTuple):
-    """Parsed subexpression: `expr`, its SymPy expression, and `value`, its float, which is None if it depends
-    on t or on symbols.
+    """Parsed subexpression: `expr` is its SymPy expression, and `value` is its float, or None if it depends on t or
+    on symbols.
     """
 
     expr: Expr
@@ -205,7 +206,9 @@ class _ParsedSubexpression(NamedTuple):
 
 
 class _ExpressionBuilder:
-    """Converter of one text to a SymPy expression. Its errors name the expression and show the text with a caret."""
+    """Converter of one text to a SymPy expression: `syntax` returns the text's syntax tree, and `build` converts a
+    syntax node to a _ParsedSubexpression. Its errors name the expression and show the text with a caret.
+    """
 
     def __init__(self, name: str, text: str, constants: Mapping[str, Number], symbols: Collection[str]) -> None:
         self.name = name
@@ -220,8 +223,8 @@ class _ExpressionBuilder:
         self.nodes = 0
 
     def syntax(self) -> ast.expr:
-        """Return the syntax tree of the text; line breaks count as blanks. Raise an ArgumentError for a text that is
-        too long, has a forbidden character, or is no valid syntax.
+        """Return the syntax tree of the text; line breaks count as spaces. Raise an ArgumentError if the text is too
+        long, contains a forbidden character, or has invalid syntax.
         """
         if len(self.line) > MAX_EXPRESSION_CHARACTERS:
             self._fail(f"at most {MAX_EXPRESSION_CHARACTERS} characters", f"{len(self.line)}")
@@ -243,8 +246,8 @@ class _ExpressionBuilder:
             self._fail("an expression of fewer parts", self.text)
 
     def build(self, node: ast.expr, depth: int) -> _ParsedSubexpression:
-        """Return the parsed subexpression of a syntax node at a nesting depth. Raise an ArgumentError for syntax that
-        is not allowed, and for too many or too deep nodes.
+        """Return the _ParsedSubexpression of a syntax node at a nesting depth. Raise an ArgumentError if the syntax
+        is not allowed, if there are too many nodes, or if they are nested too deeply.
         """
         self._count_node(node, depth)
         match node:
@@ -265,7 +268,7 @@ class _ExpressionBuilder:
         )
 
     def _build_number(self, node: ast.Constant) -> _ParsedSubexpression:
-        """Return the parsed subexpression of a number as an exact rational. Raise an ArgumentError if it is not
+        """Return the _ParsedSubexpression of a number, an exact rational. Raise an ArgumentError if the number is not
         finite, or if its power of ten is too large.
         """
         if type(node.value) not in {int, float} or node.value == math.inf:
@@ -276,7 +279,7 @@ class _ExpressionBuilder:
         return self._checked_subexpression(node, sympy.Rational(Fraction(source)))
 
     def _build_name(self, node: ast.Name) -> _ParsedSubexpression:
-        """Return the parsed subexpression of the name t, a constant or a symbol. Raise an ArgumentError for any other
+        """Return the _ParsedSubexpression of a name: t, a constant or a symbol. Raise an ArgumentError for any other
         name.
         """
         if node.id == "t":
@@ -289,8 +292,8 @@ class _ExpressionBuilder:
         self._refuse_name(node)
 
     def _build_chain(self, node: ast.expr, depth: int, operator_group: _OperatorGroup) -> _ParsedSubexpression:
-        """Return the parsed subexpression of the syntax node of a sum `a - b + c` or a product `a / b * c`, which
-        `operator_group` tells apart. A chain of any length counts as one level of nesting.
+        """Return the _ParsedSubexpression of the syntax node of a sum such as `a - b + c` or a product such as `a / b
+        * c`; `operator_group` says which of the two it is. A chain of any length counts as one level of nesting.
         """
         node_types, operate_exactly, operate_on_floats, invert = operator_group
         inverted_operands, is_inverted, current = [], False, node
@@ -316,15 +319,15 @@ class _ExpressionBuilder:
         return self._apply(node, operate_exactly, operate_on_floats, *operands)
 
     def _build_power(self, node: ast.BinOp, depth: int) -> _ParsedSubexpression:
-        """Return the parsed subexpression of the syntax node of a power, at a nesting depth. Raise an ArgumentError
-        if its exponent is too large.
+        """Return the _ParsedSubexpression of the syntax node of a power at a nesting depth. Raise an ArgumentError if
+        the exponent is too large.
         """
         base, exponent = self.build(node.left, depth), self.build(node.right, depth)
         self._check_power(node, base.expr, exponent.expr)
         return self._apply(node, sympy.Pow, math.pow, base, exponent)
 
     def _build_call(self, node: ast.Call, depth: int) -> _ParsedSubexpression:
-        """Return the parsed subexpression of the syntax node of a function call, at a nesting depth. Raise an
+        """Return the _ParsedSubexpression of the syntax node of a function call at a nesting depth. Raise an
         ArgumentError for an unknown function, a wrong number of arguments, or an argument that is not allowed.
         """
         if not isinstance(node.func, ast.Name):
@@ -364,7 +367,8 @@ class _ExpressionBuilder:
 
     def _build_guard(self, node: ast.expr, depth: int) -> Expr:
         """Return the guard of a condition: a SymPy expression that is at least 0 exactly where the condition of the
-        syntax node holds. Raise an ArgumentError for other syntax, and for too many or too deep nodes.
+        syntax node holds. Raise an ArgumentError if the node is not a condition, if there are too many nodes, or if
+        they are nested too deeply.
         """
         self._count_node(node, depth)
         match node:
@@ -387,9 +391,9 @@ class _ExpressionBuilder:
     def _apply(
         self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedSubexpression
     ) -> _ParsedSubexpression:
-        """Apply a function to parsed subexpressions, `operate_exactly` to their expressions and `operate_on_floats`
-        to their floats if none depends on t; return the result as a parsed subexpression. Raise an ArgumentError on
-        the syntax node if the result is not finite or too large.
+        """Apply a function to parsed subexpressions and return the result as a _ParsedSubexpression.
+        `operate_exactly` is applied to their expressions, and `operate_on_floats` to their floats if all have one.
+        Raise an ArgumentError that points to the syntax node if the result is not finite or too large.
         """
         exprs, values = zip(*parts, strict=True)
         try:
@@ -399,8 +403,9 @@ class _ExpressionBuilder:
         return self._checked_subexpression(node, operate_exactly(*exprs), value)
 
     def _checked_subexpression(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedSubexpression:
-        """Return `expr` as a parsed subexpression, with its float if it has no t; `value` is this float if it is
-        known. Raise an ArgumentError on the syntax node if the expression is not finite or too large.
+        """Return `expr` as a _ParsedSubexpression, with its float if it has no symbols; `value` is this float if it
+        is known, else None. Raise an ArgumentError that points to the syntax node if the expression is not finite or
+        too large.
         """
         if not {expr, *expr.args}.isdisjoint({sympy.nan, sympy.zoo, sympy.oo, -sympy.oo}):
             self._refuse(node, _EXPECTED_FINITE_NUMBER_TEXT)
@@ -416,8 +421,8 @@ class _ExpressionBuilder:
         return _ParsedSubexpression(expr, value)
 
     def _check_power(self, node: ast.expr, base: Expr, exponent: Expr) -> None:
-        """Raise an ArgumentError on the syntax node if the exponent, or its product with the number of bits of the
-        base, is too large for SymPy to compute the power quickly.
+        """Raise an ArgumentError that points to the syntax node if the exponent, its denominator, or the product of
+        the exponent and the number of bits of the base is too large for SymPy to compute the power quickly.
         """
         largest = max(abs(term.as_coeff_Mul()[0]) for term in sympy.Add.make_args(exponent))
         if exponent.is_Rational and (abs(exponent) > MAX_ABSOLUTE_EXPONENT or exponent.q > MAX_EXPONENT_DENOMINATOR):
@@ -440,8 +445,8 @@ class _ExpressionBuilder:
         return self.text[node.col_offset : node.end_col_offset]
 
     def _syntax_hint(self) -> str:
-        """Return a hint for the message on invalid syntax, such as a missing * or a missing parenthesis; an empty
-        text if there is none.
+        """Return a hint for the message on invalid syntax, such as a missing * or a missing parenthesis, as a text
+        that begins with "; "; return an empty text if there is no hint.
         """
         match = _MISSING_OPERATOR_PATTERN.search(self.text)
         if match and match[1] in FUNCTION_SIGNATURE_BY_NAME:
@@ -462,7 +467,9 @@ class _ExpressionBuilder:
         return "; an expression has no assignment: its name stands before the quotes" if assigns else ""
 
     def _refuse(self, node: ast.expr, expected: str) -> NoReturn:
-        """Raise an ArgumentError on a syntax node, with the node's text, its column and the text `expected`."""
+        """Raise an ArgumentError that says what was expected (`expected`) in place of a syntax node, and gives the
+        node's text and its column.
+        """
         source = self._source_of(node)
         shown = (
             source
@@ -473,7 +480,9 @@ class _ExpressionBuilder:
         self._fail(expected, f"{shown} at column {column}", column)
 
     def _refuse_name(self, node: ast.Name) -> NoReturn:
-        """Raise an ArgumentError on an unknown name, with the known names, and with the nearest name or a hint."""
+        """Raise an ArgumentError on an unknown name. Its message lists the known names, and gives the nearest one or
+        a hint.
+        """
         names = (
             *FUNCTION_SIGNATURE_BY_NAME,
             "t",
@@ -490,8 +499,8 @@ class _ExpressionBuilder:
         raise error
 
     def _fail(self, expected: str, got: str, column: int | None = None) -> NoReturn:
-        """Raise an ArgumentError that says what was expected and what it got instead. If a column is given, counted
-        from 1, a note shows the text with a caret there.
+        """Raise an ArgumentError that says what was expected and what was given instead (`got`). If `column`, counted
+        from 1, is not None, a note shows the text with a caret at this column.
         """
         error = ArgumentError(self.name, expected, got)
         if column is not None:
@@ -500,8 +509,8 @@ class _ExpressionBuilder:
 
 
 def _nest_by_halves(function: Callable[[Expr, Expr], Expr], arguments: Sequence[Expr]) -> Expr:
-    """Return Larger or Smaller, whichever `function` is, of many arguments, as a balanced tree of calls with two
-    arguments, since SymPy fails on deep nesting.
+    """Return Larger or Smaller, whichever `function` is, of one or more arguments as a balanced tree of calls with
+    two arguments, since SymPy fails on deep nesting.
     """
     half = len(arguments) // 2
     return (
@@ -512,8 +521,6 @@ def _nest_by_halves(function: Callable[[Expr, Expr], Expr], arguments: Sequence[
 
 
 def _negate_guard(guard: Expr) -> Expr:
-    """Return a guard of the opposite condition: an expression that is at least 0 exactly where this guard is
-    below 0.
-    """
+    """Return a guard of the opposite condition: an expression that is at least 0 exactly where `guard` is below 0."""
     is_negated = isinstance(guard, Where) and guard.args[1:] == (-1, 1)
     return guard.args[0] if is_negated else Where(guard, -1, 1)

@@ -207,8 +207,8 @@ class FrameForms:
     # ---- lines
 
     def _checked_names(self, names: Iterable[str] | None) -> tuple[str, ...]:
-        """Return the names of outputs as a tuple; None means all names. Raise an ArgumentError for an unknown
-        output.
+        """Return `names`, an iterable of names of outputs (not a single string), as a tuple; for None, return the
+        names of all outputs. Raise an ArgumentError for an unknown name.
         """
         checked = self.names if names is None else tuple(names)
         for name in checked:
@@ -239,8 +239,8 @@ class FrameForms:
             yield from zip(labels, self._program.results[name], strict=True)
 
     def _display_lines(self, names: Iterable[str], short: bool) -> list[_EquationLine]:
-        """Return a list of the equation lines of the named outputs in the order of display. Columns of the Jacobian
-        for joints that do not move the frame are left out. With `short`, sines, cosines and repeated sums are
+        """Return a list of the _EquationLines of the named outputs in the order of display. Columns of the Jacobian
+        for joints that do not move the frame are left out. If `short`, sines, cosines and repeated sums are
         abbreviated.
         """
         hidden = {number for number, q in enumerate(self.q, 1) if q not in self._program.joints}
@@ -250,9 +250,9 @@ class FrameForms:
         )
 
     def _ordered_lines(self, labelled_components: Iterable[tuple[str, Expr]], short: bool) -> list[_EquationLine]:
-        """Return a list of _EquationLines (labels, SymPy expression) of the components, pairs (label, expression).
-        Components with equal expressions share a line; those that are 0 are in the last one. With `short`, sines,
-        cosines and repeated sums are abbreviated, and each line follows the lines that it uses.
+        """Return a list of _EquationLines (labels, SymPy expression) for `labelled_components`, pairs of a label and
+        an expression. Components with equal expressions share a line, and those that are 0 are in the last line. If
+        `short`, sines, cosines and repeated sums are abbreviated, and each line follows the lines that it uses.
         """
         labels_by_expr: dict[tuple[bool, Expr], list[str]] = {}
         for label, expr in labelled_components:
@@ -269,7 +269,7 @@ class FrameForms:
         return {symbol: exact(value) for symbol, value in self._program.numbers.items() if symbol in symbols}
 
     def _used_trig(self, lines: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return a dict from the symbols of sines and cosines that occur in equation lines to these functions, in the
+        """Return a dict of the sines and cosines that equation lines use, by the symbols that stand for them, in the
         order of display.
         """
         symbols = set().union(*(row.expr.free_symbols for row in lines))
@@ -333,8 +333,8 @@ class FrameForms:
 
 
 class _LineNamer:
-    """Helper that orders equation lines so that each uses earlier ones only, and that names repeated expressions k_1,
-    k_2.
+    """Helper whose method `ordered` returns equation lines in an order in which each line uses only earlier ones,
+    with further lines that define the names k_1, k_2 and so on of repeated expressions.
     """
 
     def __init__(self, definitions: Mapping[Expr, Expr], rows: Iterable[_EquationLine]) -> None:
@@ -352,14 +352,16 @@ class _LineNamer:
         self._name_count = 0
 
     def ordered(self) -> list[_EquationLine]:
-        """Return the equation lines, each after the lines that it uses, including the lines of the names k_1, k_2."""
+        """Return a list of the equation lines, each after the lines that it uses. The list includes the lines that
+        define the names k_1, k_2 and so on.
+        """
         for row in self._components:
             self._add_line(row)
         return self._lines
 
     def _count_uses(self) -> Counter[Expr]:
-        """Return how often each defined symbol is used in the lines and in the definitions that they need, a
-        Counter.
+        """Return a Counter that says how often each defined symbol is used in the lines and in the definitions that
+        they need.
         """
         uses: Counter[Expr] = Counter()
         waiting = [row.expr for row in self._components]
@@ -372,8 +374,8 @@ class _LineNamer:
         return uses
 
     def _add_line(self, line: _EquationLine) -> None:
-        """Append the equation line of a component, after the lines that it uses and that are missing. Its label
-        replaces the symbol that it defines in later lines.
+        """Append the equation line of a component to the ordered lines, after those lines that it uses and that are
+        not among them yet. If the line defines a symbol, its label replaces this symbol in later lines.
         """
         symbol = _defined_symbol(line, self._definitions)
         if symbol is None or symbol in self._names or self._defining_lines[symbol] is not line:
@@ -385,14 +387,14 @@ class _LineNamer:
 
     def _replace_symbols(self, expr: Expr) -> Expr:
         """Return an expression in which defined symbols are replaced by the labels or names of lines. Append the
-        lines that are missing.
+        lines of these names that are not among the ordered lines yet.
         """
         defined = sorted(expr.free_symbols & self._definitions.keys(), key=lambda symbol: int(symbol.name[1:]))
         return expr.xreplace({symbol: self._resolved_symbol(symbol) for symbol in defined})
 
     def _resolved_symbol(self, symbol: Expr) -> Expr:
-        """Return the name that replaces a defined symbol, after appending its line; return its definition if the
-        symbol is used only once.
+        """Return what replaces a defined symbol: the label or the name of its line, which is appended if it is
+        missing, or the symbol's definition if the symbol is used only once.
         """
         if symbol not in self._names:
             meaning = self._replace_symbols(self._definitions[symbol])
@@ -406,8 +408,8 @@ class _LineNamer:
 
 
 def _defined_symbol(line: _EquationLine, definitions: Mapping[Expr, Expr]) -> Expr | None:
-    """Return the symbol out of `definitions` that, with either sign, is the whole expression of the equation line;
-    None if it is none of them.
+    """Return the symbol of `definitions` that is, perhaps with a minus sign, the whole expression of an equation
+    line; return None if there is no such symbol.
     """
     return next((symbol for symbol in (line.expr, -line.expr) if symbol in definitions), None)
 
@@ -418,9 +420,9 @@ def _display_terms(expr: Expr) -> tuple[Expr, ...]:
 
 
 def _definition_lines(definitions: Mapping[Expr, Expr], write: Writer) -> list[str]:
-    """Return a list of at most one line of text, in which all definitions are joined by semicolons, such as "c_1 =
-    cos q_1; s_1 = sin q_1". `definitions` maps symbols to expressions, and `write` is a function from an expression
-    to its text.
+    """Return a list of one line of text that joins all definitions by semicolons, such as "c_1 = cos q_1; s_1 = sin
+    q_1", or an empty list if there are none. `definitions` maps symbols to expressions, and `write` is a function
+    from an expression to its text.
     """
     line = "; ".join(f"{symbol} = {write(expr)}" for symbol, expr in definitions.items())
     return [line] if line else []

@@ -47,8 +47,8 @@ _IDENTITY_MATRIX_EXPR: Final = tuple(sympy.Integer(i == j) for i in range(3) for
 
 
 class _GroupLever(NamedTuple):
-    """Vector that is fixed in a body of a group of parallel joints: `vector`, its components at angle 0, and `angle`,
-    by which the group rotates it.
+    """Vector that is fixed in a body of a group of parallel joints: `vector` holds its components at angle 0, and
+    `angle` is the angle by which the group rotates it.
     """
 
     angle: Expr  # that rotates it about the group's axis [rad]
@@ -56,8 +56,8 @@ class _GroupLever(NamedTuple):
 
 
 class _GroupHinge(NamedTuple):
-    """Hinge in a group of parallel joints: `column`, the index of its coordinate in q, and `ratio`, its rate about
-    the group's axis divided by the rate of this coordinate.
+    """Hinge in a group of parallel joints: `column` is the index of its coordinate in q, and `ratio` is its rate
+    about the group's axis divided by the rate of this coordinate.
     """
 
     column: int  # of its coordinate in q
@@ -65,9 +65,9 @@ class _GroupHinge(NamedTuple):
 
 
 class _GroupSlider(NamedTuple):
-    """Slider in a group of parallel joints: `angle`, by which the group rotates it, `direction`, its unit vector at
-    angle 0, `shift`, its position along it, `column`, the index of its coordinate in q, and `ratio`, its rate divided
-    by the rate of this coordinate.
+    """Slider in a group of parallel joints: `angle` is the angle by which the group rotates it, `direction` its unit
+    vector at angle 0, `shift` its position along this direction, `column` the index of its coordinate in q, and
+    `ratio` its rate divided by the rate of this coordinate.
     """
 
     angle: Expr  # that rotates it about the group's axis [rad]
@@ -78,8 +78,9 @@ class _GroupSlider(NamedTuple):
 
 
 class _ParallelJoints:
-    """Group of consecutive joints with parallel axes, and of sliders between them, to which joints are appended. Its
-    levers, hinges and sliders are the list `members`; its vectors are in the axes of the first joint's parent.
+    """Group of consecutive joints with parallel axes, and of the sliders between them, to which joints are appended.
+    The list `members` holds the levers, hinges and sliders of the group; all vectors are in the axes of the first
+    joint's parent body.
 
     The first group has no axis: it holds the levers and sliders before the first hinge.
     """
@@ -94,8 +95,8 @@ class _ParallelJoints:
         self.members: list[_GroupLever | _GroupHinge | _GroupSlider] = []
 
     def sign(self, axis: Float64Array) -> int:
-        """Return 1 if an axis, in the axes of the last body, has the direction of the group's axis, -1 if it has
-        the opposite direction, 0 otherwise.
+        """Return 1 if `axis`, in the axes of the last body, has the direction of the group's axis, -1 if it has the
+        opposite direction, and 0 otherwise.
         """
         if self.direction is None:
             return 0
@@ -182,8 +183,9 @@ class FrameProgram:
     # ---- groups of joints
 
     def _groups(self, tree: Tree, joint_numbers: Sequence[int]) -> list[_ParallelJoints]:
-        """Return a list of groups of consecutive joints with parallel axes, made of the joints of a robot on a path;
-        `joint_numbers` counts them from 1. Symbols of points are defined on the way.
+        """Return a list of groups of consecutive joints with parallel axes. They are made of the joints of `tree` on
+        a path from the base, whose numbers, counted from 1, are `joint_numbers`. If points are symbolic, the values
+        of their symbols are stored in `numbers`.
         """
         groups = [_ParallelJoints()]
         for number in joint_numbers:
@@ -217,8 +219,8 @@ class FrameProgram:
 
     def _point_vector(self, name: str, point: Float64Array) -> VectorExpr:
         """Return a point [m] as three exact numbers. If points are symbolic, components that are not 0 become new
-        symbols that begin with `name`, and their values are stored in `numbers`. Round-off counts as 0 and is
-        recorded.
+        symbols whose names begin with `name`, and their values are stored in `numbers`. Components that are only
+        rounding errors become 0 and are recorded in `largest_rounded`.
         """
         size = float(np.abs(point).max())
         parts = []
@@ -237,8 +239,8 @@ class FrameProgram:
     # ---- sines, cosines and named sums
 
     def _rotation(self, axis: VectorExpr, angle: Expr) -> MatrixExpr:
-        """Return the rotation matrix about a group's axis (E6) as nine expressions in symbols of the angle's sine and
-        cosine, which are defined at first use.
+        """Return the matrix of the rotation by `angle` about a group's axis (E6) as nine expressions, row by row.
+        They contain symbols of the angle's sine and cosine, which are defined at their first use.
         """
         if not angle:
             return _IDENTITY_MATRIX_EXPR
@@ -246,8 +248,8 @@ class FrameProgram:
         return tuple(sympy.expand(entry) for entry in eq.hinge_rotation(axis, (s, 1 - c)))
 
     def _trig_of(self, angle: Expr) -> tuple[Expr, Expr]:
-        """Return (sine, cosine) of an angle as symbols such as s_23 and c_23 for q_2 + q_3. Define them in `waves` at
-        first use.
+        """Return (sine, cosine) of an angle as symbols such as s_23 and c_23 for q_2 + q_3, perhaps with a minus
+        sign. Store their definitions in `waves` at their first use.
         """
         indices = [number for number, q in enumerate(self.q, 1) if q in angle.free_symbols]
         if angle.coeff(self.q[indices[0] - 1]).is_negative:
@@ -267,8 +269,8 @@ class FrameProgram:
         return tuple(self._name_sum(sympy.sympify(expr)) for expr in components)
 
     def _name_sum(self, expr: Expr) -> Expr:
-        """Return a symbol, with a sign, in place of an expression that is a sum; return any other expression
-        unchanged. Define a new symbol in `definitions`.
+        """Return a symbol, perhaps with a minus sign, in place of an expression that is a sum; return any other
+        expression unchanged. Store the definition of a new symbol in `definitions`.
         """
         if not expr.is_Add:
             return expr
@@ -284,8 +286,8 @@ class FrameProgram:
 
     def _attitudes(self, groups: Sequence[_ParallelJoints]) -> tuple[list[MatrixExpr], list[MatrixExpr]]:
         """Return two lists of rotation matrices, each of nine expressions: the attitudes at the start of each group
-        of parallel joints and of the frame, and those after the rotation of each group. Define symbols of sums in
-        `definitions`.
+        of parallel joints and of the frame, and the attitudes after the rotation of each group. Store the definitions
+        of new symbols in `definitions`.
         """
         attitudes: list[MatrixExpr] = [_IDENTITY_MATRIX_EXPR]
         rotated: list[MatrixExpr] = []
@@ -300,8 +302,9 @@ class FrameProgram:
         attitudes: Sequence[MatrixExpr],
         rotated_attitudes: Sequence[MatrixExpr],
     ) -> dict[str, tuple[Expr, ...]]:
-        """Return a dict of R, jacobian, v and omega of the frame, tuples of expressions, from the groups of parallel
-        joints and the attitudes before and after each group's rotation. Define symbols of sums in `definitions`.
+        """Return a dict of R, jacobian, v and omega of the frame, each a tuple of expressions, from the groups of
+        parallel joints and the attitudes before and after each group's rotation. Store the definitions of new symbols
+        in `definitions`.
         """
         lever = _ZERO_VECTOR_EXPR
         columns: dict[int, tuple[VectorExpr, VectorExpr]] = {}
@@ -357,8 +360,8 @@ class FrameProgram:
         return {name: self._name_sums(parts) for name, parts in named.items()}
 
     def _named_vector(self, components: Sequence[Expr]) -> VectorExpr:
-        """Return a vector in which each component that is a sum is replaced by a symbol. Define new symbols in
-        `definitions`.
+        """Return a vector in which each component that is a sum is replaced by a symbol. Store the definitions of new
+        symbols in `definitions`.
         """
         return _vector(self._name_sums(components))
 

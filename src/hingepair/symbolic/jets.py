@@ -69,8 +69,8 @@ def bit_length(number: Expr) -> int:
 
 
 class DerivativeProgram:
-    """Program of named steps that compute expressions in t and their first and second derivatives. Each expression
-    that is added appends steps.
+    """Program of named steps that compute expressions in t and their first and second derivatives.
+    `value_and_derivatives` adds an expression; `steps` is the list of all steps, pairs (symbol, expression).
 
     Attributes:
         steps: pairs of a name and its expression in t and earlier names.
@@ -86,8 +86,9 @@ class DerivativeProgram:
         self._constants: dict[Expr, Expr] = {}
 
     def value_and_derivatives(self, expr: Expr) -> ValueAndDerivatives:
-        """Return the value and the first and second derivative of an expression in t. Each is a number, t, or the
-        symbol of a step; missing steps are added. Raise NotRealError if one is not real and finite.
+        """Return a tuple of the value and the first and second derivatives of an expression in t. Each is a number,
+        t, or the symbol of a step; missing steps are added. Raise a NotRealError if one of them is not real and
+        finite.
 
         Raises:
             NotRealError: one of them is not real and finite.
@@ -120,8 +121,9 @@ class DerivativeProgram:
         return steps[::-1]
 
     def _combine(self, expr: Expr, argument_derivatives: list[ValueAndDerivatives]) -> ValueAndDerivatives:
-        """Return the value and first and second derivative of an expression, a tuple of numbers and symbols of steps,
-        from the tuples of its arguments. Add the steps that compute them, and the switches of kinks.
+        """Return (value, first derivative, second derivative) of an expression, each a number or the symbol of a
+        step. `argument_derivatives` lists such a tuple for each of its arguments. Add the steps that compute them,
+        and append the steps whose values jump at kinks to `switches`.
         """
         if expr.is_Mul:
             return functools.reduce(self._multiply, argument_derivatives)
@@ -154,8 +156,8 @@ class DerivativeProgram:
         return self._name_step(value), *(self._name_step(Where(side, x[k], y[k])) for k in (1, 2))
 
     def _name_sign_step(self, guard: Expr) -> Expr:
-        """Return the symbol of a step whose value is 1 or -1: the sign of a guard just after t. The step is added at
-        first use.
+        """Return the symbol of a step whose value is 1 or -1: the sign of `guard` just after t. The step is added at
+        its first use.
         """
         if guard not in self._sides:
             match guard:
@@ -169,17 +171,18 @@ class DerivativeProgram:
         return self._sides[guard]
 
     def _multiply(self, a: ValueAndDerivatives, b: ValueAndDerivatives) -> ValueAndDerivatives:
-        """Return the value and first and second derivative of the product of two factors, each given as such a tuple,
-        by (a b)'' = a'' b + 2 a' b' + a b''. The results are numbers and symbols of steps, which are added.
+        """Return (value, first derivative, second derivative) of the product of two factors, which are given as
+        such tuples, by (a b)'' = a'' b + 2 a' b' + a b''. The results are numbers and symbols of steps, which
+        are added.
         """
         first = a[1] * b[0] + a[0] * b[1]
         second = a[2] * b[0] + 2 * a[1] * b[1] + a[0] * b[2]
         return self._name_step(a[0] * b[0]), self._name_step(first), self._name_step(second)
 
     def _differentiate(self, expr: Expr, argument_derivatives: list[ValueAndDerivatives]) -> ValueAndDerivatives:
-        """Return the value and first and second derivative of `expr`, a function of its arguments' value symbols, by
-        the chain rule, from the tuples of its arguments. The results are numbers and symbols of steps, which are
-        added.
+        """Return (value, first derivative, second derivative) of `expr`, a function of the value symbols of its
+        arguments, by the chain rule; `argument_derivatives` lists such a tuple for each argument. The results are
+        numbers and symbols of steps, which are added.
         """
         parts = {value: (first, second) for value, first, second in argument_derivatives if value.is_Symbol}
         value, first, second = self._name_step(expr), 0, 0
@@ -193,15 +196,15 @@ class DerivativeProgram:
         return value, self._name_step(first), self._name_step(second)
 
     def _name_functions(self, expr: Expr) -> Expr:
-        """Return an expression in which innermost functions are replaced by the symbols of steps, since f, f' and f''
-        often share them. The steps are added.
+        """Return an expression in which the innermost functions are replaced by the symbols of steps, since f, f' and
+        f'' often share them. The steps are added.
         """
         functions = [f for f in expr.atoms(sympy.Function) if all(part.is_Atom for part in f.args)]
         return expr.xreplace({f: self._name_step(f) for f in functions})
 
     def _name_step(self, expr: Expr) -> Expr:
-        """Return the symbol of the step that computes an expression. The step is added at first use; rational numbers
-        and symbols are returned as they are. Raise NotRealError if the expression is not real.
+        """Return the symbol of the step that computes an expression. The step is added at its first use; rational
+        numbers and symbols are returned unchanged. Raise a NotRealError if the expression is not real.
         """
         expr = sympy.sympify(expr)
         if expr.free_symbols <= self._constants.keys():
@@ -220,7 +223,7 @@ class DerivativeProgram:
 
 
 def _check_real(expr: Expr) -> None:
-    """Raise NotRealError unless NumPy can evaluate an expression in real, finite numbers."""
+    """Raise a NotRealError if NumPy cannot evaluate an expression in real, finite numbers."""
     if expr.has(sympy.I, sympy.nan, sympy.zoo, sympy.oo, -sympy.oo):
         raise NotRealError("an imaginary or infinite part")
     if any(bit_length(number) > MAX_EXACT_NUMBER_BITS for number in expr.atoms(sympy.Rational)):

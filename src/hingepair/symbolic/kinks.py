@@ -50,8 +50,8 @@ sinh, cosh, tanh = map(_without_proofs, (sympy.sinh, sympy.cosh, sympy.tanh))
 
 
 class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
-    """Base class of SymPy functions with kinks or jumps. `numpy`, `text` and `latex` are format strings of a call,
-    with {0}, {1} for the arguments.
+    """Base class of SymPy functions with kinks or jumps. Its attributes `numpy`, `text` and `latex` are format
+    strings of a call, in which {0}, {1} and so on stand for the arguments.
     """
 
     is_real = True
@@ -66,8 +66,8 @@ class Kinked(sympy.Function):  # type: ignore[misc]  # SymPy carries no types
 
 
 class Choice(Kinked):
-    """Base class of SymPy functions that choose between their last two arguments: the first of them where `guard` is
-    at least 0, otherwise the second.
+    """Base class of SymPy functions that choose between their last two arguments. The value is the first of the two
+    if the expression `guard` is at least 0, otherwise the second.
     """
 
     guard: Expr
@@ -77,7 +77,7 @@ class Choice(Kinked):
 
 
 class Where(Choice):
-    """SymPy function `Where(guard, x, y)`: x where guard >= 0, y where guard < 0, NaN where the guard is NaN.
+    """SymPy function `Where(guard, x, y)`: x if guard >= 0, y if guard < 0, and NaN if the guard is NaN.
 
     >>> t = sympy.Symbol("t", real=True)
     >>> Where(t - 1, t**2, 0).diff(t), Where(-1, t, 0), Where(Where(t, -1, 1), 2, 3)
@@ -105,8 +105,8 @@ class Where(Choice):
 
 
 class Extreme(Choice):
-    """Base class of the SymPy functions Larger and Smaller of two arguments; `sense` is 1 for Larger, -1 for
-    Smaller.
+    """Base class of the SymPy functions Larger and Smaller of two arguments; the attribute `sense` is 1 for Larger
+    and -1 for Smaller.
     """
 
     nargs = 2
@@ -137,8 +137,8 @@ class Smaller(Extreme):
 
 
 class Remainder(Kinked):
-    """SymPy function `Remainder(x, period)`: x minus a whole number of periods, at least 0 and below the positive
-    period.
+    """SymPy function `Remainder(x, period)`: x minus a whole number of periods, so that the value is at least 0 and
+    below the period, which is positive.
     """
 
     nargs = 2
@@ -156,8 +156,8 @@ class Remainder(Kinked):
 
 
 class SideOfZero(Kinked):
-    """SymPy function `SideOfZero(g, g', g'')` of a function g of t and its derivatives: 1 or -1, the sign of g just
-    after t; NaN where g is NaN.
+    """SymPy function `SideOfZero(g, g', g'')` of a function g of t and its derivatives: the sign of g just after t, 1
+    or -1, or NaN if g is NaN.
 
     It occurs in guards only, where text shows g instead.
     """

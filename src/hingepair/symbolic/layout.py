@@ -15,8 +15,8 @@ _NO_BREAK_SPACE: Final = "\N{NO-BREAK SPACE}"  # a blank at which no line is bro
 
 
 def wrap_equation(line: str, width: int) -> str:
-    """Return a line of text with line breaks, so that lines have at most `width` characters. It breaks after
-    semicolons first, then before + or -, then at any blank.
+    """Return a line of text with line breaks, so that lines have at most `width` characters if possible. Breaks are
+    made after semicolons first, then before + or -, then at any space.
     """
     pieces = [line]
     for breaks in ((("; ", ";\0"),), ((" + ", "\0+ "), (" - ", "\0- ")), ((" ", "\0"),)):
@@ -44,8 +44,8 @@ def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int)
 
 
 def latex_lines(label: str, terms: Sequence[Expr], format_term: Writer) -> list[str]:
-    """Return a list of the lines of the LaTeX equation `label = sum of terms` for an align* environment, broken
-    between terms if they are long. `format_term` is a function from a term to its LaTeX.
+    """Return a list of the lines of the LaTeX equation `label = sum of terms` for an align* environment. A long
+    equation is broken between terms. `format_term` is a function from a term to its LaTeX.
     """
     lines: list[str] = []
     line, filled = f"{latex_name(label)} &=", 0

@@ -40,8 +40,8 @@ Writer: TypeAlias = Callable[[Expr], str]
 
 
 def join_terms(terms: Iterable[Expr], write: Writer) -> str:
-    """Return the text of a sum of terms in the given order, each formatted by `write`, a function from an expression
-    to its text. Derivatives of functions of t are x', x''.
+    """Return the text of a sum of terms in the given order. Each term is formatted by `write`, a function from an
+    expression to its text. Derivatives of functions x(t) are written x' and x''.
     """
     text = " ".join(signed_terms(terms, write))
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
@@ -96,8 +96,8 @@ def latex_name(name: str) -> str:
 
 
 def _decimal_text(value: Expr, max_denominator: int = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION) -> str | None:
-    """Return the decimal text of a rational number if it is easier to read than its fraction; otherwise None.
-    Fractions with a denominator up to `max_denominator` stay fractions.
+    """Return the decimal text of a rational number, or None if its fraction is easier to read. Fractions whose
+    denominator is at most `max_denominator` stay fractions.
     """
     if value.q <= max_denominator and abs(value.p) < _MAX_EXACT_FLOAT_INTEGER:
         return None
@@ -110,8 +110,8 @@ def _decimal_text(value: Expr, max_denominator: int = _MAX_DENOMINATOR_ALWAYS_PR
 
 
 def _float_text(value: Expr) -> str:
-    """Return a rational number as decimal text, the shortest that gives its float, or 17 digits beyond the range of
-    floats.
+    """Return a rational number as decimal text: the shortest text that gives the same float, or 17 digits if the
+    number is beyond the range of floats.
     """
     with contextlib.suppress(OverflowError):
         number = int(value.p) / int(value.q)
@@ -328,8 +328,8 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
 
 
 def with_short_constants(expr: Expr) -> Expr:
-    """Return an expression in which each constant part is a single number: its exact form, or a rational with its
-    decimal digits if the exact form is too long.
+    """Return an expression in which each constant part is a single number: its exact form or, if this form is too
+    long, the rational number that the shortest decimal of its float shows.
 
     >>> x = sympy.Symbol("x", real=True)
     >>> to_text(with_short_constants(sympy.sqrt(3) / 4 + x * (sympy.cos(1) ** 2 + sympy.sin(2) / 5)))
@@ -346,8 +346,8 @@ def with_short_constants(expr: Expr) -> Expr:
 
 
 def _short_constant(constant: Expr) -> Expr:
-    """Return a constant unchanged if its exact text is short; otherwise the rational number that the shortest decimal
-    of its float shows, or 0 for a sum that cancels.
+    """Return a constant unchanged if its exact text is short; otherwise return the rational number that the shortest
+    decimal of its float shows, or 0 for a sum whose terms cancel.
     """
     if constant.is_Rational or len(to_text(constant)) <= _MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER:
         return constant
@@ -371,7 +371,7 @@ def count_symbols(expr: Expr) -> int:
 
 def sorted_terms(expr: Expr, by_symbols: bool = False) -> tuple[Expr, ...]:
     """Return the terms of a sum as a sorted tuple: terms with few symbols first, but if possible a term without a
-    minus sign at the front. Terms with equally many symbols are sorted by coefficient or, with `by_symbols`, by the
+    minus sign at the front. Terms with equally many symbols are sorted by coefficient or, if `by_symbols`, by their
     symbols, short names first.
     """
 

@@ -66,8 +66,9 @@ class TimeFunctions:
                 raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
 
     def derivatives(self, t: ArrayLike, order: int = 2) -> TimeDerivatives:
-        """Return values and derivatives up to `order` at t: a tuple for each order, with one entry per expression. An
-        entry is an array of t's shape, or a float if it does not depend on t.
+        """Return a tuple of the values and the derivatives up to `order` at the instants t. It has one tuple for each
+        order, with one entry for each expression; an entry is an array of t's shape, or a float if it does not depend
+        on t.
 
         Samples at which an expression has no real value, or no derivative, are NaN; at a kink, derivatives are those
         from the right.
@@ -83,16 +84,16 @@ class TimeFunctions:
         return tuple(tuple(values[k * count : (k + 1) * count]) for k in range(order + 1))
 
     def values(self, *instants_and_values: NDArray[np.float64]) -> tuple[TimeValue, ...]:
-        """Return a tuple of the values of the expressions at instants t and values of the further symbols, given in
-        turn as arrays of one shape. Constant expressions give floats, complex results give NaN.
+        """Return a tuple of the values of the expressions. The arguments are arrays of one shape: the instants t, and
+        then the values of each further symbol. Constant expressions give floats, and complex results give NaN.
         """
         function = self._compiled(tuple(value for value, _, _ in self._derivatives))
         with np.errstate(all="ignore"):
             return tuple(np.nan if np.iscomplexobj(value) else value for value in function(*instants_and_values))
 
     def switches(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return a boolean array, shape (N - 1,), that says for each interval between neighbouring instants t [s],
-        which increase, whether an expression has a kink or a jump in it.
+        """Return a boolean array of shape (N - 1,) for increasing instants t [s] of shape (N,). An element is True if
+        an expression has a kink or a jump between the two neighbouring instants.
         """
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         for sides in self._sample(self._program.switches, t):
@@ -100,8 +101,8 @@ class TimeFunctions:
         return switched
 
     def _sample(self, results: Sequence[Expr], t: NDArray[np.float64]) -> list[TimeValue]:
-        """Return a list of the values of program results, expressions or symbols of steps, at the instants t, arrays
-        of shape (N,), computed in blocks. A result that does not depend on t is a float.
+        """Return a list of the values of program results (expressions or symbols of steps) at the instants t. A value
+        is an array of shape (N,), computed in blocks, or a float if the result does not depend on t.
         """
         constants = [self._program.value(result) for result in results]
         rows = {result: np.empty(t.shape) for result, value in zip(results, constants, strict=True) if value is None}

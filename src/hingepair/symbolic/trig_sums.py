@@ -40,8 +40,8 @@ class _TooManyTermsError(ArithmeticError):
 
 
 def trig_sum(expr: Expr) -> Expr | None:
-    """Return an expression as an equal sum of terms with at most one sine or cosine each; None if there would be too
-    many terms.
+    """Return an expression as an equal sum of terms with at most one sine or cosine each; return None if there would
+    be too many terms.
 
     Sines and cosines with a common factor are put together, and so are the constants that multiply one sine or
     cosine.
@@ -62,8 +62,8 @@ def trig_sum(expr: Expr) -> Expr | None:
 
 
 def _sum_by_wave(coefficients_by_constant: dict[Expr, dict[Expr, Expr]]) -> Expr:
-    """Return the sum of constant * coefficient * wave as an expression in which each wave, a sine or cosine, occurs
-    once. The argument maps each constant to its coefficients by wave.
+    """Return the sum of the products constant * coefficient * wave as an expression in which each wave, a sine or
+    cosine, occurs once. `coefficients_by_constant` maps each constant to a dict of coefficients by wave.
     """
     waves: dict[Expr, list[Expr]] = {}
     for constant, coefficients in coefficients_by_constant.items():
@@ -102,8 +102,8 @@ def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
 
 @functools.lru_cache(maxsize=512)
 def _expand_terms(expr: Expr) -> _TrigTerms:
-    """Return an expression expanded to a sum, as a dict of coefficients by term. The result is cached and must not be
-    changed. Raise _TooManyTermsError if the sum is too long.
+    """Expand an expression to a sum and return a dict of coefficients (Fractions) by term. The result is cached and
+    must not be changed. Raise a _TooManyTermsError if the sum is too long.
     """
     if expr.is_Add:
         return _collect_terms(item for part in expr.args for item in _expand_terms(part).items())
@@ -118,8 +118,8 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
 
 
 def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
-    """Return the product of two sums, dicts of coefficients by term, as such a dict. Raise _TooManyTermsError if it
-    is too long.
+    """Return the product of two sums; the sums and the product are dicts of coefficients by term. Raise a
+    _TooManyTermsError if the product is too long.
     """
     if len(a) * len(b) > MAX_MULTIPLIED_TERM_PAIRS:
         raise _TooManyTermsError
@@ -129,8 +129,9 @@ def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
 
 
 def _collect_terms(items: Iterable[tuple[_TrigTerm, Fraction]]) -> _TrigTerms:
-    """Return a dict of coefficients by term from (term, coefficient) pairs. Coefficients of equal terms are added,
-    and zeros left out. Raise _TooManyTermsError for more than MAX_TRIG_SUM_TERMS terms.
+    """Return a dict of coefficients by term from pairs (term, coefficient). Coefficients of equal terms are
+    added, and terms with a zero coefficient are left out. Raise a _TooManyTermsError for more than
+    MAX_TRIG_SUM_TERMS terms.
     """
     total: _TrigTerms = {}
     for wave, coefficient in items:
