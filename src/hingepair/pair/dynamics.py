@@ -57,8 +57,8 @@ def _one_line_repr(self: Any) -> str:
 
 
 class Forces(NamedTuple):
-    """Forces and torques that a motion of the pair requires (D5): force1 and torque1 on body 1 at its reference
-    point, and hinge_torque about the hinge axis. A named tuple of arrays.
+    """Forces and torques that a motion of the pair requires (D5), as a named tuple of arrays: `force1` and `torque1`
+    act on body 1 at its reference point, and `hinge_torque` acts on body 2 about the hinge axis.
 
     Attributes:
         force1: force that must act on body 1 at R1, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.
@@ -77,8 +77,8 @@ class Forces(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """Accelerations of a pair that forces and torques cause (D6): a1 and alpha1 of body 1, and psidd of the hinge
-    angle. A named tuple of arrays.
+    """Accelerations of a pair that forces and torques cause (D6), as a named tuple of arrays: `a1` and `alpha1` of
+    body 1, and `psidd` of the hinge angle.
 
     Attributes:
         a1: acceleration of body 1's reference point, the second time derivative of R1, world axes [m/s^2]; shape
@@ -96,9 +96,9 @@ class Accelerations(NamedTuple):
 
 
 class HingeWrench(NamedTuple):
-    """Force and torque that body 1 exerts on body 2 at the hinge point (D3, D4), as a named tuple of arrays. `force`
-    and `torque` are vectors, `hinge_torque` is the component of `torque` along the hinge axis, and `bearing_torque`
-    the vector component perpendicular to this axis.
+    """Force and torque that body 1 exerts on body 2 at the hinge point (D3, D4), as a named tuple of arrays: `force`,
+    `torque`, `hinge_torque`, which is the component of `torque` along the hinge axis, and `bearing_torque`, which is
+    the rest of `torque`, perpendicular to the axis.
 
     Attributes:
         force: force at the hinge point, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.
@@ -119,7 +119,8 @@ class HingeWrench(NamedTuple):
 
 
 class Energy(NamedTuple):
-    """Energies of the pair, as a named tuple of arrays: `kinetic` and `potential` energy of both bodies (D7).
+    """Energy of both bodies of a pair (D7), as a named tuple of arrays: the kinetic energy `kinetic` and the
+    potential energy `potential`.
 
     Attributes:
         kinetic: kinetic energy of both bodies [J]; shape (...,).
@@ -134,7 +135,8 @@ class Energy(NamedTuple):
 
 
 class Momentum(NamedTuple):
-    """Momentum of the pair, as a named tuple of arrays: `linear`, and `angular` about the world's origin (D8).
+    """Momentum of both bodies of a pair (D8), as a named tuple of arrays: the linear momentum `linear`, and the
+    angular momentum `angular` about the world's origin.
 
     Attributes:
         linear: linear momentum of both bodies, world axes [kg m/s]; shape (..., 3), or (..., 2) for a planar pair.
@@ -293,7 +295,7 @@ def compute_dynamics(
 
 def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bodies) -> Constants:
     """Return the Constants of a pair, extended by the mass properties of `bodies`, which is (body1, body2). If body 1
-    is None and the computation `spec` does not need its mass, it gets the mass 0. The result is cached in
+    is None and the computation `spec` does not need its mass, body 1 gets the mass 0. The result is cached in
     `constants.prepared`. Raise ArgumentError if a needed body is None; issue a DynamicsWarning for assumed values.
 
     Raises:

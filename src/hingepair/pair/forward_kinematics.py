@@ -61,8 +61,8 @@ class PairCoordinates(NamedTuple):
 
 def read_pair_coordinates(kind: MotionKind, q: Any, qd: Any, qdd: Any, keep_foreign: bool = False) -> PairCoordinates:
     """Return the arguments q, qd and qdd (None if not given) as PairCoordinates; `kind` is the MotionKind of the
-    pair, spatial or planar. Raise ArgumentError, ShapeError or DtypeError for unusable arguments. Arrays of other
-    libraries than NumPy stay as they are if `keep_foreign`, and otherwise become NumPy arrays.
+    pair, spatial or planar. Raise ArgumentError, ShapeError or DtypeError for unusable arguments. Arrays of libraries
+    other than NumPy stay as they are if `keep_foreign`, and otherwise become NumPy arrays.
     """
     if qdd is not None and qd is None:
         raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
@@ -245,7 +245,7 @@ def plan_from_coordinates(
 ) -> tuple[Plan, PairCoordinates]:
     """Return (plan, coordinates): the Plan that computes the requested outputs from the coordinates, and the
     arguments q, qd and qdd as PairCoordinates. `kind` is the MotionKind of the pair, spatial or planar, and `pair`
-    holds its Constants. Arrays of other libraries than NumPy are kept if `keep_foreign`. Raise ArgumentError for
+    holds its Constants. Arrays of libraries other than NumPy are kept if `keep_foreign`. Raise ArgumentError for
     unusable arguments.
     """
     if kind is SPATIAL_MOTION_KIND and (type(sequence) is not str or sequence != "XYZ"):

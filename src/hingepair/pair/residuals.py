@@ -31,8 +31,9 @@ _RESIDUAL_TABLE_HEADINGS = (
 
 
 class ResidualCheck(NamedTuple):
-    """Result of the comparison of one residual with its tolerance at all samples, a row of the printed table: the
-    sizes of the residual, and the sample at which it is largest relative to the tolerance.
+    """Result of the comparison of one residual with its tolerance at all samples, a row of the printed table. It
+    holds the largest and root-mean-square sizes of the residual, and its size, tolerance and ratio at the worst
+    sample, where the residual is largest relative to the tolerance.
 
     The size of a residual is the norm of its array; that of the residual `tilt` is the angle between the hinge axes
     (`tilt_angle`). The worst sample is the one with the largest size / tolerance.
@@ -206,9 +207,9 @@ sqrt(3) times that.
 
 
 class ResidualKind(NamedTuple):
-    """Properties of a kind of residual, a named tuple: label of the equation, unit, the letters of the velocities and
-    accelerations of both motions that it needs, the formula of the scale of its rounding errors as text, and the name
-    of the array whose norm is its size.
+    """Properties of a kind of residual, as a named tuple: the `label` of the equation, the `unit`, the `letters` of
+    the velocities and accelerations that both motions must have, the `scale` of the rounding errors as a formula in a
+    text, and `size`, the name of the array whose norm is the size of the residual.
 
     Attributes:
         label: label of the equation, with a prime for each time derivative.

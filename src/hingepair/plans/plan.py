@@ -85,9 +85,9 @@ _SPATIAL_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionKind:
     """A kind of motion of a pair, in space or in a plane. `coordinates` are the names of the components of q. Three
-    dictionaries: `parts` maps "q", "qd" and "qdd" to the names of their parts, `shapes` maps the name of each
-    quantity to the shape of one sample, and `levels` maps the name of each output to the level from which it is a
-    default output (None: never).
+    dictionaries: `parts` maps "q", "qd" and "qdd" to the names of the position, the angles and the hinge angle in
+    them, `shapes` maps the name of each quantity to the shape of one sample, and `levels` maps the name of each
+    output to the level from which it is a default output (None: never).
 
     Attributes:
         coordinates: names of the components of q.
@@ -235,8 +235,9 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
 
 @functools.cache
 def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION_KIND) -> tuple[str, ...]:
-    """Return a tuple of the names of the outputs that are computed if the user names none, at a level (0 pose, 1
-    velocity, 2 acceleration) or below it. `kind` is the `MotionKind`, in space or in a plane.
+    """Return a tuple of the names of the default outputs for a level (0 pose, 1 velocity, 2 acceleration): the
+    outputs of this level and of the levels below it, which are computed if the user names none. `kind` is the
+    `MotionKind`, in space or in a plane.
     """
     return tuple(name for name, lowest in kind.levels.items() if lowest is not None and lowest <= level)
 

@@ -51,9 +51,9 @@ then those of each frame, in the order of these three dictionaries."""
 
 class Form(NamedTuple):
     """The structure of a robot. `names`, `parents`, `slides` and `columns` hold one value for each joint: its name,
-    the number of the body that carries it, whether it is a slider, and its column in q. `known` has one element for
-    each constant of the base and the joints: its value if this is 0, 1 or -1, and otherwise None. Robots of equal
-    form share programs.
+    the number of the body that carries it (0 is the base), whether it is a slider, and its column in q. `known` has
+    one element for each constant of the base and the joints: its value if this is 0, 1 or -1, and otherwise None.
+    Robots of equal form share programs.
 
     Attributes:
         names: names of the joints in generated code.
@@ -82,9 +82,9 @@ class Form(NamedTuple):
 
 class Request(NamedTuple):
     """What a program computes of a robot. `outputs` are the names of the outputs, `free` says that forces move the
-    base, and `frames` holds the number of the body of each frame. `known` has one element for each constant of the
-    frames: its value if this is 0, 1 or -1, and otherwise None. `loaded` holds the indices of the frames that
-    wrenches act on.
+    base, and `frames` holds the number of the body of each frame (0 is the base). `known` has one element for each
+    constant of the frames: its value if this is 0, 1 or -1, and otherwise None. `loaded` holds the indices of the
+    frames that wrenches act on.
 
     Attributes:
         outputs: names out of TREE_OUTPUT_BY_NAME.
@@ -154,8 +154,8 @@ class Computation:
 
     def _values_by_joint(self, name: str) -> list[Scalar]:
         """Return a list with one number for each joint, from the vector `name` ("q", "qd" or "qdd"), which has one
-        number for each coordinate. A mimic joint takes the number of its leader, times its multiplier; its offset is
-        not added.
+        number for each coordinate. For a mimic joint, this is the number of its leader times the multiplier, without
+        the offset.
         """
         row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
@@ -192,8 +192,8 @@ class Computation:
 
     @functools.cached_property
     def placements(self) -> list[eq.Placement]:
-        """List of the placements of the joints: the pose of each joint's body in its parent. Names the sines and
-        cosines in generated code.
+        """List of the placements of the joints: the pose of each joint's body in the axes of its parent body.
+        Computing the list names the sines and cosines in generated code.
         """
         turns = [
             None if link.slides else (sine(value), cosine(value))
@@ -227,8 +227,8 @@ class Computation:
         return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
 
     def _body_accelerations(self, qdd: Sequence[Scalar], base_acceleration: eq.Rates) -> list[eq.Rates]:
-        """Return a list of (a, alpha) of all bodies, world axes, the base first, for the given q'' and (a, alpha) of
-        the base. Names the components in generated code.
+        """Return a list of the pairs (a, alpha) of all bodies in world axes, the base first, for the given q'' and
+        the pair (a, alpha) of the base. The components are named in generated code.
         """
         accelerations = eq.body_accelerations(
             self.links, self.poses, self.qd, qdd, self.velocities, base_acceleration
@@ -252,8 +252,8 @@ class Computation:
         return self._accelerations_of_frames(self.accelerations)
 
     def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
-        """Return a list of (a, alpha) of all frames, world axes, from (a, alpha) of all bodies. Accelerations of the
-        bodies for q'' = 0 give the accelerations of the frames for q'' = 0.
+        """Return a list of the pairs (a, alpha) of all frames in world axes, from the pairs (a, alpha) of all bodies.
+        Accelerations of the bodies for q'' = 0 give the accelerations of the frames for q'' = 0.
         """
         return [
             eq.frame_acceleration(pose, self.velocities[body][1], body_accelerations[body])
@@ -267,9 +267,9 @@ class Computation:
     def _jacobian_columns(
         self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
     ) -> list[Any]:
-        """Return a list of the columns of a Jacobian, each a tuple of six numbers: first base_columns, then one
-        column for each coordinate. Both arguments hold pairs (linear, angular). The column of a mimic joint is
-        multiplied by its multiplier and added to the column of its leader.
+        """Return a list of the columns of a Jacobian as tuples of six numbers: first the columns `base_columns`, then
+        one column for each coordinate. Both arguments hold pairs (linear, angular) of vectors. The column of a mimic
+        joint is multiplied by its multiplier and added to the column of its leader.
         """
         sums: list[Any] = [(0.0,) * 6] * self.form.dof
         for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, joint_columns, strict=True):
@@ -287,8 +287,8 @@ class Computation:
         return _matrix_rows(self._jacobian_columns(joint_columns, base_columns))
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
-        """Return (a, alpha) of the first frame as six numbers, for q'' = 0. A free base is taken to have no
-        acceleration; any other base has the given acceleration.
+        """Return the accelerations (a, alpha) of the first frame for q'' = 0, as a tuple of six numbers. A free base
+        is taken to have no acceleration; any other base has the given acceleration.
         """
         base = (ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration
         a, alpha = self._accelerations_of_frames(self._body_accelerations(self.zero_rates, base))[0]
@@ -313,7 +313,7 @@ class Computation:
         """Return a list of the wrenches (force, torque) that the joints transmit, each in the axes and about the
         reference point of the joint's body, with the total wrench on the base first (T1-T3). omega, alpha and a are
         the base's angular velocity and accelerations in base axes, with gravity subtracted from a. If `with_loads` is
-        False, the wrenches that act on links are left out. Names the components in generated code.
+        False, the wrenches that act on links are left out. The components are named in generated code.
         """
         body_motions = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
         self._name_components(body_motions, ("omega", "a", "B"))
@@ -382,8 +382,8 @@ class Computation:
 
     @functools.cached_property
     def composites(self) -> list[eq.Matter]:
-        """List of the mass and the first and second moments of mass of the composite bodies, the base first. A
-        composite body is a body with all bodies that it carries.
+        """List of the composite bodies, the base first, as tuples (mass, first, second): the mass and the first and
+        second moments of mass. A composite body is a body with all bodies that it carries.
         """
         return self._name_components(
             eq.composites(self.base, self.links, self.placements), ("mass", "first", "second")
@@ -391,8 +391,8 @@ class Computation:
 
     @functools.cached_property
     def mass_rows(self) -> list[list[Scalar]]:
-        """List of the rows of the mass matrix M, each up to its diagonal entry: six rows of a free base first, then
-        one for each coordinate.
+        """List of the rows of the mass matrix M, each up to its diagonal entry. The six rows of a free base come
+        first, then one row for each coordinate.
         """
         rows, on_base = eq.mass_matrix(self.links, self.placements, self.composites)
         dof, shift = self.form.dof, 6 * self.request.free
@@ -550,7 +550,7 @@ class Computation:
 
     @functools.cached_property
     def velocities_in_own_axes(self) -> list[eq.Rates]:
-        """List of (v, omega) of all bodies, the base first, each in the axes of its body."""
+        """List of the pairs (v, omega) of all bodies, the base first, each in the axes of the body."""
         v, omega = (rotate(self.base_axes, self.values[name]) for name in ("v1", "omega1"))
         return self._name_components(
             eq.velocities_in_own_axes(self.links, self.placements, self.qd, v, omega), ("v", "omega")
@@ -574,14 +574,14 @@ class Computation:
 
     @functools.cached_property
     def momentum(self) -> eq.Wrench:
-        """Pair of the linear momentum P of the robot and its angular momentum L about the base's reference point,
-        world axes.
+        """Pair (P, L) of the linear momentum of the robot and its angular momentum about the base's reference point,
+        both in world axes.
         """
         P, L = eq.sum_inward(self.links, self.placements, self.momenta)[0]
         return rotate(self.values["S1"], P), rotate(self.values["S1"], L)
 
     def angular_momentum_about(self, offset: Vector) -> Vector:
-        """Return the angular momentum of the robot, world axes, about a point; the vector `offset` leads from the
+        """Return the angular momentum of the robot about a point, in world axes. The vector `offset` leads from this
         point to the base's reference point.
         """
         P, L = self.momentum
