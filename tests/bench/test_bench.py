@@ -27,7 +27,7 @@ from hingepair.cli.main import app
 from support.reference import from_euler
 from support.states import generator
 
-PAIR = hp.HingePair(**peers.BENCH_PAIR_CONSTANTS)
+PAIR = hp.HingePair(**peers.BENCH_PAIR_ARGUMENT_BY_NAME)
 PRESENT, _ = available_methods(peers.COMPARED_KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: "not here"})
 MEASURED = [method for method in PRESENT if method.name not in {peers.COPY_FLOOR_NAME, peers.FRESH_COPY_FLOOR_NAME}]
 FEW = tuple(
@@ -53,7 +53,9 @@ def few(monkeypatch):
 def ordinary():
     return {
         level: truth.ExactResults(
-            peers.BENCH_PAIR_CONSTANTS, truth.random_states(generator(80), 3, parts), OUTPUT_NAMES_BY_LEVEL[level]
+            peers.BENCH_PAIR_ARGUMENT_BY_NAME,
+            truth.random_states(generator(80), 3, parts),
+            OUTPUT_NAMES_BY_LEVEL[level],
         )
         for parts, level in enumerate(OUTPUT_NAMES_BY_LEVEL, 1)
     }
@@ -62,7 +64,7 @@ def ordinary():
 @pytest.fixture(scope="module")
 def hard():
     return truth.ExactResults(
-        peers.BENCH_PAIR_CONSTANTS, truth.hard_states(generator(82), 3), OUTPUT_NAMES_BY_LEVEL["acceleration"]
+        peers.BENCH_PAIR_ARGUMENT_BY_NAME, truth.hard_states(generator(82), 3), OUTPUT_NAMES_BY_LEVEL["acceleration"]
     )
 
 
@@ -71,10 +73,10 @@ def test_the_truth_is_that_of_the_tests():
     """Two routes, differences in time and Taylor series, meet in 40 digits."""
     states = (*truth.random_states(generator(79), 1, 3), *truth.hard_states(generator(79), 3))
     for motion in (states[:3], states[3:]):
-        constants = [np.array(peers.BENCH_PAIR_CONSTANTS[key]) for key in ("u1", "u2", "n", "home")]
+        constants = [np.array(peers.BENCH_PAIR_ARGUMENT_BY_NAME[key]) for key in ("u1", "u2", "n", "home")]
         expected = from_euler(constants, *motion)
         for i, state in enumerate(zip(*motion, strict=True)):
-            found = truth.compute_exact_outputs(peers.BENCH_PAIR_CONSTANTS, *state)
+            found = truth.compute_exact_outputs(peers.BENCH_PAIR_ARGUMENT_BY_NAME, *state)
             with mpmath.workdps(60):
                 for name in OUTPUT_NAMES_BY_LEVEL["acceleration"]:
                     true, scale = expected.values[name][i].ravel(), mpmath.mpf(float(expected.scales[name][i]))
@@ -99,7 +101,7 @@ def test_every_way_computes_the_truth(method, level, ordinary):
 def test_one_state_is_computed_as_a_batch_is(ordinary):
     one = [method for method in MEASURED if method.package != "jax" and method.min_samples == 1]
     motion = tuple(c[:1] for c in ordinary["acceleration"].motion)
-    single = truth.ExactResults(peers.BENCH_PAIR_CONSTANTS, motion, OUTPUT_NAMES_BY_LEVEL["acceleration"])
+    single = truth.ExactResults(peers.BENCH_PAIR_ARGUMENT_BY_NAME, motion, OUTPUT_NAMES_BY_LEVEL["acceleration"])
     found = direct.method_errors(PAIR, one, single)
     assert found.keys() == {method.name for method in one}
     assert max(found.values()) < 20
@@ -197,8 +199,8 @@ def test_each_offset_has_a_row_beside_the_floor():
         *direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME,
     ] * 2
     assert list(dict.fromkeys(row.case for row in rows)) == [
-        f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: pose, N = 9",
-        f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: velocity, N = 9",
+        f"{direct.OUTPUT_OFFSETS_CASE_NAME_PREFIX}: pose, N = 9",
+        f"{direct.OUTPUT_OFFSETS_CASE_NAME_PREFIX}: velocity, N = 9",
     ]
     assert all(row.count == 9 and row.seconds > 0 for row in rows)
     assert direct.measure_offsets(1, ["pose"], 1) == []
@@ -228,7 +230,7 @@ def test_json_has_every_row_both_errors_and_the_machine(few):  # noqa: ARG001
     assert rows.keys() == {method.name for method in FEW}
     assert rows[peers.COPY_FLOOR_NAME]["error"] is None
     assert rows[peers.HINGEPAIR_NAME]["error"] > 0
-    assert rows[peers.HINGEPAIR_NAME]["extra_columns"][direct.HARD_STATE_ERROR_COLUMN] > 0
+    assert rows[peers.HINGEPAIR_NAME]["extra_columns"][direct.HARD_STATE_ERROR_COLUMN_HEADING] > 0
     assert {"processor", "machine", "cores", "numpy", "pin"} <= found["facts"].keys()
 
 
@@ -246,14 +248,14 @@ def test_no_cell_of_the_report_is_cut(capsys):
             0.123456,
             123.456,
             1.2e-16,
-            {direct.HARD_STATE_ERROR_COLUMN: 3e14},
+            {direct.HARD_STATE_ERROR_COLUMN_HEADING: 3e14},
         )
         for level in OUTPUT_NAMES_BY_LEVEL
         for size in (1, 100, 10_000, 1_000_000)
         for method in peers.COMPARED_KINEMATICS_METHODS
     ]
     cases = [
-        f"{direct.FRESH_PROCESS_CASE_PREFIX}: {name}"
+        f"{direct.FRESH_PROCESS_CASE_NAME_PREFIX}: {name}"
         for name in (*direct.BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME, "import")
     ]
     rows += [
@@ -266,7 +268,7 @@ def test_no_cell_of_the_report_is_cut(capsys):
         for case in (direct.CONTROL_CYCLE_CASE_NAME, direct.PAIR_CONSTRUCTION_CASE_NAME)
     ]
     cases = [
-        direct.case_name(f"{direct.OUTPUT_OFFSETS_CASE_PREFIX}: {level}", 1_000_000)
+        direct.case_name(f"{direct.OUTPUT_OFFSETS_CASE_NAME_PREFIX}: {level}", 1_000_000)
         for level in OUTPUT_NAMES_BY_LEVEL
     ]
     rows += [

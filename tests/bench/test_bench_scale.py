@@ -29,12 +29,12 @@ def test_the_command_prints_rows():
     assert len(set(cases)) == 5
     timed = [row for row in rows if row["case"] in {"velocity", "forward dynamics of panda"}]
     assert [row["count"] for row in timed] == [2000] * 8
-    assert all(row["extra_columns"][bench.PROCESSOR_TIME_COLUMN] >= 0 for row in timed)
+    assert all(row["extra_columns"][bench.PROCESSOR_TIME_COLUMN_HEADING] >= 0 for row in timed)
     methods = {row["method"] for row in rows if row["case"] == "velocity"}
     assert methods == {"plain call, 1 thread", "Dask, 1 thread", "plain call, 2 threads", "Dask, 2 threads"}
-    (long,) = [row for row in rows if bench.PEAK_MEMORY_COLUMN in row["extra_columns"]]
+    (long,) = [row for row in rows if bench.PEAK_MEMORY_COLUMN_HEADING in row["extra_columns"]]
     assert long["count"] == 600_000
-    assert 0 < long["extra_columns"][bench.PEAK_MEMORY_COLUMN] < MAX_MEGABYTES
+    assert 0 < long["extra_columns"][bench.PEAK_MEMORY_COLUMN_HEADING] < MAX_MEGABYTES
 
 
 @pytest.mark.slow
@@ -42,7 +42,7 @@ def test_the_command_prints_rows():
 def test_the_peak_memory_of_a_reduction_is_neither_that_of_its_caller_nor_grows_with_the_samples():
     held = np.ones(10**8)  # 800 MB of this process
     peaks = [
-        bench._measure_long_reduction(samples, 2).extra_columns[bench.PEAK_MEMORY_COLUMN]
+        bench._measure_long_reduction(samples, 2).extra_columns[bench.PEAK_MEMORY_COLUMN_HEADING]
         for samples in (2_000_000, 20_000_000)
     ]
     assert held.nbytes / 1e6 > MAX_MEGABYTES > max(peaks)

@@ -27,7 +27,7 @@ from hingepair.bench.measure import (
     time_interleaved,
 )
 from hingepair.bench.peers import (
-    BENCH_PAIR_CONSTANTS,
+    BENCH_PAIR_ARGUMENT_BY_NAME,
     COPY_FLOOR_NAME,
     FRESH_COPY_FLOOR_NAME,
     HINGEPAIR_NAME,
@@ -38,11 +38,11 @@ from hingepair.bench.plot import MethodCurve, Panel
 from hingepair.bench.truth import TRUTH_DECIMAL_DIGITS, ExactResults, hard_states, random_states
 from hingepair.pair.hinge_pair import HingePair
 
-HARD_STATE_ERROR_COLUMN = "on hard states"  # heading of a column of the table
+HARD_STATE_ERROR_COLUMN_HEADING = "on hard states"  # heading of a column of the table
 CONTROL_CYCLE_CASE_NAME = "one state: FK, Jacobian, bias from a quaternion"  # name of a case
 PAIR_CONSTRUCTION_CASE_NAME = "construction of a pair"  # name of a case
-FRESH_PROCESS_CASE_PREFIX = "a fresh process"  # beginning of the names of cases
-OUTPUT_OFFSETS_CASE_PREFIX = "outputs at offsets from a cache line"  # beginning of the names of cases
+FRESH_PROCESS_CASE_NAME_PREFIX = "a fresh process"  # beginning of the names of cases
+OUTPUT_OFFSETS_CASE_NAME_PREFIX = "outputs at offsets from a cache line"  # beginning of the names of cases
 OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME = {
     f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)
 }
@@ -98,18 +98,18 @@ def measure_batches(
     A method computes at most its `max_samples` samples of a batch.
     """
     rng = np.random.default_rng(20)
-    pair = HingePair(**BENCH_PAIR_CONSTANTS)
+    pair = HingePair(**BENCH_PAIR_ARGUMENT_BY_NAME)
     rows: list[Row] = []
     for level in levels:
         num_levels, outputs = list(OUTPUT_NAMES_BY_LEVEL).index(level) + 1, OUTPUT_NAMES_BY_LEVEL[level]
         random, hard = (
-            method_errors(pair, methods, ExactResults(BENCH_PAIR_CONSTANTS, states, outputs))
+            method_errors(pair, methods, ExactResults(BENCH_PAIR_ARGUMENT_BY_NAME, states, outputs))
             for states in (
                 random_states(rng, _NUM_RANDOM_STATES_COMPARED_WITH_EXACT, num_levels),
                 hard_states(rng, num_levels),
             )
         )
-        extra_columns = {name: {HARD_STATE_ERROR_COLUMN: value} for name, value in hard.items()}
+        extra_columns = {name: {HARD_STATE_ERROR_COLUMN_HEADING: value} for name, value in hard.items()}
         rows_by_size = {}
         for size in sorted(sizes, reverse=True):  # the largest first: what is measured of small ones is warm
             print_progress(f"{level}, N = {size:,}: {repeats} repeats")
@@ -125,7 +125,7 @@ def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]
     """Measure run times of batches of `size` states whose output arrays begin at several byte offsets from a cache
     line, and of plain copying, at each named level; return a list of table rows, which is empty if `size` is 1.
     """
-    rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_CONSTANTS), []
+    rng, pair, rows = np.random.default_rng(22), HingePair(**BENCH_PAIR_ARGUMENT_BY_NAME), []
     make_job = peers.hingepair_job_maker(backend="compiled", workers=1)
     for level in levels if size > 1 else ():  # the outputs of one state are new arrays
         num_offsets = len(OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME)
@@ -138,7 +138,7 @@ def measure_offsets(size: int, levels: Sequence[str], repeats: int) -> list[Row]
             buffers = {output: allocate_at_offset(array.shape, shift) for output, array in task.buffers.items()}
             jobs[name] = make_job(task._replace(buffers=buffers))
         rows += make_rows(
-            case_name(f"{OUTPUT_OFFSETS_CASE_PREFIX}: {level}", size), time_interleaved(jobs, repeats), size
+            case_name(f"{OUTPUT_OFFSETS_CASE_NAME_PREFIX}: {level}", size), time_interleaved(jobs, repeats), size
         )
     return rows
 
@@ -190,7 +190,7 @@ def make_error_panels(rows: Sequence[Row]) -> list[Panel]:
         }
         curves = [
             MethodCurve(
-                name, [(ns, row.error), (ns, row.extra_columns[HARD_STATE_ERROR_COLUMN])], second_is_hard=True
+                name, [(ns, row.error), (ns, row.extra_columns[HARD_STATE_ERROR_COLUMN_HEADING])], second_is_hard=True
             )
             for name, (ns, row) in times.items()
             if name in drawn and row.error is not None
@@ -206,11 +206,11 @@ def measure_single_states(repeats: int) -> list[Row]:
     Pinocchio, `repeats` times each; return a list of table rows.
     """
     print_progress(f"one state: construction of a pair, a control cycle; {repeats} repeats")
-    pair = HingePair(**BENCH_PAIR_CONSTANTS)
+    pair = HingePair(**BENCH_PAIR_ARGUMENT_BY_NAME)
     rng = np.random.default_rng(21)
     R, quat, v, omega = (rng.normal(size=k) for k in (3, 4, 3, 3))
     state = R, quat / np.sqrt(quat @ quat), v, omega, 0.3, -0.7
-    plain = {key: value for key, value in BENCH_PAIR_CONSTANTS.items() if key != "home"}
+    plain = {key: value for key, value in BENCH_PAIR_ARGUMENT_BY_NAME.items() if key != "home"}
     jobs = {
         "Pinocchio": peers.pinocchio_cycle_job(pair, *state),
         HINGEPAIR_NAME: peers.hingepair_cycle_job(pair, *state),
@@ -245,8 +245,8 @@ time = {start = 0, stop = 10, samples = 10001}
 """
 # names of cases
 IMPORT_CASE_NAME, RUN_CASE_NAME = (
-    f"{FRESH_PROCESS_CASE_PREFIX}: import",
-    f"{FRESH_PROCESS_CASE_PREFIX}: hingepair run, reference scene",
+    f"{FRESH_PROCESS_CASE_NAME_PREFIX}: import",
+    f"{FRESH_PROCESS_CASE_NAME_PREFIX}: hingepair run, reference scene",
 )
 ONE_LARGE_CALL_SEQUENCE_NAME = "1 x 200,000"  # name of the sequence of one large call
 # Batch sizes of sequences of calls, by the name of the sequence.
@@ -289,13 +289,13 @@ def measure_fresh_processes(repeats: int) -> list[Row]:
                 for backend in BACKEND_NAMES_OF_CALL_SEQUENCES
             }
             before = _PAIR_AND_STATES_CODE_TEMPLATE.format(sizes=sizes)
-            codes[f"{FRESH_PROCESS_CASE_PREFIX}: {name}"] = {
+            codes[f"{FRESH_PROCESS_CASE_NAME_PREFIX}: {name}"] = {
                 b: _RUN_TIME_PRINTING_CODE_TEMPLATE.format(before=before, timed=call) for b, call in calls.items()
             }
         environment = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
         for code in (
             run,
-            *codes[f"{FRESH_PROCESS_CASE_PREFIX}: {ONE_LARGE_CALL_SEQUENCE_NAME}"].values(),
+            *codes[f"{FRESH_PROCESS_CASE_NAME_PREFIX}: {ONE_LARGE_CALL_SEQUENCE_NAME}"].values(),
         ):  # an unmeasured run compiles the modules to bytecode
             _run_fresh_process(code, environment)
         rows = []

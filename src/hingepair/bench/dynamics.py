@@ -41,7 +41,7 @@ from hingepair.bench.measure import (
     print_progress,
     time_interleaved,
 )
-from hingepair.bench.peers import BENCH_PAIR_CONSTANTS, HINGEPAIR_NAME, PREPARED_NAME
+from hingepair.bench.peers import BENCH_PAIR_ARGUMENT_BY_NAME, HINGEPAIR_NAME, PREPARED_NAME
 from hingepair.dynamics.simulate import simulate
 from hingepair.formats.model_writers import to_mjcf
 from hingepair.pair.body import Body
@@ -67,7 +67,7 @@ def make_pair_with_masses() -> HingePair:
     """Return the hinge pair of this benchmark, whose bodies have masses, centres of mass and inertias."""
     body1 = Body(2.0, (0.1, -0.3, 0.2), [[0.7, 0.1, 0.05], [0.1, 0.6, -0.1], [0.05, -0.1, 0.8]])
     body2 = Body(1.0, (-0.2, 0.1, 0.05), [[0.3, 0.02, 0.04], [0.02, 0.25, -0.03], [0.04, -0.03, 0.35]])
-    return HingePair(**BENCH_PAIR_CONSTANTS, body1=body1, body2=body2)
+    return HingePair(**BENCH_PAIR_ARGUMENT_BY_NAME, body1=body1, body2=body2)
 
 
 def measure_dynamics(batch_size: int, repeats: int, with_cpp: bool) -> Report:

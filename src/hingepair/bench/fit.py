@@ -57,11 +57,11 @@ _GRAVITY_VECTOR = np.array([0.0, 0.0, -9.81])  # [m/s^2]
 _POSE_FINITE_DIFFERENCE_STEP_SECONDS = 1e-4  # [s] between the poses whose differences are rates and accelerations
 _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE = 10**5  # recordings of this length and more are fitted by hingepair alone
 _MAX_RECORDING_SAMPLES_FOR_AXIS_FITS = 10**5  # longest recording of gyroscopes, which takes seconds
-_WRONG_SIGNS_COLUMN = "wrong signs"  # column: recordings of which n1 and n2 point against each other
+_WRONG_SIGNS_COLUMN_HEADING = "wrong signs"  # column: recordings of which n1 and n2 point against each other
 # Explains the signs of the axes below the table.
 _WRONG_SIGNS_COLUMN_NOTE = (
     "axes from gyroscopes: the error does not count the signs of n1 and n2; "
-    f"{_WRONG_SIGNS_COLUMN}: recordings in which the sign of n2 beside n1 is wrong"
+    f"{_WRONG_SIGNS_COLUMN_HEADING}: recordings in which the sign of n2 beside n1 is wrong"
 )
 # how to install the package qmt
 _QMT_INSTALL_NOTE = "qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)"
@@ -182,7 +182,7 @@ def _axis_rows(case: str, methods: Sequence[Method], count: int, bias_std: float
     for method in methods:
         sizes, are_wrong = zip(*(axis_errors(*method.make_job(task)()) for task in tasks), strict=True)
         errors[method.name] = float(np.sqrt(np.mean(np.square(sizes))))
-        signs[method.name] = {_WRONG_SIGNS_COLUMN: f"{sum(are_wrong)} of {len(tasks)}"}
+        signs[method.name] = {_WRONG_SIGNS_COLUMN_HEADING: f"{sum(are_wrong)} of {len(tasks)}"}
     return measure_methods(case, methods, lambda _: tasks[0], count, repeats, errors, signs)
 
 

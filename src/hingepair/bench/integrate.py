@@ -23,8 +23,8 @@ from hingepair.pair.hinge_pair import HingePair
 Array = NDArray[np.float64]
 
 ATTITUDE_ERROR_LABEL: Final = "error [rad]"  # heading of the errors, and label of an axis
-STEP_SIZE_COLUMN: Final = "h [s]"  # heading of a column
-CONVERGENCE_ORDER_COLUMN: Final = "order"  # heading of a column
+STEP_SIZE_COLUMN_HEADING: Final = "h [s]"  # heading of a column
+CONVERGENCE_ORDER_COLUMN_HEADING: Final = "order"  # heading of a column
 LONG_RUN_METHOD_NAME: Final = "magnus6, omega computed before"  # name of the method of the long run
 MOTION_DURATION_SECONDS: Final = 10.0  # of every motion, which begins at t = 0
 # Equal intervals of the motion; errors are computed at their ends, which the steps of every method include.
@@ -146,9 +146,14 @@ def _measure_all_methods(motion: RotationCase, repeats: int) -> list[Row]:
         except GimbalLockError:
             continue
         method = _method_of_label(label)
-        jobs[label], extra_columns[label] = job, {STEP_SIZE_COLUMN: step, CONVERGENCE_ORDER_COLUMN: None}
+        jobs[label], extra_columns[label] = (
+            job,
+            {STEP_SIZE_COLUMN_HEADING: step, CONVERGENCE_ORDER_COLUMN_HEADING: None},
+        )
         if step is not None:
-            extra_columns[label][CONVERGENCE_ORDER_COLUMN] = _observed_order(previous_runs.get(method), (step, error))
+            extra_columns[label][CONVERGENCE_ORDER_COLUMN_HEADING] = _observed_order(
+                previous_runs.get(method), (step, error)
+            )
             previous_runs[method] = step, error
     print_progress(f"{motion.name}: {len(jobs)} runs, {repeats} repeats")
     return make_rows(motion.name, time_interleaved(jobs, repeats), 1, errors, extra_columns)
@@ -302,7 +307,7 @@ def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
                 f"{motion.name}: step",
                 "step h [s]",
                 ATTITUDE_ERROR_LABEL,
-                _error_curves(rows, motion.name, STEP_SIZE_COLUMN),
+                _error_curves(rows, motion.name, STEP_SIZE_COLUMN_HEADING),
                 x_descending=True,
             ),
             Panel(f"{motion.name}: time", "run time [ms]", "", _error_curves(rows, motion.name, None)),

@@ -39,7 +39,7 @@ _NAMES_OF_PACKAGES_WITH_REPORTED_VERSION = (
     "jax",
 )  # their versions are shown
 _MIN_REPEAT_SECONDS = 2e-3  # [s]; a faster job is called several times in each repeat
-_MAX_WARMED_UP_JOB_SECONDS = (
+_MAX_SECONDS_OF_JOBS_WARMED_UP_BEFORE_EACH_REPEAT = (
     0.1  # [s]; a faster job is called once untimed before each repeat, which fills the caches
 )
 _THREAD_POLL_INTERVAL_SECONDS = 1e-3  # [s] between two polls of the states of the other threads
@@ -231,7 +231,7 @@ def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[fl
     for _ in range(repeats):
         for name, job in jobs.items():
             wait_for_other_threads()
-            if once[name] < _MAX_WARMED_UP_JOB_SECONDS:
+            if once[name] < _MAX_SECONDS_OF_JOBS_WARMED_UP_BEFORE_EACH_REPEAT:
                 job()
             calls = max(1, int(_MIN_REPEAT_SECONDS / max(once[name], 1e-9)))
             times[name].append(timeit(job, number=calls) / calls)

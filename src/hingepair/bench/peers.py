@@ -38,7 +38,7 @@ OutputArrays: TypeAlias = dict[str, Array]
 OUTPUT_NAMES_BY_LEVEL = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
 OUTPUT_NAMES_BY_LEVEL["acceleration"] = (*OUTPUT_NAMES_BY_LEVEL["velocity"], "a2", "alpha2")
 
-BENCH_PAIR_CONSTANTS: dict[str, Any] = {
+BENCH_PAIR_ARGUMENT_BY_NAME: dict[str, Any] = {
     "u1": [0.5, 0.2, 0.1],
     "u2": [-0.25, 0.1, 0.3],
     "n": [1.0, 2.0, -0.5],

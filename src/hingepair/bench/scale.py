@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.bench.measure import Job, Report, Row, make_rows, print_progress, time_interleaved
-from hingepair.bench.peers import BENCH_PAIR_CONSTANTS
+from hingepair.bench.peers import BENCH_PAIR_ARGUMENT_BY_NAME
 from hingepair.errors import MissingDependencyError
 from hingepair.formats.robots import load_robot
 from hingepair.pair.hinge_pair import HingePair
@@ -25,8 +25,8 @@ MAX_DASK_CHUNK_SAMPLES: Final = 1_000_000
 """Samples of a chunk at most."""
 PLAIN_NAME, DASK_NAME = "plain call", "Dask"  # names of the methods
 # Headings of columns of the table.
-PEAK_MEMORY_COLUMN: Final = "peak memory [MB]"  # of a process
-PROCESSOR_TIME_COLUMN: Final = "processor time [s]"  # of all threads in a call
+PEAK_MEMORY_COLUMN_HEADING: Final = "peak memory [MB]"  # of a process
+PROCESSOR_TIME_COLUMN_HEADING: Final = "processor time [s]"  # of all threads in a call
 
 _MIN_NUM_DASK_CHUNKS = 8  # chunks of a case; with few samples the chunks are smaller
 _NUM_VARIANTS_PER_SWEEP = 1000  # variants of each sweep
@@ -127,8 +127,8 @@ def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats:
     notes = [
         f"plain call and {DASK_NAME} keep only the largest value of each component; {DASK_NAME}: chunks of "
         f"{MAX_DASK_CHUNK_SAMPLES:,} samples at most",
-        f"{PROCESSOR_TIME_COLUMN}: of all threads of the process; where T threads take X times that of one thread, "
-        "they are at most T / X times as fast on idle cores",
+        f"{PROCESSOR_TIME_COLUMN_HEADING}: of all threads of the process; where T threads take X times that of one "
+        "thread, they are at most T / X times as fast on idle cores",
         "the plain call writes into new memory, whose pages the system clears; chunks use their memory again",
         "velocity: the memory bandwidth limits the run time (112 bytes are read and 72 written for each sample), "
         "so threads gain less than for forward dynamics, which arithmetic limits",
@@ -145,7 +145,7 @@ def _measure_velocities(samples: int, threads: int, repeats: int) -> list[Row]:
     """Measure run times of velocities of a pair for `samples` samples, on NumPy and on Dask arrays, with one thread
     and with `threads`, `repeats` times; return a list of table rows. The memory bandwidth limits these run times.
     """
-    pair, rng = HingePair(**BENCH_PAIR_CONSTANTS), np.random.default_rng(51)
+    pair, rng = HingePair(**BENCH_PAIR_ARGUMENT_BY_NAME), np.random.default_rng(51)
     q, qd = rng.normal(size=(2, samples, 7))
     outputs = ("R2", "v2", "omega2")
 
@@ -219,7 +219,8 @@ def _measure_beside_dask(
                 jobs[method] = _with_processor_time(job, cpu_seconds[method])
         times = time_interleaved(jobs, repeats)
     extra_columns = {
-        name: {PROCESSOR_TIME_COLUMN: round(median(seconds[-repeats:]), 3)} for name, seconds in cpu_seconds.items()
+        name: {PROCESSOR_TIME_COLUMN_HEADING: round(median(seconds[-repeats:]), 3)}
+        for name, seconds in cpu_seconds.items()
     }
     return make_rows(case, times, samples, extra_columns=extra_columns)
 
@@ -246,7 +247,7 @@ def _measure_long_reduction(samples: int, threads: int) -> Row:
     command = [sys.executable, "-c", _DASK_REDUCTION_PYTHON_CODE, str(samples), str(threads)]
     seconds, peak = map(float, subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
     case, method = "random poses, the largest of each component", f"{DASK_NAME}, {threads} threads"
-    return Row(case, method, samples, seconds, seconds, 1.0, extra_columns={PEAK_MEMORY_COLUMN: round(peak)})
+    return Row(case, method, samples, seconds, seconds, 1.0, extra_columns={PEAK_MEMORY_COLUMN_HEADING: round(peak)})
 
 
 def _measure_sweeps(threads: int) -> list[Row]:

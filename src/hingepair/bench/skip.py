@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.bench.measure import Job, Report, make_rows, print_progress, time_interleaved
-from hingepair.bench.peers import BENCH_PAIR_CONSTANTS, OUTPUT_NAMES_BY_LEVEL
+from hingepair.bench.peers import BENCH_PAIR_ARGUMENT_BY_NAME, OUTPUT_NAMES_BY_LEVEL
 from hingepair.pair.evaluate import count_operations
 from hingepair.pair.forward_kinematics import plan_from_coordinates
 from hingepair.pair.hinge_pair import HingePair
@@ -15,7 +15,7 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 
 UNFOLDED_CASE_NAME = "nothing known"  # name of the case without folding
-OPERATION_COUNT_COLUMN = "operations"  # heading of a column of the table
+OPERATION_COUNT_COLUMN_HEADING = "operations"  # heading of a column of the table
 
 
 class FoldingCase(NamedTuple):
@@ -59,7 +59,7 @@ def measure_folding(samples: int, repeats: int) -> Report:
     """
     rows, folding_cases = [], make_folding_cases(samples)
     extra_columns = {
-        name: {OPERATION_COUNT_COLUMN: case.count_operations_left()} for name, case in folding_cases.items()
+        name: {OPERATION_COUNT_COLUMN_HEADING: case.count_operations_left()} for name, case in folding_cases.items()
     }
     for backend in ("compiled", "numpy"):
         print_progress(f"{backend}, N = {samples:,}: {len(folding_cases)} programs, {repeats} repeats")
@@ -76,9 +76,9 @@ def make_folding_cases(samples: int) -> dict[str, FoldingCase]:
     """
     rng = np.random.default_rng(21)
     q, qd = (tuple(np.ascontiguousarray(c) for c in part.T) for part in rng.normal(size=(2, samples, 7)))
-    turned = HingePair(**BENCH_PAIR_CONSTANTS)
-    plain = HingePair(**BENCH_PAIR_CONSTANTS | {"home": None})
-    along = HingePair(**BENCH_PAIR_CONSTANTS | {"home": None, "n": [1, 0, 0]})
+    turned = HingePair(**BENCH_PAIR_ARGUMENT_BY_NAME)
+    plain = HingePair(**BENCH_PAIR_ARGUMENT_BY_NAME | {"home": None})
+    along = HingePair(**BENCH_PAIR_ARGUMENT_BY_NAME | {"home": None, "n": [1, 0, 0]})
     flat = PlanarPair(u1=(0.5, 0.2), u2=(-0.25, 0.1))
     still = (*q[:3], 0.1, 0.2, 0.3, q[6]), (*qd[:3], 0.0, 0.0, 0.0, qd[6])
     yawing = (*q[:3], 0.1, 0.2, *q[5:]), (*qd[:3], 0.0, 0.0, *qd[5:])
