@@ -105,9 +105,9 @@ class FittedHinge(NamedTuple):
 
 
 def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
-    """Measure run times and errors of fits of a hinge to poses, and of its axis to gyroscopes, by hingepair and other
-    packages; return the Report. `sizes` are the numbers of samples of the recordings; each fit is timed `repeats`
-    times.
+    """Measure run times and errors of fits of a hinge to poses, and of fits of a hinge axis to gyroscopes, by
+    hingepair and other packages; return the Report. `sizes` are the numbers of samples of the recordings; each fit is
+    timed `repeats` times.
     """
     rows = _measure_pose_fits(sizes, repeats)
     axis_rows, notes = _measure_axis_fits(sizes, repeats)
@@ -237,30 +237,30 @@ def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialR
 
 
 def axis_by_hingepair(recording: InertialRecording, bias_std: float) -> tuple[Array, Array]:
-    """Return a tuple n1, n2 of the hinge axis in each body's axes, as `hingepair.fit_axis` fits it to the gyroscopes.
-    `bias_std` is the standard deviation of the gyroscopes' biases [rad/s].
+    """Return a tuple (n1, n2) of the hinge axis in the axes of body 1 and of body 2, as `hingepair.fit_axis` fits it
+    to the gyroscopes. `bias_std` is the standard deviation of the gyroscopes' biases [rad/s].
     """
     axis_fit = fit_axis(recording.omega1, recording.omega2, bias_std)
     return axis_fit.n1, axis_fit.n2
 
 
 def axis_by_qmt_gyroscopes(recording: InertialRecording, _: float) -> tuple[Array, Array]:
-    """Return a tuple n1, n2 of the hinge axis in each body's axes, as the package qmt fits it to the gyroscopes
-    alone; the sign of n2 is not determined then. The second argument is ignored.
+    """Return a tuple (n1, n2) of the hinge axis in the axes of body 1 and of body 2, as the package qmt fits it to
+    the gyroscopes alone, which do not determine the sign of n2. The second argument is ignored.
     """
     return _axis_by_qmt(recording, {"residuals": [1]})
 
 
 def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
-    """Return a tuple n1, n2 of the hinge axis in each body's axes, as the package qmt fits it to gyroscopes and
-    accelerometers with its default settings. The second argument is ignored.
+    """Return a tuple (n1, n2) of the hinge axis in the axes of body 1 and of body 2, as the package qmt fits it to
+    gyroscopes and accelerometers with its default settings. The second argument is ignored.
     """
     return _axis_by_qmt(recording, None)
 
 
 def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
-    """Return a tuple n1, n2 of the hinge axis in each body's axes, shape (3,) each, as the package qmt fits it to a
-    recording. `settings` is a dict of options of qmt, or None for its defaults.
+    """Return a tuple (n1, n2) of the hinge axis in the axes of body 1 and of body 2, shape (3,) each, as the package
+    qmt fits it to a recording. `settings` is a dict of options of qmt, or None for the defaults of qmt.
     """
     import qmt
 
@@ -306,7 +306,9 @@ def make_pose_recording(count: int, outlier_fraction: float, seed: int) -> Recor
 
 
 def relative_poses(poses: RecordedPoses) -> tuple[Array, Array]:
-    """Return rotation (N, 3, 3) and position (N, 3) of body 2 relative to body 1, in the axes of body 1."""
+    """Return a tuple of the rotations (N, 3, 3) and positions (N, 3) of body 2 relative to body 1, in the axes of
+    body 1.
+    """
     S1_inverse = np.swapaxes(poses.S1, -1, -2)
     return S1_inverse @ poses.S2, (S1_inverse @ (poses.R2 - poses.R1)[..., None])[..., 0]
 
@@ -381,7 +383,9 @@ def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def true_hinge() -> FittedHinge:
-    """Return, as a FittedHinge, the hinge with which all recordings are made; its point is the one closest to R1."""
+    """Return, as a FittedHinge, the hinge with which all recordings are made. The hinge point is the point of the
+    axis that is closest to the origin of body 1.
+    """
     from scipy.spatial.transform import Rotation
 
     n_body2 = Rotation.from_rotvec(_TRUE_HOME_ROTVEC).inv().apply(_TRUE_UNIT_HINGE_AXIS_IN_BODY1)

@@ -67,9 +67,9 @@ class Method(NamedTuple):
 def available_methods(
     methods: Iterable[Method], exclusion_reasons: Mapping[str, str | None]
 ) -> tuple[list[Method], list[str]]:
-    """Return a list of the methods that can be measured, and a list of sentences, one for each other method. A method
-    cannot be measured if its package is not installed or if `exclusion_reasons`, which maps names of methods to texts
-    or None, gives a reason.
+    """Return a list of the methods that can be measured, and a list of sentences that say why each other method is
+    left out. A method cannot be measured if its package is not installed or if `exclusion_reasons`, which maps names
+    of methods to texts or None, gives a reason.
 
     Args:
         methods: all methods.
@@ -212,9 +212,9 @@ def make_rows(
 
 
 def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
-    """Call all jobs in turn, `repeats` times; return a dict from a job's name to a list of its run times of one call
-    [s], one for each repeat. `jobs` maps names to functions without arguments. Each job is also called untimed, and a
-    short job several times in a repeat.
+    """Call all jobs in turn, `repeats` times; return a dict from a job's name to a list of run times of one call [s],
+    one for each repeat. `jobs` maps names to functions without arguments. Each job is also called without being
+    timed, and a short job is called several times in a repeat.
 
     Every repeat runs all jobs, one after the other, so that disturbances affect all of them alike. Before a job is
     timed, the other threads of the process must be idle: JAX frees its memory after a call has returned, which delays

@@ -25,8 +25,9 @@ _to_mpf: Any = np.frompyfunc(mpmath.mpf, 1, 1)
 
 
 class _BodyState(NamedTuple):
-    """Motion of one body in world axes, as mpmath numbers: point R and unit axis of its joint, rotation S (body to
-    world), omega, alpha, and a, the acceleration of R minus the acceleration of gravity.
+    """Motion of one body in world axes, as arrays of mpmath numbers. `R` and `axis` are the point and the unit axis
+    of the joint that carries the body, `S` is the rotation from body to world axes, `omega` and `alpha` are the
+    angular velocity and acceleration, and `a` is the acceleration of R minus the acceleration of gravity.
     """
 
     R: Array  # point of the joint that carries the body [m]
@@ -38,8 +39,8 @@ class _BodyState(NamedTuple):
 
 
 class ExactRobot:
-    """A robot on a fixed base at given positions, whose methods compute its poses, Jacobians, inverse and forward
-    dynamics in fifty-digit arithmetic and return them as arrays of mpmath numbers.
+    """A robot on a fixed base at given positions of its joints. The methods compute poses, Jacobians, inverse and
+    forward dynamics in fifty-digit arithmetic and return them as arrays of mpmath numbers.
 
     Args:
         tree: the record of the robot.
@@ -65,8 +66,8 @@ class ExactRobot:
             return np.concatenate([body.R, body.S.ravel()])
 
     def jacobian(self, joint: str) -> Array:
-        """Return the Jacobian of (v, omega) of the body that the joint named `joint` carries, at its reference point,
-        as an array of mpmath numbers, shape (6, dof).
+        """Return the Jacobian of the velocity and the angular velocity (v, omega) of the body that the joint named
+        `joint` carries, at the body's reference point, as an array of mpmath numbers, shape (6, dof).
         """
         with mpmath.workdps(ROBOT_TRUTH_DECIMAL_DIGITS):
             bodies = self._body_states(np.zeros(self._dof), np.zeros(self._dof), 0.0)

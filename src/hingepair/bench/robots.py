@@ -91,8 +91,9 @@ _UNIT_AXIS_BY_LAST_LETTER_OF_JOINT_TYPE: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.
 
 class RobotTask(NamedTuple):
     """Random states of a robot, and the workload ("pose", "Jacobian", "inverse dynamics" or "forward dynamics") that
-    is computed at them. `model` is Pinocchio's model of the robot, `tip` the number in it of the joint furthest from
-    the base, and `rows` are q, q' and, for forward dynamics, the efforts, otherwise q'', shape (N, dof) each.
+    is computed at them. `model` is Pinocchio's model of the robot, and `tip` is the number that the model gives to
+    the joint furthest from the base. `rows` is a tuple of q, q' and, for forward dynamics, the efforts, otherwise
+    q'', shape (N, dof) each.
     """
 
     name: str  # of the robot
@@ -248,7 +249,7 @@ def _read_pose(state: Any) -> Array:
 
 def hingepair_robot_job(task: RobotTask) -> Job:
     """Return a job that computes the task's workload for all states at once by a method of `Mechanism`. The job
-    returns the result, an array or convertible to one. Its first call compiles.
+    returns the result, an array or an object that NumPy converts into one. The first call of the job compiles.
     """
     (q, v, w), tip = task.rows, task.model.names[task.tip]
     if task.workload == POSE_WORKLOAD:
@@ -289,7 +290,7 @@ class _LazyArray:
 
 def prepared_robot_job(task: RobotTask) -> Job:
     """Return a job that computes the task's workload at its first state by the function that `robot.prepare` returns.
-    The job returns the result, an array or convertible to one.
+    The job returns the result, an array or an object that NumPy converts into one.
     """
     q, v, w = (row[0].copy() for row in task.rows)
     tip = task.model.names[task.tip]

@@ -54,8 +54,8 @@ class FoldingCase(NamedTuple):
 
 
 def measure_folding(samples: int, repeats: int) -> Report:
-    """Measure run times of velocities of `samples` samples in cases with known inputs and in the case without, by
-    each backend, `repeats` times; return the Report.
+    """Measure run times of velocities of `samples` samples in cases with known inputs and in a case without known
+    inputs, by each backend, `repeats` times; return the Report.
     """
     rows, folding_cases = [], make_folding_cases(samples)
     extra_columns = {

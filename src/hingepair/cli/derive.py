@@ -121,9 +121,9 @@ def _derive_pair(
 ) -> str:
     """Return the formulas of the motion of a Scene as text, or of an arbitrary motion if `scene_or_pair` is a pair or
     a simulated Scene. `scene_file` is the path of a pair's file, from which exact values are read, or None. `symbols`
-    are the names of the constants that stay symbols, `outputs` the names of outputs, or None for the outputs of the
-    scene or the default. `output_format` is text, latex, python or json. `short` True abbreviates repeated terms;
-    None does so if lines are long.
+    are the names of the constants that stay symbols. `outputs` are the names of outputs; None stands for the outputs
+    of the scene or the default. `output_format` is "text", "latex", "python" or "json". Repeated terms are
+    abbreviated if `short` is True, or if it is None and lines are long.
     """
     from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
@@ -186,8 +186,8 @@ def _derive_robot(
 ) -> str:
     """Return formulas as text for a frame of a Mechanism. `frame` is the name of a link or joint, None for the last
     link; `notes` are sentences that the text begins with. `symbols` are the names of the constants that stay symbols,
-    `outputs` the names of outputs, or None for the default. `output_format` is text, latex, python or json; `short`
-    True abbreviates repeated terms.
+    and `outputs` the names of outputs, or None for the default. `output_format` is "text", "latex", "python" or
+    "json". Repeated terms are abbreviated if `short` is True.
     """
     from hingepair.symbolic.frame_forms import FrameForms
 

@@ -169,7 +169,9 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Robot
 
 
 def _pinocchio_inertia(pin: Any, body: MassProperties) -> Any:
-    """Return mass properties as Pinocchio's Inertia, unchecked. `pin` is the module pinocchio."""
+    """Convert the mass properties of a body to Pinocchio's Inertia without checking them. `pin` is the module
+    pinocchio.
+    """
     inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
     inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.center_of_mass), np.array(body.inertia)
     return inertia
