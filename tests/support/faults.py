@@ -1012,7 +1012,7 @@ FAULTS = {
     ),
     "correlated noise taken for white": Fault(
         "measured/spline.py",
-        "gain = _INDEPENDENT_SPECTRUM_TERM_FRACTION * columns",
+        "gain = _INDEPENDENT_FRACTION_OF_TAPERED_SPECTRUM_TERMS * columns",
         "gain = 0 * columns",
         "measured/test_smooth.py::test_noise_with_memory_is_not_followed[0.9]",
     ),

@@ -44,7 +44,7 @@ WORLD_LINK_NAME, BODY1_LINK_NAME, BODY2_LINK_NAME = "world", "body1", "body2"
 BODY2_AT_HINGE_LINK_NAME = "body2_at_hinge"  # its origin is the hinge point
 BASE_JOINT_NAME, HINGE_JOINT_NAME = "base", "hinge"
 
-_ZERO_ROLL_PITCH_YAW = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
+_ZERO_ROLL_PITCH_YAW_IN_RADIANS = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 # Beyond, a viewer shows nothing, and what is drawn has the size of one metre.
 _DRAWABLE_LENGTH_RANGE_IN_METRES = (1e-9, 1e9)
 _INERTIA_TRIANGLE_MARGIN_TO_LARGEST_PRINCIPAL_MOMENT = 2.0**-46
@@ -154,7 +154,7 @@ def to_urdf(
     if hinge_load.damping or hinge_load.friction:
         add_element(hinge, "dynamics", damping=hinge_load.damping, friction=hinge_load.friction)
     to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE_LINK_NAME, BODY2_LINK_NAME)
-    add_element(to_body2, "origin", xyz=-pair.u2, rpy=_ZERO_ROLL_PITCH_YAW)
+    add_element(to_body2, "origin", xyz=-pair.u2, rpy=_ZERO_ROLL_PITCH_YAW_IN_RADIANS)
     return document(robot)
 
 
@@ -395,7 +395,7 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
     """
     link = add_element(robot, "link", name=part.link)
     inertial = add_element(link, "inertial")
-    add_element(inertial, "origin", xyz=part.center_of_mass, rpy=_ZERO_ROLL_PITCH_YAW)
+    add_element(inertial, "origin", xyz=part.center_of_mass, rpy=_ZERO_ROLL_PITCH_YAW_IN_RADIANS)
     add_element(inertial, "mass", value=part.mass)
     add_element(
         inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True))
@@ -418,7 +418,7 @@ def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
         x, y, z = map(float, shape.axis)
         rpy = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
         return "cylinder", {"radius": shape.radius, "length": shape.length}, rpy
-    return "sphere", {"radius": shape.radius}, _ZERO_ROLL_PITCH_YAW
+    return "sphere", {"radius": shape.radius}, _ZERO_ROLL_PITCH_YAW_IN_RADIANS
 
 
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:

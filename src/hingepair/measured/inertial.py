@@ -51,7 +51,7 @@ _MAX_HARMLESS_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE = 0.07
 """Residuals that are not noise, over the difference between the sizes of both forces: the point is still reliable
 below this."""
 _MIN_TURN_CORRELATION_THAT_SHOWS_HINGE_AXIS_SIGN = 0.2  # from which the sign of n2 is shown
-_MIN_NORMAL_MATRIX_EIGENVALUE_TO_MATRIX_NORM = 1e-10  # from which a direction is not rounding
+_MIN_DETERMINED_EIGENVALUE_TO_NORMAL_MATRIX_NORM = 1e-10  # from which a direction is not rounding
 _MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_HINGE_AXIS = 10.0
 """Size of the normal matrix over what noise adds to it, from which a direction of the axes is shown. What noise adds
 is more than the variance of the rates says where rates across an axis are small."""
@@ -726,7 +726,7 @@ def _covariance(
     """
     normal = derivatives.T @ derivatives + prior_rows.T @ prior_rows
     values, axes = np.linalg.eigh(normal - min_signal * noise)
-    blind = values <= _MIN_NORMAL_MATRIX_EIGENVALUE_TO_MATRIX_NORM * np.linalg.norm(normal)
+    blind = values <= _MIN_DETERMINED_EIGENVALUE_TO_NORMAL_MATRIX_NORM * np.linalg.norm(normal)
     shown = axes[:, ~blind]
     inverse = shown @ np.linalg.inv(shown.T @ (normal - noise) @ shown) @ shown.T
     scores = (derivatives * residuals[:, None]).T

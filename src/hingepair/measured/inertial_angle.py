@@ -24,7 +24,7 @@ from hingepair.numeric.instants import checked_gaps, split_at_gaps
 from hingepair.numeric.unit_vectors import unit_axis
 
 _NUM_HINGE_ANGLE_SMOOTHING_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
-_MIN_VECTOR_LENGTH_ACROSS_AXIS_TO_LARGEST = 0.05  # from which a vector shows a direction
+_MIN_VECTOR_LENGTH_ACROSS_HINGE_AXIS_TO_LARGEST_LENGTH = 0.05  # from which a vector shows a direction
 _MAX_RELIABLE_HINGE_ANGLE_STD_IN_RADIANS = 0.2  # [rad]: an angle that is known less well is not to be relied on
 # Above, a direction counts less.
 _LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_NOISE_VARIANCES = 4.0
@@ -210,7 +210,9 @@ def _angles_between(
     a, b = (vector[:, 0] + 1j * vector[:, 1] for vector in (vectors1, vectors2))
     sizes = np.abs(a), np.abs(b)
     noise = max(float(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2))), 1e-9)
-    least = max(_MIN_VECTOR_LENGTH_ACROSS_AXIS_TO_LARGEST * float(max(sizes[0].max(), sizes[1].max())), 3 * noise)
+    least = max(
+        _MIN_VECTOR_LENGTH_ACROSS_HINGE_AXIS_TO_LARGEST_LENGTH * float(max(sizes[0].max(), sizes[1].max())), 3 * noise
+    )
     seen = np.minimum(*sizes) > least
     variances = np.full(a.size, np.inf)
     variances[seen] = noise**2 / 2 * (1 / sizes[0][seen] ** 2 + 1 / sizes[1][seen] ** 2)

@@ -55,7 +55,7 @@ _MIN_FREQUENCY_INDEX_OF_NOISE_SPECTRUM = 4  # of a tapered spectrum: slower ones
 _MIN_SAMPLES_PER_NOISE_SPECTRUM = 128  # samples of a piece whose spectrum is taken
 # Blackman and Harris's: little of slow motion leaks into fast noise.
 _BLACKMAN_HARRIS_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
-_INDEPENDENT_SPECTRUM_TERM_FRACTION = 0.5  # of the terms of a tapered spectrum that are independent
+_INDEPENDENT_FRACTION_OF_TAPERED_SPECTRUM_TERMS = 0.5  # of the terms of a tapered spectrum that are independent
 # Of samples that the curve replaces, where the correlation of noise is sought.
 _MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE = 0.3
 # Longest time step over which neighbours' noise is correlated.
@@ -294,7 +294,7 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
         costs.append(float((np.log(shape).sum(axis=1) + f.size * np.log((power / shape).mean(axis=1))).min()))
     columns = pieces[0].shape[1]
     best = int(np.argmin(costs))
-    gain = _INDEPENDENT_SPECTRUM_TERM_FRACTION * columns * (costs[0] - costs[best])
+    gain = _INDEPENDENT_FRACTION_OF_TAPERED_SPECTRUM_TERMS * columns * (costs[0] - costs[best])
     return (
         float(_CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES[best])
         if gain > _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE
