@@ -244,9 +244,9 @@ def to_mjcf(
 
 
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
-    """Check the argument `hinge_torque`, and return it; for None, return a HingeLoad without effect. Issue a
-    DynamicsWarning, which begins with `format_name`, that lists the fields of the load that are set but not among
-    `written_fields`. Raise an ArgumentError if it is not a HingeLoad.
+    """Check the argument `hinge_torque` and return it, or return a HingeLoad without effect if the argument is None.
+    Issue a DynamicsWarning, which begins with `format_name`, that lists the fields of the load that are set but not
+    among `written_fields`. Raise an ArgumentError if it is not a HingeLoad.
 
     Raises:
         ArgumentError: it is no HingeLoad.
@@ -266,8 +266,8 @@ def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fiel
 
 
 def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
-    """Check that the argument `body1` is a BodyMotion with a single pose, or raise an ArgumentError; return (R, S),
-    its position and its rotation matrix.
+    """Check that the argument `body1` is a BodyMotion with a single pose, and return (R, S), the position and the
+    rotation matrix of the pose. Raise an ArgumentError otherwise.
 
     Raises:
         ArgumentError: it is no single pose.
@@ -280,8 +280,8 @@ def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
     """Return (shapes of body 1, shapes of body 2) that draw a HingePair, two tuples in the axes of each body. A body
     without shapes of its own gets simple ones: a box, a rod to the hinge point and a cylinder along the hinge axis.
-    Raise an ArgumentError for anything but a HingePair, and a ShapeError if its constants differ from sample to
-    sample.
+    Raise an ArgumentError for anything but a HingePair, and a ShapeError if the constants of the pair
+    differ from sample to sample.
 
     The box is at the reference point. The cylinder is a pin for body 1, and a wider sleeve for body 2.
 
@@ -301,10 +301,10 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
 
 
 class _ModelPart(NamedTuple):
-    """A body in the frame of its link: name of the link, colour as text, mass [kg], centre of mass [m], six moments
-    of inertia [kg m^2] and shapes.
+    """A body in the frame of a link: the name of the link, the colour as text, the mass [kg], the centre of mass [m],
+    the six moments of inertia about the centre of mass [kg m^2] and the shapes.
 
-    `moments` are Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
+    `moments` are Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
     """
 
     link: str
@@ -330,9 +330,9 @@ def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
 def _make_model_part(
     link: str, colour: str, body_or_none: Body | None, drawn_shapes_of_body: tuple[Shape, ...], origin: Float64Array
 ) -> _ModelPart:
-    """Return one body as a _ModelPart: its mass properties and its drawn shapes, relative to the origin of its link,
-    and the names of its link and colour. `origin` is given in the axes of the body; for None as the body, the default
-    mass and inertia are used.
+    """Return one body as a _ModelPart: the mass properties and the drawn shapes relative to the origin of the link,
+    and the names of the link and the colour. `origin` is the origin of the link in the axes of the body. If
+    `body_or_none` is None, the default mass and inertia are used.
     """
     body = body_or_none or Body()
     shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn_shapes_of_body)
@@ -347,8 +347,8 @@ def _axis_in_body2(pair: HingePair) -> Float64Array:
 
 
 def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
-    """Return an inertia tensor (3, 3), with the same amount added to all three moments if needed, so that its largest
-    principal moment is below the sum of the others by a margin.
+    """Return an inertia tensor (3, 3) whose largest principal moment is below the sum of the others by a margin: the
+    given tensor, with an equal amount added to all three moments if needed.
 
     The inertia of a flat body is increased by the margin, and by the excess of the largest moment if the moments were
     given rounded.

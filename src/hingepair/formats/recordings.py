@@ -50,8 +50,8 @@ _LOWER_CASE_POSITION_COLUMN_ALIAS_PATTERN_FOR_HINTS = re.compile(r"p(?:os(?:itio
 
 
 class Recording(NamedTuple):
-    """Motions `body1` and `body2` at the same instants, NaN where nothing was recorded; the instants `t` as the file
-    has them, and the readings of an `encoder` at these instants. `t` and `encoder` are None if they were not
+    """Motions `body1` and `body2` at common instants, with NaN for poses that were not recorded, the instants `t` as
+    the file has them, and the readings of an `encoder` at the instants. `t` and `encoder` are None if they were not
     recorded.
     """
 
@@ -183,22 +183,23 @@ def _has_any_column(columns: Columns, names: tuple[str, ...]) -> bool:
     return any(name in columns for name in names)
 
 
-def _body_motion(path: Path, columns: Columns, suffix: str, body_digit: str) -> BodyMotion:
-    """Return the poses of body "1" or "2" (`body_digit`) as a BodyMotion, from the columns whose names end in
-    `suffix`. An attitude is NaN where a part of it is missing or all of it is 0; a matrix of few digits is projected
-    to a rotation. Body 2 without columns of an attitude is a point. Raise an ArgumentError, which names the file
-    `path`, if a column is missing.
+def _body_motion(path: Path, columns: Columns, column_digit: str, body_digit: str) -> BodyMotion:
+    """Return the poses of body "1" or "2" (`body_digit`) as a BodyMotion, from the columns whose names hold
+    `column_digit`, which is "" for names without a digit. An attitude is NaN if a part of it is missing or all of it
+    is 0. Matrices of few digits are projected to rotations. Body 2 without columns of an attitude is a point. Raise
+    an ArgumentError, which names the file `path`, if a column is missing.
     """
-    R = _stack_columns(path, columns, _position_column_names(suffix))
-    if not any(_has_any_column(columns, names) for names in _attitude_column_names(suffix)):
+    R = _stack_columns(path, columns, _position_column_names(column_digit))
+    if not any(_has_any_column(columns, names) for names in _attitude_column_names(column_digit)):
         if body_digit == "2":
             return BodyMotion(R=R)
         expected = (
-            f"columns of the attitude of body 1: S{suffix}_xx, ..., S{suffix}_zz or qx{suffix}, qy{suffix}, "
-            f"qz{suffix}, qw{suffix} (a body that is known by its position alone must be body 2)"
+            f"columns of the attitude of body 1: S{column_digit}_xx, ..., S{column_digit}_zz or qx{column_digit}, "
+            f"qy{column_digit}, qz{column_digit}, qw{column_digit} (a body that is known by its position alone must "
+            "be body 2)"
         )
         raise ArgumentError(f"{path}", expected, "none")
-    attitude = _stack_columns(path, columns, _attitude_column_names(suffix))
+    attitude = _stack_columns(path, columns, _attitude_column_names(column_digit))
     attitude[~np.isfinite(attitude).all(axis=-1) | (attitude == 0).all(axis=-1)] = np.nan
     if attitude.shape[1] == 9:
         S = attitude.reshape(-1, 3, 3)
@@ -210,9 +211,9 @@ def _body_motion(path: Path, columns: Columns, suffix: str, body_digit: str) -> 
 
 
 def _stack_columns(path: Path, columns: Columns, alternatives: tuple[tuple[str, ...], ...]) -> Float64Array:
-    """Stack columns along the last axis, and return the array (N, k). The columns are those of the first tuple of
-    names in `alternatives` of which any column is present. Raise an ArgumentError, which names the file `path`, if
-    one of them is missing.
+    """Stack columns along the last axis, and return the array (N, k). The columns are named by the first tuple of
+    names in `alternatives` of which any column is present. Raise an ArgumentError, which names the file `path`, if a
+    column of that tuple is missing.
     """
     names = next((names for names in alternatives if _has_any_column(columns, names)), alternatives[-1])
     for name in names:

@@ -45,8 +45,8 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
 
 
 class _UrdfWriter:
-    """Builder of the URDF elements of the robot with the Tree `tree`; it records the names of links and joints that
-    are in use.
+    """Builder of the URDF elements of the robot with the Tree `tree`. The method `build` returns the element <robot>.
+    The names of links and joints that are in use are recorded.
 
     Args:
         tree: the robot.
@@ -106,8 +106,8 @@ class _UrdfWriter:
         return seat
 
     def _add_fixed_link(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
-        """Add a link, and the fixed joint that holds it to its parent link at the position and rotation of a Frame,
-        to the element `root`. `joint`, `parent` and `link` are names.
+        """Add a link, and the fixed joint that holds the link to a parent link at the position and rotation of the
+        Frame `frame`, to the element `root`. `joint`, `parent` and `link` are names.
         """
         add_element(root, "link", name=link)
         element = add_urdf_joint(root, joint, "fixed", parent, link)
@@ -125,8 +125,8 @@ class _UrdfWriter:
         return link
 
     def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
-        """Add the element of a moving Joint to the element `root`: placement, axis, limits and mimic rule. `parent`
-        and `child` are the names of its links.
+        """Add the element of a moving Joint to the element `root`: the placement, the axis, the limits and the mimic
+        rule. `parent` and `child` are the names of the links of the joint.
         """
         bounded = bool(np.isfinite(joint.position_limits).any())
         kind = "prismatic" if joint.kind == "slider" else "revolute" if bounded else "continuous"

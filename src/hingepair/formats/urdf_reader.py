@@ -86,8 +86,9 @@ def hinge_pair(
     warn: bool = False,
 ) -> HingePair:
     """Return the hinge named `joint` of a RobotRecord as a HingePair called `name`. `body1_frame` and `body2_frame`
-    name the links whose frames are (R1, S1) and (R2, S2), or are None. Mass properties that no rigid body can have
-    are left out; if `warn`, with a warning. Raise a URDFError if there is no such hinge or frame.
+    name the links whose frames are (R1, S1) and (R2, S2); None means the link that the hinge connects. Mass
+    properties that no rigid body can have are left out; if `warn`, with a warning. Raise a URDFError if there is no
+    such hinge or frame.
 
     Raises:
         URDFError: no such hinge or frame, or what belongs to it is malformed.
@@ -139,8 +140,9 @@ def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> 
 
 
 def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
-    """Return the FramePose of the link named `frame` from a dict of poses by name; for None, that of the link named
-    `link`. Raise a URDFError for the argument named `argument` if the dict has no such link.
+    """Return the FramePose of the link named `frame` from a dict of poses by name. If `frame` is None, return the
+    FramePose of the link named `link`. Raise a URDFError for the argument named `argument` if the dict has no such
+    link.
     """
     link_name = link if frame is None else frame
     if not isinstance(link_name, str) or link_name not in poses:
@@ -149,9 +151,9 @@ def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None,
 
 
 def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
-    """Return links that are fixed to each other as one Body. `poses` are their FramePoses in the body's axes, by
-    name. Return None if no link has mass, or if no rigid body can have their mass properties; if `warn`, warn of the
-    latter.
+    """Return links that are fixed to each other as one Body. `poses` are the FramePoses of the links in the body's
+    axes, by name. Return None if no link has mass. Also return None, and warn if `warn` is true, if no rigid body can
+    have the mass properties.
 
     Links without mass are not counted. Some robots have mass properties that no rigid body can have, such as a
     negative mass.
@@ -175,6 +177,7 @@ def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: boo
 
 def _link_shapes(robot: RobotRecord, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
     """Return a tuple of the boxes, cylinders and spheres of the visual shapes of links. `poses` maps the links' names
-    to FramePoses, in whose axes the shapes are returned. The tuple is empty if a link is drawn by anything else.
+    to FramePoses in the axes in which the shapes are returned. The tuple is empty if a link is drawn by anything
+    else.
     """
     return body_drawing((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes

@@ -49,8 +49,8 @@ def document(root: ET.Element) -> str:
 
 
 def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
-    """Add a joint element with a name and a kind such as "revolute", which names its parent and child links, to the
-    element <robot> of a URDF; return the joint element.
+    """Add a joint element with a name, a kind such as "revolute", and the names of the parent and the child link to
+    the element <robot> of a URDF. Return the joint element.
     """
     joint = add_element(robot, "joint", name=name, type=kind)
     add_element(joint, "parent", link=parent)
@@ -69,8 +69,8 @@ def axis_for_urdf(axis: Float64Array) -> Float64Array:
 
 
 def commented(text: str, comment: str) -> str:
-    """Return the text of an XML document with an XML comment inserted below its first line; -- in the comment becomes
-    - -.
+    """Return the text of an XML document with an XML comment inserted below the first line. Each "--" in the comment
+    becomes "- -".
     """
     first, _, rest = text.partition("\n")
     return f"{first}\n<!-- {comment.replace('--', '- -')} -->\n{rest}"

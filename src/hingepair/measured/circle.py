@@ -37,7 +37,8 @@ from hingepair.numeric.arrays import Float64Array
 
 _NUM_CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
-_MAX_GAUSS_NEWTON_STEPS_PER_CIRCLE_FIT_PASS = 60  # Gauss-Newton steps of a fit
+# A fit of many samples makes two passes: with thinned samples, then with all.
+_MAX_GAUSS_NEWTON_STEPS_PER_CIRCLE_FIT_PASS = 60
 # Change as `Circle.relative_change` returns it, above which a Gauss-Newton step is shortened.
 _MAX_RELATIVE_CIRCLE_CHANGE_PER_GAUSS_NEWTON_STEP = 0.3
 _MAX_CONVERGED_CIRCLE_STEP_NORM_IN_PARAMETER_STDS = 1e-3  # in standard deviations of the parameters
@@ -54,7 +55,9 @@ _DIFFERENCE_STEP_OF_CIRCLE_PARAMETERS_IN_RADIANS_OR_METRES = 1e-6
 
 
 class Circle(NamedTuple):
-    """A circle in the axes of body 1: the unit vector of its axis (n), its centre [m] and its radius [m]."""
+    """A circle in the axes of body 1, on which a point of body 2 moves: the unit vector n along the axis of the
+    circle, the centre [m] and the radius [m]. Methods return the levers of the hinge and the hinge angles.
+    """
 
     n: Float64Array  # axis, unit; (3,)
     centre: Float64Array  # [m]; (3,)
@@ -273,7 +276,8 @@ def _variance_and_weights(
     residuals: Float64Array, sample_weights: Float64Array, loss: Loss | None
 ) -> tuple[float, Float64Array]:
     """Return the variance of a coordinate [m^2], estimated from the residuals (N, 2), and the weights of the samples
-    (N,). If `loss` is None, the weights are `sample_weights`; otherwise the loss reduces the weights of outliers.
+    (N,). If `loss` is None, the variance is a mean and the weights are `sample_weights`. Otherwise the variance comes
+    from a median, and `loss`, a function, reduces the weights of outliers.
     """
     squares = (residuals * residuals).sum(axis=1)
     if loss is None:
@@ -315,7 +319,7 @@ def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Fl
 
 
 def _circle_of_random_triples(p: Float64Array, num_triples: int = 300) -> Circle:
-    """Return the circle with the least median distance from the samples p (N, 3), among the circles through
+    """Return the circle with the smallest median distance from the samples p (N, 3), among the circles through
     `num_triples` random triples of samples (fixed seed). The median is taken over samples thinned evenly. Raise
     FitError for fewer than four samples, or if all triples are on lines.
     """

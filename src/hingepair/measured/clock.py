@@ -31,7 +31,7 @@ _MAX_THINNED_SAMPLES_PER_CLOCK_OFFSET_TRIAL = 256  # samples that offsets are tr
 _CLOCK_OFFSET_SCAN_STEP_TO_BODY2_TIME_SCALE = 0.1  # of body 2's motion
 _MAX_CLOCK_OFFSET_TRIALS_PER_SIDE_OF_ZERO = 60  # offsets that are tried, on either side of 0
 _MIN_MENTIONED_CLOCK_OFFSET_IN_MEDIAN_TIME_STEPS = 0.05  # of the usual step
-# By which a far offset must be better than the local optimum near 0.
+# By which the misfit, a negative log-likelihood per sample, of a far offset must be below the local minimum near 0.
 _MIN_MISFIT_DECREASE_OF_DISTANT_CLOCK_OFFSET = 0.5
 
 
@@ -159,8 +159,8 @@ class ClockedPoses:
 
     @property
     def time_scale(self) -> float:
-        """Return the time in which the motion of body 2 changes [s], its median velocity divided by its median
-        acceleration. Of the linear and the angular time, the shorter one is returned; 1 s if body 2 is at rest.
+        """Return the time [s] in which the motion of body 2 changes: the median velocity divided by the median
+        acceleration, or the same ratio of angular quantities if it is smaller. Return 1.0 if body 2 is at rest.
         """
         v, omega, a, alpha = (float(np.sqrt(np.median((rate**2).sum(axis=1)))) for rate in self._rates)
         scales = [rate / change for rate, change in ((v, a), (omega, alpha)) if rate > 0 and change > 0]
@@ -168,8 +168,8 @@ class ClockedPoses:
 
     def most_likely_offset(self, misfit: Callable[[RelativePoses], float]) -> float:
         """Scan clock offsets on both sides of 0 and return one of them [s]: the local minimum of the misfit that
-        descent from 0 reaches, or the global minimum if its misfit is clearly smaller. `misfit` is a function of
-        RelativePoses that returns their negative log-likelihood per sample.
+        descent from 0 reaches, or the global minimum if the misfit there is clearly smaller. `misfit` is a function
+        of RelativePoses that returns their negative log-likelihood per sample.
         """
         duration = float(self._t[-1] - self._t[0])
         span = min(max(0.5, 10 * self._step), 0.25 * duration)  # s

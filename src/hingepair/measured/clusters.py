@@ -159,8 +159,7 @@ def _kabsch_poses(
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return the tuple of R (N, 3) and S (N, 3, 3) of the body by least squares, and the distances (N, M) of the
     markers from their places on the body, 0 for a marker that is not seen. `places` are the recorded positions of the
-    markers (N, M, 3), `cluster` (M, 3) their places on the body; `is_seen` (N, M) is 1 where a marker is seen, else
-    0.
+    markers (N, M, 3), `cluster` (M, 3) their places on the body; `is_seen` (N, M) is 1 if a marker is seen, else 0.
     """
     count = np.maximum(is_seen.sum(axis=1), 1.0)[:, None]
     middle = (is_seen[..., None] * places).sum(axis=1) / count

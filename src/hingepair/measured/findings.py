@@ -91,8 +91,8 @@ def judge_hinge(
     std: dict[str, Float64Array],
 ) -> list[Finding]:
     """Return a list of Finding objects on a fitted hinge: outliers (marked by `is_outlier`), a tilting axis, a moving
-    hinge point, large standard deviations (`std`, a dict with n, u1 and u2), steps that did not converge, and
-    correlated residuals. Findings that make the hinge unreliable come first; after serious outliers or a serious
+    hinge point, large standard deviations (`std`, a dict with the keys n, u1 and u2), steps that did not converge,
+    and correlated residuals. Findings that make the hinge unreliable come first; after serious outliers or a serious
     tilt, further checks are left out.
     """
     every = slice(None, None, -(-poses.samples // _MAX_THINNED_SAMPLES_FOR_FINDINGS))
@@ -164,7 +164,7 @@ def _outlier_findings(
     residuals: HingeResiduals, poses: RelativePoses, is_outlier: NDArray[np.bool_]
 ) -> list[Finding]:
     """Return a list with one Finding on the share of outliers, which the boolean array `is_outlier` marks, and on
-    whether the weights in `residuals` are reduced for them. The list is empty without outliers.
+    whether the weights of the outliers in `residuals` are reduced. The list is empty if there are no outliers.
     """
     if not is_outlier.any():
         return []
@@ -283,8 +283,8 @@ class _PointMotion(NamedTuple):
 
 
 def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:
-    """Return the rms scatter of angles psi (N,) about their circular mean [rad], weighted by `weights` of sum 1, but
-    at most 1.
+    """Return the rms scatter [rad] of angles psi (N,) about their circular mean, or 1 if the scatter is larger. The
+    angles are weighted by `weights` (N,), whose sum is 1.
     """
     mean = np.hypot(weights @ np.cos(psi), weights @ np.sin(psi))
     about = np.arctan2(weights @ np.sin(psi), weights @ np.cos(psi))

@@ -45,8 +45,8 @@ class Hinge(NamedTuple):
         return self._replace(n=sign * self.n, m=sign * self.m)
 
     def balanced(self) -> Hinge:
-        """Return the hinge with the point of its axis that is equally far along the axis from both bodies'
-        reference points.
+        """Return the hinge with the hinge point shifted to the point on the axis that is equally far along the axis
+        from the reference points of both bodies.
         """
         return self._with_shifted_point(-float(self.u1 @ self.n + self.u2 @ self.m) / 2)
 
@@ -166,8 +166,8 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:
-    """Return the angle [rad] about the hinge axis, at psi = 0, from the first column of `frame(n)`, which is fixed in
-    body 1, to the first column of `frame(m)`, which is fixed in body 2. `home` is the rotation matrix of body 2
+    """Return the angle [rad] about the hinge axis, at psi = 0, from the first axis that `frame` returns for n, fixed
+    in body 1, to the first axis that it returns for m, fixed in body 2. `home` is the rotation matrix of body 2
     relative to body 1 at psi = 0.
     """
     first, second = frame(hinge.n), home @ frame(hinge.m)

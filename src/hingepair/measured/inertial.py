@@ -405,9 +405,9 @@ def _neighbour_correlation(residuals: Float64Array) -> float:
 
 
 def checked_recording(t: ArrayLike, named_vectors: dict[str, ArrayLike]) -> tuple[Float64Array, list[Float64Array]]:
-    """Return the instants of a recording [s] (N,), counted from the first, and a list of its vectors as float64
-    arrays (N, 3). `named_vectors` is a dict of the arrays by argument name. Raise ArgumentError for unusable values,
-    ShapeError if the lengths differ.
+    """Return a tuple of the instants (N,) of a recording [s], counted from the first, and a list of the recorded
+    vectors as float64 arrays (N, 3). `named_vectors` is a dict of the arrays by argument name. Raise ArgumentError
+    for unusable values, and ShapeError if the lengths differ.
     """
     time, _ = increasing_seconds("t", t)
     columns = _checked_vectors(named_vectors)
@@ -436,9 +436,9 @@ def _point_and_biases(
     rate_derivatives: list[Float64Array],
     bias_stds: Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Fit the levers (u1, u2) and the biases of both sensors by least squares. Return these unknowns in one array
-    (18,), the residuals of the samples (N,), and the weights of the priors (12,) that hold the biases near 0. The
-    biases and the weights are 0 if no bias is expected or rounding explains the residuals. `forces`, `rates` and
+    """Fit the levers (u1, u2) and the biases of both sensors by least squares. Return a tuple of the unknowns in one
+    array (18,), the residuals of the samples (N,), and the weights of the priors (12,) that hold the biases near 0.
+    The biases and the weights are 0 if no bias is expected or rounding explains the residuals. `forces`, `rates` and
     `rate_derivatives` are lists of two arrays (N, 3), one for each sensor; `bias_stds` (12,) are the expected sizes
     of the biases.
 
@@ -494,8 +494,8 @@ def _derivatives_without_biases(
     prior: Float64Array,
     bias_stds: float | Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return the derivatives of the residuals with respect to the k = `num_parameters` parameters, without the part
-    that a change of the b biases could explain: an array for the samples (N, k), one for the priors (b, k), and the
+    """Return a tuple of the derivatives of the residuals of the samples (N, k) and of the priors (b, k) with respect
+    to the k = `num_parameters` parameters, without the part that a change of the b biases could explain, and of the
     standard deviations of the biases (b,). `prior` holds the weights of the priors and `bias_stds` the expected sizes
     of the biases. If all weights are 0, the derivatives and `bias_stds` are returned unchanged.
 
@@ -574,8 +574,8 @@ def _force_residual_function(
 
 def _axis_starts(w1: Float64Array, w2: Float64Array) -> list[Float64Array]:
     """Return a list of pairs (n1, n2) of axes, shape (2, 3) each, from which fits start: the solution of linear least
-    squares in n n^T, the principal axes of the angular velocities, and ten random pairs (fixed seed). `w1` and `w2`
-    are angular velocities (N, 3).
+    squares for the matrices n n^T, the principal axes of the angular velocities, and ten random pairs (fixed seed).
+    `w1` and `w2` are angular velocities (N, 3).
     """
     rows = [np.einsum("ni,nj->nij", w, w).reshape(-1, 9) for w in (w1, w2)]
     size = (w1 * w1).sum(axis=-1) - (w2 * w2).sum(axis=-1)
@@ -663,8 +663,9 @@ def _fit_from_starts(
     linearise_few: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
     """Return a tuple of the least-squares solution that the best of several starts leads to and the residuals there.
-    `linearise` is a function of the unknowns that returns residuals and derivatives; `linearise_few`, the same on
-    fewer samples, compares the starts. `move` is a function that returns the unknowns after a step.
+    `linearise` is a function of the unknowns that returns residuals and derivatives. `linearise_few` is such a
+    function for fewer samples, by which the starts are compared. `move` is a function that returns the unknowns after
+    a step.
     """
     tried = [_levenberg_marquardt(linearise_few, move, start, max_steps=12) for start in starts]
     return _levenberg_marquardt(linearise, move, min(tried, key=lambda solution: float(solution[1] @ solution[1]))[0])
@@ -707,10 +708,10 @@ def _covariance(
     min_signal: float,
     prior_rows: Float64Array,
 ) -> tuple[Float64Array, NDArray[np.bool_]]:
-    """Return the covariance (k, k) of parameters fitted by least squares, and a boolean array (k,) of the parameters
-    that the motion does not determine. `noise` (k, k) is what noise in the derivatives adds to the normal matrix, and
-    `min_signal` the minimum ratio of the normal matrix to `noise` in a determined direction. `prior_rows` (b, k) are
-    the derivatives of the priors.
+    """Return a tuple of the covariance (k, k) of parameters fitted by least squares, and a boolean array (k,) of the
+    parameters that the motion does not determine. `noise` (k, k) is what noise in the derivatives adds to the normal
+    matrix, and `min_signal` the minimum ratio of the normal matrix to `noise` in a determined direction. `prior_rows`
+    (b, k) are the derivatives of the priors.
 
     Noise in the derivatives adds to the normal matrix, by which parameters come out too small. The matrix without
     that noise says how sure a direction is: the scatter of the scores is divided by it (the sandwich; scores

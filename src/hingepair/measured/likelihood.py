@@ -45,7 +45,8 @@ MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS = 16384  # samples that the first steps a
 # About so many samples, in stretches of blocks, give the covariance.
 _APPROXIMATE_NUM_SAMPLES_FOR_COVARIANCE = 131072
 _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES = 40  # sums of neighbouring scores that the covariance is taken from, at least
-_MAX_GAUSS_NEWTON_STEPS_PER_HINGE_FIT_PASS = 40  # of a fit
+# A fit of many samples makes two passes: with thinned samples, then with all.
+_MAX_GAUSS_NEWTON_STEPS_PER_HINGE_FIT_PASS = 40
 _MAX_ROTATION_PER_GAUSS_NEWTON_STEP_IN_RADIANS = 0.3  # [rad]; longer steps are shortened
 _MAX_CONVERGED_HINGE_STEP_NORM_IN_PARAMETER_STDS = 0.02  # below, the steps have converged
 _MAX_PREDICTED_NEXT_HINGE_STEP_NORM_IN_PARAMETER_STDS = 0.1  # likewise of the next step
@@ -78,8 +79,9 @@ LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME: dict[str, Loss | None] = {
 
 
 class Noise(NamedTuple):
-    """Variances of the noise of relative positions (`place`), of relative attitudes (`attitude`) and of the encoder.
-    If the user gave standard deviations of single samples, the first two are mean variances.
+    """Variances of the noise of a component of relative positions (`place`, [m^2]), of a component of relative
+    attitudes (`attitude`, [rad^2]) and of the encoder (`encoder`, [rad^2]). If the user gave standard deviations of
+    single samples, the first two are mean variances.
     """
 
     place: float  # of a component of R2 - R1 [m^2]
@@ -89,7 +91,8 @@ class Noise(NamedTuple):
 
 class EncoderLine(NamedTuple):
     """The line psi = zero + slope * reading that relates the reading of an encoder to the hinge angle. The angle psi
-    leads from the first column of `frame(n)`, fixed in body 1, to the first column of `frame(m)`, fixed in body 2.
+    leads from the first axis that the function `frame` returns for n, fixed in body 1, to the first axis that it
+    returns for m, fixed in body 2.
     """
 
     zero: float  # [rad]
@@ -116,15 +119,15 @@ class SampleResiduals(NamedTuple):
 
     @property
     def psi(self) -> Float64Array:
-        """Return the angle [rad] about the hinge axis from the first column of `frame(n)`, fixed in body 1, to the
-        first column of `frame(m)`, fixed in body 2, within [-pi, pi]; shape (M,).
+        """Return the hinge angles (M,) [rad], within [-pi, pi], from the first axis that the function `frame` returns
+        for n, fixed in body 1, to the first axis that it returns for m, fixed in body 2.
         """
         return np.asarray(np.arctan2(self.q[3] - self.q[1], self.q[0] + self.q[4]))
 
     def variances(self, noise: Noise) -> tuple[Any, Any, Any]:
         """Return three values: the variance of the relative position [m^2], the variance of the relative attitude
-        [rad^2], and the fraction of the latter that is due to body 1. Each is a number, or an array (M,) if the user
-        gave the noise of every sample.
+        [rad^2], and the fraction of the variance of the attitude that is due to body 1. Each is a number, or an array
+        (M,) if the user gave the noise of every sample.
         """
         if self.relative_noise is None:
             return noise.place, noise.attitude, 0.5
@@ -143,8 +146,8 @@ class SampleResiduals(NamedTuple):
         self, noise: Noise, tilts: Float64Array, gaps: Float64Array, turns: Float64Array | None = None
     ) -> Float64Array:
         """Return residuals, or derivatives of residuals, multiplied by L^-1, where L L^T is the covariance of the
-        noise. The inputs are tilts (k, 2, M), gaps (k, 3, M) and, with an encoder, turns (k, M); the result joins
-        them, (k, 5 or 6, M).
+        noise. The inputs are `tilts` (k, 2, M), `gaps` (k, 3, M) and, with an encoder, `turns` (k, M). They are
+        joined in the result, (k, 5 or 6, M).
 
         L is the Cholesky factor, with w = (-y, x, 0); no eigenvalue of the covariance is below a.
         """
@@ -171,16 +174,17 @@ class SampleResiduals(NamedTuple):
         return rows
 
     def whitened_squares(self, noise: Noise) -> Float64Array:
-        """Return the whitened squared residuals r^T C^-1 r (M,): about 5 on average if the noise is right, 6 with
-        an encoder.
+        """Return the whitened squared residuals r^T C^-1 r (M,) of residuals r with the covariance C. If the noise is
+        right, they are about 5 on average, or 6 with an encoder.
         """
         turns = None if self.turn is None else self.turn[None]
         return np.asarray((self.whiten(noise, self.tilt[None], self.gap[None], turns)[0] ** 2).sum(axis=0))
 
     def whitened_rows(self, noise: Noise) -> Float64Array:
         """Return the whitened derivatives of the residuals with respect to each parameter, and the whitened residuals
-        as the last row; shape (parameters + 1, 5 or 6, M). The parameters are nine of the hinge, then, if they are
-        estimated, the clock offset and two of the encoder. `noise` is the Noise by which residuals are whitened.
+        as the last row; shape (parameters + 1, 5 or 6, M). The parameters are the nine of the hinge, then the clock
+        offset, the zero and the slope of the encoder, as far as they are estimated. `noise` is the Noise by which
+        residuals are whitened.
         """
         q, (x, y, z), count = self.q, self.arms, self.q.shape[1]
         parameters = NUM_HINGE_PARAMETERS + (self.offset_derivatives is not None) + (0 if self.turn is None else 2)
@@ -319,8 +323,8 @@ def fit_encoder_line(
 
 def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
     """Return the change of psi [rad] when the hinge changes from `before` to `after` at equal `poses`, as the median
-    over the poses. The change arises because psi is counted between axes that depend on the hinge, the first columns
-    of `frame(n)` and `frame(m)`.
+    over the poses. The change arises because psi is counted between the axes that the function `frame` returns for n
+    and m.
     """
     first, second = (
         np.concatenate([seen.psi for _, seen in iterate_residuals(poses, hinge)]) for hinge in (before, after)
@@ -356,8 +360,8 @@ def _encoder_line_of_slope(
 
 
 def _encoder_residual(psi: Float64Array, reading: Float64Array, encoder_line: EncoderLine) -> Float64Array:
-    """Return psi minus the angle that the encoder's line gives for the readings [rad], within half a turn; 0 if the
-    encoder has no reading.
+    """Return the difference [rad], within half a turn, between psi and the angle that the encoder's line gives for
+    `reading`. It is 0 if the encoder has no reading.
     """
     off = np.nan_to_num(psi - encoder_line.zero - encoder_line.slope * reading)
     return np.asarray(off - 2 * np.pi * np.rint(off / (2 * np.pi)))

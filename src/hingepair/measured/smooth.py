@@ -224,7 +224,8 @@ def _smooth_body(
 ) -> SmoothedMotion:
     """Smooth the positions and attitudes of a BodyMotion and return a SmoothedMotion. A bandwidth of None is chosen
     from the samples, and with `loss`, a function, outliers count little. Warn if noise, outliers or earlier filtering
-    make the result doubtful. Raise ArgumentError for a body without attitudes.
+    make the result doubtful. Raise ArgumentError for a body without attitudes, or if no piece between gaps is long
+    enough.
     """
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     if body.S is None:
@@ -356,8 +357,8 @@ def _smooth_angle(
 
 def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
     """Return a list of index arrays, the samples of each piece between gaps, which are times longer than `gaps` [s]
-    without finite values. Pieces too short to be smoothed are left out; raise ArgumentError, which names the argument
-    `name`, if none remains.
+    without finite values. Pieces that are too short to be smoothed are left out. Raise ArgumentError, which names the
+    argument `name`, if no piece remains.
     """
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_SAMPLES_PER_SMOOTHED_PIECE)

@@ -76,8 +76,8 @@ _NUM_STRETCHES_OF_LONG_RECORD = 8
 class SmoothedColumns(NamedTuple):
     """Smoothed columns with their first and second derivatives (`values`) and standard deviations (`deviations`), the
     bandwidth [Hz], the noise and its correlation, the correlation of whitened residuals of neighbouring samples
-    (`residual_correlation`), whether the bandwidth is the highest possible (`is_limited`), and the fraction of
-    outliers (`outlier_share`).
+    (`residual_correlation`), whether the bandwidth is the highest that the samples allow (`is_limited`), and the
+    fraction of outliers (`outlier_share`).
     """
 
     values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
@@ -189,10 +189,10 @@ def _choose_model(
     weights: Float64Array,
     bandwidth: float | None,
 ) -> SmoothingModel:
-    """Return the SmoothingModel for columns (N, k): the given bandwidth [Hz] or, if it is None, a bandwidth chosen by
-    generalised cross validation, and the correlation of the noise. The correlation is estimated from `clean_columns`,
-    the columns with outliers replaced. `pieces` are index arrays of samples; `weights` are the weights of the samples
-    of all pieces.
+    """Return the SmoothingModel for columns (N, k): the given bandwidth [Hz] or, if `bandwidth` is None, a bandwidth
+    chosen by generalised cross validation, and the correlation of the noise. The correlation is estimated from
+    `clean_columns`, the columns with outliers replaced. `pieces` are index arrays of samples; `weights` are the
+    weights of the samples of all pieces.
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
@@ -385,7 +385,7 @@ class SmoothingSpline:
         return np.asarray(self.basis @ coefficients)
 
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the curves with the given B-spline coefficients, or their derivative of an order above 0, at
+        """Return the curves with the given B-spline coefficients, or their derivatives if `order` is above 0, at
         instants t [s] in the piece with index `piece`.
         """
         from scipy.interpolate import BSpline
@@ -403,9 +403,9 @@ class SmoothingSpline:
         return inverse_bands(self._matrix, _SPLINE_DEGREE + 1)
 
     def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the variances (N,) of the curve, or of its derivative of an order above 0, at instants t [s] in
-        the piece with index `piece`. The noise of the samples is taken to have variance 1. The first call computes
-        and caches covariances.
+        """Return the variances (N,) of the curve, or of the derivative of the curve if `order` is above 0, at
+        instants t [s] in the piece with index `piece`. The noise of the samples is taken to have variance 1. The
+        first call computes and caches covariances.
         """
         from scipy.interpolate import BSpline
 
