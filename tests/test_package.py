@@ -166,7 +166,7 @@ def test_the_diagram_for_contributors_is_what_the_imports_say() -> None:
 
 NAMED_FOR_CONTRIBUTORS = {
     "plans/steps.py": ("BODY2_KINEMATICS_STEPS", "PLANAR_KINEMATICS_STEPS"),
-    "plans/plan.py": ("_SPATIAL_SHAPE_BY_QUANTITY_NAME", "SPATIAL_MOTION_KIND"),
+    "plans/plan.py": ("_SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME", "SPATIAL_MOTION_KIND"),
     "pair/states.py": ("PairState",),
     "scenes/explain.py": ("_DESCRIPTION_BY_PLAN_STEP_NAME",),
     "equations/trees.py": ("slides",),

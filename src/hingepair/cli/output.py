@@ -19,7 +19,7 @@ from rich.console import Console
 from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.numeric.tables import ruled_table
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.results import ROWS_PER_BLOCK
+from hingepair.pair.results import RESULT_ROWS_PER_BLOCK
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES
 
@@ -86,15 +86,15 @@ def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any)
 
 def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Piece]:
     """Return an iterable of the same `parts` that shows a progress bar while it is iterated over; return `parts`
-    itself if standard error is not a terminal or there is only one part. Each part except the last has ROWS_PER_BLOCK
+    itself if standard error is not a terminal or there is only one part. Each part except the last has RESULT_ROWS_PER_BLOCK
     instants, and `num_instants` is the number of instants of all parts.
     """
     screen = Console(stderr=True)
-    if num_instants <= ROWS_PER_BLOCK or not screen.is_terminal:
+    if num_instants <= RESULT_ROWS_PER_BLOCK or not screen.is_terminal:
         return parts
     from rich.progress import track
 
-    return track(parts, "computing", -(-num_instants // ROWS_PER_BLOCK), console=screen, transient=True)
+    return track(parts, "computing", -(-num_instants // RESULT_ROWS_PER_BLOCK), console=screen, transient=True)
 
 
 @contextlib.contextmanager

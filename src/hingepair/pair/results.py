@@ -19,7 +19,7 @@ from hingepair.numeric.tables import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.states import PairState, PlanarState
 
-ROWS_PER_BLOCK: Final = 131072
+RESULT_ROWS_PER_BLOCK: Final = 131072
 """Rows that are computed and written at a time. A row group of a .parquet file has at most this number of
 rows."""
 MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY: Final = 10_000_000
@@ -348,7 +348,7 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
         facts = {"description": described, "t": "s", **{name: unit(name) for name in arrays}}
         table = arrow.table(columns, names=["t", *column_names(arrays)]).replace_schema_metadata(facts)
         writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema, use_dictionary=False))
-        writer.write_table(table, ROWS_PER_BLOCK)
+        writer.write_table(table, RESULT_ROWS_PER_BLOCK)
 
     with contextlib.ExitStack() as opened:
         yield add

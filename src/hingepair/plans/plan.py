@@ -50,7 +50,7 @@ TrigFunctions: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
 POSE, VELOCITY, ACCELERATION = 0, 1, 2
 
 # Shapes of one sample of everything that can be given or computed in space, by name.
-_SPATIAL_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
+_SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2", "d"), (3,)),
     **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "lever_fixed", "lever_cos", "lever_sin"), (3,)),
     **dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)),
@@ -112,7 +112,7 @@ _MIN_DEFAULT_LEVEL_BY_BODY2_OUTPUT_NAME = {
 SPATIAL_MOTION_KIND: Final = MotionKind(
     SPATIAL_COORDINATE_NAMES,
     SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY,
-    _SPATIAL_SHAPE_BY_QUANTITY_NAME,
+    _SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME,
     {**_MIN_DEFAULT_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
 )
 """Motion in space."""
@@ -120,7 +120,7 @@ PLANAR_MOTION_KIND: Final = MotionKind(
     PLANAR_COORDINATE_NAMES,
     PLANAR_PART_NAMES_BY_COORDINATE_ARRAY,
     {
-        **_SPATIAL_SHAPE_BY_QUANTITY_NAME,
+        **_SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME,
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
         **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
         **dict.fromkeys(("q", "qd", "qdd"), (4,)),

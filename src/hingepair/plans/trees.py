@@ -732,7 +732,7 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
 """All that can be computed of a tree, by name."""
 
 # Shapes of the inputs that are no coordinates.
-_SHAPE_BY_BASE_OR_GRAVITY_INPUT: Final[Mapping[str, ArrayShape]] = {
+_SAMPLE_SHAPE_BY_BASE_OR_GRAVITY_INPUT: Final[Mapping[str, ArrayShape]] = {
     **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
     "S1": (3, 3),
 }
@@ -753,7 +753,7 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
     for name in ("q", "qd", "qdd", "tau"):
         if name in names:
             shapes[name] = (form.dof,)
-    shapes |= {name: shape for name, shape in _SHAPE_BY_BASE_OR_GRAVITY_INPUT.items() if name in names}
+    shapes |= {name: shape for name, shape in _SAMPLE_SHAPE_BY_BASE_OR_GRAVITY_INPUT.items() if name in names}
     return shapes | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 

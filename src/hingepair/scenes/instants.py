@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.tables import Shown, instant_text, unit_of
-from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY, ROWS_PER_BLOCK
+from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY, RESULT_ROWS_PER_BLOCK
 from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
@@ -123,13 +123,15 @@ class SampledScene(Shown, abc.ABC):
         """Name of the backend that computes the scene. It is "auto" if the instants fit into one block, otherwise
         "compiled" or "numpy" for every block, so that blocks and the whole agree to the bit.
         """
-        return "auto" if self.samples <= ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
+        return "auto" if self.samples <= RESULT_ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
 
     def block_rows(self) -> Iterator[slice]:
-        """Yield slices of the indices of the instants, one for each block of at most ROWS_PER_BLOCK instants in
+        """Yield slices of the indices of the instants, one for each block of at most RESULT_ROWS_PER_BLOCK instants in
         turn.
         """
-        return (slice(start, start + ROWS_PER_BLOCK) for start in range(0, self.samples, ROWS_PER_BLOCK))
+        return (
+            slice(start, start + RESULT_ROWS_PER_BLOCK) for start in range(0, self.samples, RESULT_ROWS_PER_BLOCK)
+        )
 
     def spread(self, max_instants: int) -> Rows:
         """Return the indices of `max_instants` evenly spread instants, or of all if there are fewer, as an integer
