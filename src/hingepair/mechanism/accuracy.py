@@ -22,9 +22,9 @@ from hingepair.plans.trees import compute_request
 def error_bounds(
     computation: RobotComputation, values: InputValues, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Compute bounds on the rounding errors of the outputs of a RobotComputation, for checked argument values and a
-    gravity vector [m/s^2]; return a dict of arrays by output name. An output has one bound for its largest component
-    at every sample. An output of motion has one bound for each frame, along the last axis.
+    """Compute bounds on the rounding errors of the outputs of a RobotComputation for the InputValues `values` and a
+    gravity vector [m/s^2], and return a dict of arrays by output name. At every sample, an output has one bound for
+    its largest component; an output of motion has one such bound for each frame, along the last axis.
     """
     form, request = computation.form, computation.request
     complete = computation.complete(values, gravity)
@@ -63,7 +63,7 @@ def _as_tuple(value: Any) -> tuple[Any, ...]:
 
 def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, ...]:
     """Return the components of an input as a tuple of numbers or NumPy arrays. `value` is an array of samples, each
-    of the shape `sample_shape`, or a tuple of components.
+    with the shape `sample_shape`, or a tuple of components, which may be arrays of other libraries.
     """
     if isinstance(value, tuple):
         return tuple(np.asarray(c) if is_foreign(c) else c for c in value)
@@ -75,9 +75,9 @@ def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, .
 
 
 def _largest_bounds(components: Any, frame_count: int) -> Any:
-    """Return the largest error bound of an output's components, a number or an array of samples; numbers without a
-    bound count as exact. If `frame_count` is not 0, return a tuple with the largest bound of each frame; the
-    components of a frame are consecutive.
+    """Return the largest error bound of an output's components, a number or an array with one element for each
+    sample; components without a bound count as exact. If `frame_count` is not 0, return a tuple with the largest
+    bound of each frame; the components of a frame are consecutive.
     """
     errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _as_tuple(components)]
     if not frame_count:

@@ -40,8 +40,9 @@ ZERO_BASE_LOAD_BY_INPUT_NAME: Final[Mapping[str, tuple[float, ...]]] = dict.from
 
 
 class InputValues(NamedTuple):
-    """Checked arguments of a robot's method: a dict of the values by input name in the form that generated programs
-    take, a dict of the shapes of their samples by argument name, and the array library, None for NumPy.
+    """Checked arguments of a robot's method: `value_by_input`, a dict of the values in the form that generated
+    programs take, `shape_by_argument`, a dict of the shapes of the sample axes, and `library`, the array library,
+    which is None for NumPy.
 
     Attributes:
         value_by_input: values by input name: arrays with the components last, or tuples of components (numbers or
@@ -63,8 +64,9 @@ def read_arguments(
     labelled_loads: Mapping[str, Any],
 ) -> InputValues:
     """Check the arguments of a robot's method, and return them as InputValues, the form that generated programs take.
-    `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` a BodyMotion or None (a base at rest), and
-    `labelled_loads` a dict of (value, name for messages). Raise an ArgumentError if an argument cannot be used.
+    `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` is a BodyMotion or None (a base at rest), and
+    `labelled_loads` is a dict of (value, name for messages) by input name. Raise an ArgumentError if an argument
+    cannot be used.
 
     Args:
         joint_names: names of the joints with a coordinate, in order.
@@ -96,8 +98,9 @@ def read_arguments(
 
 
 def common_library(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the array library of the arguments, such as JAX, or None if all are numbers and NumPy arrays. An
-    argument may be a dict of values by joint. Raise an ArgumentError if arrays of two libraries are mixed.
+    """Return the array library, such as JAX, of `arguments`, a dict by argument name; return None if all are numbers
+    and NumPy arrays. An argument may itself be a dict of values by joint. Raise an ArgumentError if arrays of two
+    libraries are mixed.
 
     Raises:
         ArgumentError: they are arrays of two libraries; names one of them.
@@ -117,9 +120,9 @@ def read_coordinates(
     name: str, value: Any, joint_names: tuple[str, ...], library: Library | None
 ) -> tuple[Any, tuple[int, ...]]:
     """Check a value (an array, a table, or a dict by joint) of the argument `name`: q, qd, qdd or tau. Return
-    (values, shape of the samples); the values are an array with one column for each joint, or a tuple with one
+    (values, shape of the sample axes); the values are an array with one column for each joint, or a tuple with one
     component for each joint. Raise an ArgumentError if the value cannot be used. `library` is None or the library of
-    foreign arrays.
+    the arrays that are not NumPy arrays.
 
     Args:
         name: name of the argument: q, qd, qdd or tau.
@@ -158,8 +161,9 @@ def coordinate_columns(name: str, table: Any, joint_names: tuple[str, ...]) -> d
 
 
 def _read_by_joint(name: str, values: Mapping[str, Any], joint_names: tuple[str, ...]) -> tuple[Any, tuple[int, ...]]:
-    """Check a dict of values by joint, given as the argument `name`. Return (components, shape of their samples); the
-    components are a tuple in the order of `joint_names`. Raise an ArgumentError if a joint is unknown or missing.
+    """Check `values`, a dict by joint, which was given as the argument `name`. Return (components, shape of the
+    sample axes); the components are a tuple in the order of `joint_names`. Raise an ArgumentError if a joint is
+    unknown or missing, or if a value cannot be used.
     """
     for joint in values:
         if joint not in joint_names:
@@ -183,8 +187,8 @@ def _joint_list(names: Sequence[str]) -> str:
 
 def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
     """Return those arrays of a BodyMotion that are among `needed_inputs`, as a dict by input name such as "R1"; for
-    None, an empty dict. Raise an ArgumentError if a needed array is missing. If the motion has only a pose,
-    velocities and accelerations are not needed.
+    None, return an empty dict. If the motion has only a pose, velocities and accelerations are not needed. Raise an
+    ArgumentError if `base_motion` is not a BodyMotion, or if a needed array is missing.
     """
     if base_motion is None:
         return {}
@@ -203,8 +207,9 @@ def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -
 
 
 def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
-    """Check a force or a torque, shape (..., 3) or the number 0; return (value, shape of the samples). The number 0
-    becomes three zeros. Raise an ArgumentError with the argument's `name` if the value has another shape.
+    """Check a force or a torque, an array of shape (..., 3) or the number 0, and return (value, shape of the sample
+    axes). The number 0 becomes a tuple of three zeros. Raise an ArgumentError for the argument `name` if the value
+    has another shape.
     """
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return (0.0, 0.0, 0.0), ()
@@ -217,8 +222,8 @@ def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
 
 def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """Check the argument `wrenches`, None or a dict of pairs by link, and return a dict of (force, torque) by link,
-    which is empty for None. Raise an ArgumentError for a link that is not a key of `links`, or a value that is not a
-    pair.
+    which is empty for None. Raise an ArgumentError for a link that is not a key of `links`, or for a value that is
+    not a pair. The forces and torques are not checked.
 
     Raises:
         ArgumentError: an unknown link, or no pair of vectors; the error names it.

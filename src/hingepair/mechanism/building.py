@@ -32,7 +32,7 @@ def tree_of_pairs(
 ) -> Tree:
     """Return the Tree of a robot that is given as HingePairs and Sliders. `parents` are the numbers of the pairs'
     first bodies (None for a chain), and `base` is "fixed" or "free". Raise an ArgumentError if the pairs do not form
-    a tree in the order of q.
+    a tree, or are not in the order of q.
 
     Raises:
         ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.
@@ -47,9 +47,9 @@ def tree_of_urdf(
     path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
 ) -> Tree:
     """Read a robot from a URDF file or from URDF text, which starts with "<", and return its Tree. `base` is "fixed"
-    or "free". Joints in `locked`, a dict by name, are held at the given positions [rad or m]; a DynamicsWarning names
-    positions beyond limits. Angles within `snap` [rad] (0 for None) of a multiple of pi/2 are replaced by that
-    multiple. Raise a URDFError if the URDF is no tree of hinges and sliders.
+    or "free". Joints in `locked`, a dict by name or None, are held at the given positions [rad or m]; a
+    DynamicsWarning names positions beyond limits. Angles within `snap` [rad] (0 for None) of a multiple of pi/2 are
+    replaced by that multiple. Raise a URDFError if the URDF does not describe a tree of hinges and sliders.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
@@ -61,10 +61,10 @@ def tree_of_urdf(
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
-    """Return a pair, the Tree and the kind of the base, of a Pinocchio model. The kind is `base`, "fixed" or "free";
-    if `base` is None, it is "free" if the model has a free-flyer. Joints in `locked`, a dict by name, are held at the
-    given positions [rad or m]. Issue a DynamicsWarning for a position beyond limits, and for a gravity that is not
-    the default. Raise an ArgumentError for a model with joints of other kinds than hinges, sliders and mimic joints.
+    """Return (Tree, kind of the base) for a Pinocchio model. The kind is `base`, "fixed" or "free"; for None, it is
+    "free" if the model has a free-flyer, otherwise "fixed". Joints in `locked`, a dict by name or None, are held at
+    the given positions [rad or m]. Issue a DynamicsWarning for a position beyond limits, and for a gravity that is
+    not the default. Raise an ArgumentError for a model with joints other than hinges, sliders and mimic joints.
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.
@@ -133,8 +133,8 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
     """Return a copy of a tree with a further frame called `name`, at position R [m] and rotation S (3, 3) relative to
-    the existing Frame `frame`; None for S is the identity. Raise an ArgumentError if the name is in use, or R or S
-    cannot be used.
+    the existing Frame `frame`; None for S means the identity. Raise an ArgumentError if the name is in use, or if R
+    or S cannot be used.
 
     Raises:
         ArgumentError: the name is none, or is taken; R or S cannot be used.

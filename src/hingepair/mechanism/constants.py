@@ -34,8 +34,10 @@ _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotConstants:
-    """Constants of a robot's generated programs: structure, names of the joints, numbers with their error bounds,
-    pivot thresholds, axes of the bodies, and a cache.
+    """Constants of a robot's generated programs: the structure `form`, the joint names `names`, the parameters
+    `numbers` with their error bounds `bounds`, the size below which each pivot is only rounding error
+    (`pivot_thresholds`), the rotations `axes` of the bodies, and a dict `cache` of objects that are made once for the
+    robot.
 
     Attributes:
         form: structure of the robot, on which programs depend.
@@ -148,8 +150,9 @@ def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
 
 
 def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
-    """Split numbers into the constants 0, 1 and -1, which programs fold, and all others, the parameters; return two
-    tuples. The first has all positions, with None in place of each parameter; the second has only the parameters.
+    """Split numbers into the values 0, 1 and -1, which programs fold, and all others, the parameters; return two
+    tuples. The first has an element for each number, with None in place of each parameter; the second has only the
+    parameters.
     """
     all_numbers = [number + 0.0 for number in numbers]  # no -0.0
     folded = tuple(number if number in _FOLDED_CONSTANT_VALUES else None for number in all_numbers)
@@ -182,15 +185,15 @@ def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
-    """Return a list of rotation matrices for every body of a Tree, the base first, from the program's axes to the
-    body's own axes.
+    """Return a list with a rotation matrix (3, 3) for every body of a Tree, the base first. It rotates from the
+    program's axes to the body's own axes.
     """
     return [np.eye(3), *(_axes_along(joint.n) for joint in tree.joints)]
 
 
 def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a rotation matrix (3, 3) whose third column is the unit axis n; it is an exact signed permutation for
-    axes along x, y or z.
+    """Return a rotation matrix (3, 3) whose third column is the unit axis n. If the axis is along x, y or z, the
+    matrix is an exact permutation of the axes with signs.
     """
     size = tuple(np.abs(n).tolist())
     if size in _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS:
@@ -205,7 +208,7 @@ def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product A B of a matrix (3, 3) and a matrix or vector as an array; products with 0 and 1 are exact,
+    """Return the product A B of a matrix (3, 3) and a matrix or vector as an array. Products with 0 and 1 are exact,
     and -0.0 becomes 0.0.
     """
     if B.ndim == 1:
@@ -218,7 +221,9 @@ def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[n
 
 
 class _MassMoments:
-    """Sums of exact mass m, first moment h and second moment N about a point, to which `add` adds bodies."""
+    """The sums `m`, `h` and `N` of the exact masses, first moments and second moments of bodies about a point. `add`
+    adds a further body.
+    """
 
     def __init__(self, m: Fraction, h: Exact, N: Exact) -> None:
         self.m, self.h, self.N = m, h, N
@@ -233,8 +238,8 @@ class _MassMoments:
 
 
 def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMoments:
-    """Return the exact `_MassMoments` of a body in the program's axes, from its MassProperties in its own axes.
-    `axes` is the rotation matrix from the program's axes to its own axes.
+    """Return the exact `_MassMoments` of a body in the program's axes from its MassProperties, which are in the
+    body's own axes. `axes` is the rotation matrix from the program's axes to the body's own axes.
     """
     c, inertia, P = (_exact(array) for array in (body.center_of_mass, body.inertia, axes))
     m = Fraction(body.mass)
@@ -247,8 +252,8 @@ def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMo
 
 def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> list[_MassMoments]:
     """Return a list of the exact `_MassMoments` of every body of a Tree in the program's axes, the base first; the
-    moments of the base are 0 unless it is `free`. `axes` holds, for each body, the rotation from the program's axes
-    to its own.
+    moments of the base are 0 unless the base is `free`. `axes` holds, for each body, the rotation from the program's
+    axes to the body's own axes.
     """
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
@@ -256,8 +261,9 @@ def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bo
 
 
 def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:
-    """Return the exact `_MassMoments` of a payload in the program's axes, from its ten mass properties (mass, first
-    and second moment) in a frame. R and S are the position and rotation of this frame in the body's axes.
+    """Return the exact `_MassMoments` of a payload in the program's axes from its ten mass properties (mass, first
+    and second moment) in a frame. R and S are the position and rotation of this frame in the body's axes, and `axes`
+    is the rotation from the program's axes to the body's axes. All arguments are flat lists of Fractions.
     """
     m, h = properties[0], _matrix_times_vector(S, properties[1:4])
     xx, xy, xz, yy, yz, zz = properties[4:]
@@ -272,9 +278,9 @@ def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _
 def _shift_to_parents(
     tree: Tree, axes: Sequence[NDArray[np.float64]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
-    """Move the components of each body's moments that do not depend on the position of its joint to the parent body
+    """Move those components of each body's moments that do not depend on the position of its joint to the parent body
     (T9). The list `moments` of `_MassMoments` is changed in place and returned. `axes` holds, for each body, the
-    rotation from the program's axes to its own.
+    rotation from the program's axes to the body's own axes.
     """
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments = tree.joints[k - 1], moments[k]
@@ -311,8 +317,8 @@ def _rounded_numbers(moments: _MassMoments) -> list[float]:
 
 
 def _padded_mass_numbers(moments: Sequence[_MassMoments]) -> Exact:
-    """Return a list as long as a robot's program numbers, with the ten mass numbers of each body in `moments` (the
-    base first) at their positions and 0 at all others.
+    """Return a list of Fractions as long as a robot's program numbers. It has the ten mass numbers of each body in
+    `moments` (the base first) at their positions, and 0 at all others.
     """
     before = [Fraction(0)] * 12  # in the place of S and u
     behind = [Fraction(0)] * 4  # in the place of armature, multiplier, offset and pivot threshold
@@ -347,17 +353,17 @@ def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
 
 
 def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
-    """Return a list of bounds on the rounding errors of a body's ten mass numbers. The bounds are larger if
-    `oblique`, that is, if axes of the program are rounded.
+    """Return a list of bounds on the rounding errors of the ten mass numbers of a body. The bounds are larger if
+    `oblique`, that is, if any axes of the program are rounded.
     """
     size = _OBLIQUE_AXES_ERROR_PER_LARGEST_ENTRY * max(map(abs, numbers)) if oblique else 0.0
     return [float(np.spacing(abs(number))) / 2 + size for number in numbers]
 
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
-    """Return a list of numbers for the base and then every joint of a Tree. A number is the size below which a pivot
-    D is only rounding error (T5), or 0 if D cannot be that small. `axes` holds, for each body, the rotation from the
-    program's axes to its own.
+    """Return a list of numbers, the first for the base (0) and one for every joint of a Tree. A joint's number is the
+    size below which its pivot in forward dynamics, D in (T5), is only rounding error, or 0 if the pivot cannot be
+    that small. `axes` holds, for each body, the rotation from the program's axes to the body's own axes.
 
     The inertia that resists a joint is at most that of all bodies beyond it, stretched out, and at least that of its
     own body and rotor.
@@ -388,8 +394,8 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[f
 
 
 def _inertia_about_axis(body: MassProperties, n: NDArray[np.float64]) -> float:
-    """Return the moment of inertia [kg m^2] of a body about the axis n, a unit vector in its own axes, through its
-    reference point.
+    """Return the moment of inertia [kg m^2] of a body about an axis through the body's reference point. The unit
+    vector n of the axis is in the body's own axes.
     """
     across = np.cross(n, body.center_of_mass)
     return float(n @ body.inertia @ n + body.mass * (across @ across))

@@ -86,8 +86,9 @@ class RobotComputation:
         self._calls: dict[Any, Call] = {}
 
     def complete(self, values: InputValues, gravity: tuple[float, ...]) -> dict[str, Any]:
-        """Return a dict of all inputs of the program by name: the checked `values`, the `gravity` vector [m/s^2], and
-        for the others the values of a base at rest without loads.
+        """Return a dict of the values of all inputs of the program by name. They are the checked `values`, the vector
+        `gravity` [m/s^2], the robot's constants, and the values of a base at rest without loads for inputs that are
+        not given.
         """
         assumed = {
             **RESTING_BASE_VALUE_BY_INPUT_NAME,
@@ -103,9 +104,9 @@ class RobotComputation:
     def call(
         self, argument_names: tuple[str, ...], gravity: tuple[float, ...], backend: str, check_attitude: bool = False
     ) -> Call:
-        """Return the Call for arguments of these names, which is made at its first use and cached; `gravity`
-        [m/s^2] is a constant in it. With `check_attitude`, the call raises a RotationError for an S1 that is
-        not a rotation.
+        """Return the Call for arguments with the names `argument_names`; it is made at its first use and cached.
+        `gravity` [m/s^2] is a constant in it. If `check_attitude` is True, the call raises a RotationError for an S1
+        that is not a rotation.
         """
         key = argument_names, gravity, backend, check_attitude
         call = self._calls.get(key)
@@ -140,10 +141,10 @@ class RobotComputation:
         execution: Execution,
         check_attitude: bool = False,
     ) -> Any:
-        """Compute the outputs for checked argument values at all samples, and return them as an object of the class
-        `result`, or the only output as a bare array if that class is None. Write into the arrays of `out`. Raise an
-        ArgumentError if `out` or a shape cannot be used, and with `check_attitude` if S1 is not a rotation.
-        `execution` holds backend and number of threads.
+        """Compute the outputs for checked argument values at all samples. Return an object of the class
+        `self.result`, or, if this class is None, the only output as a bare array. Write into the arrays of `out`,
+        None or a dict by output name. Raise an ArgumentError if `out` or a shape cannot be used or, if
+        `check_attitude` is True, if S1 is not a rotation. `execution` holds the backend and the number of threads.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.

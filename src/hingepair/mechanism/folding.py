@@ -128,7 +128,7 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
     """Check `locked`, None or a dict of positions [rad or m] by joint name, and return it as a dict of numbers. Issue
     a DynamicsWarning for a position beyond the limits of its joint in `parts`. Raise an ArgumentError for an unknown
-    joint.
+    joint, and for a position that is not a finite number.
     """
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
@@ -157,9 +157,9 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
     by_name = {part.name: part for part in parts}
 
     def rule(part: JointPart) -> JointRule:
-        """Return the rule of one joint, composed with the rules of its leaders: its position if it or its last leader
-        is held, a MimicRecord if it follows a joint that moves, or None if it moves by itself. Raise an ArgumentError
-        if the joint follows itself.
+        """Return the rule of one joint, composed with the rules of its leaders: its position if the joint or its last
+        leader is held, a MimicRecord if it follows a joint that moves, or None if it moves by itself. Raise an
+        ArgumentError if the joint follows itself.
         """
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
@@ -182,9 +182,9 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
 def _body_poses(
     parts: Sequence[JointPart], rules: Mapping[str, JointRule], body_numbers: Mapping[str, int]
 ) -> list[tuple[int, FramePose]]:
-    """Return a list with a pair (number of the body, FramePose in that body) for each part. A part that moves has its
-    own body, whose number is in `body_numbers` by name. A part whose rule is a position belongs to the body of the
-    part that carries it.
+    """Return a list of pairs (number of the body, FramePose in that body), one for each part. A part that moves has a
+    body of its own, whose number is in the dict `body_numbers` by joint name. A part whose rule in `rules` is a
+    position belongs to the body of the part that carries it.
     """
     body_poses: list[tuple[int, FramePose]] = []
     for part in parts:
@@ -199,7 +199,7 @@ def _body_poses(
 
 def _displacement(part: JointPart, position: float) -> FramePose:
     """Return the FramePose of the body of a JointPart at a position [rad or m], in the axes that the body has at
-    position 0. For a fixed joint it is the identity.
+    position 0. For a fixed joint, return the identity.
     """
     if position == 0 or part.kind == "fixed":
         return IDENTITY_POSE
@@ -219,8 +219,9 @@ def _tree_joint(
     rules: Mapping[str, JointRule],
 ) -> Joint:
     """Return a moving part as a Joint of the tree with the mass properties `masses`. `parent_body` is the number of
-    the body that carries it, and `carrier_pose` the pose of the carrying part in that body. `rules` are the joints'
-    rules and `body_numbers` the bodies' numbers, by joint name. Raise an ArgumentError if its position overflows.
+    the body that carries the joint, and `carrier_pose` is the pose of the carrying part in that body. `rules` and
+    `body_numbers` are dicts of the joints' rules and of the bodies' numbers by joint name. Raise an ArgumentError if
+    the position of the joint overflows.
     """
     frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
@@ -264,8 +265,8 @@ def _links_and_frames(
 
 
 def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
-    """Return a FramePose in the body of this number as a Frame. Raise an ArgumentError, which begins with the label,
-    if its numbers are not finite.
+    """Return a FramePose in the body with the number `body_number` as a Frame. Raise an ArgumentError, whose message
+    begins with `label`, if a number of the pose is not finite.
     """
     if not all(np.isfinite(values).all() for values in pose):
         raise ArgumentError(label, "a position that does not overflow", "numbers that overflow")

@@ -242,7 +242,7 @@ class Mechanism(MechanismMethods):
         return read_only(np.array([*sums.values()], dtype=np.float64))
 
     def _joint_values(self, field: str, *tail: int) -> Float64Array:
-        """Return the values that the joints with a coordinate have in the field named `field`, as a read-only array
+        """Return the values of the field named `field` of all joints that have a coordinate, as a read-only array
         (dof, ...).
         """
         values = [getattr(joint, field) for joint in self.tree.coordinates]

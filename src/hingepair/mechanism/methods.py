@@ -807,9 +807,9 @@ class MechanismMethods(Shown):
     def _prepared_outputs(
         self, given: str | Iterable[str], argument_names: tuple[str, ...], outputs: Iterable[str] | None
     ) -> tuple[str, ...]:
-        """Check the argument `outputs` of `prepare`, None or names, and return a tuple of the names of the outputs
-        that the prepared call computes. `given` is the argument of `prepare`, and `argument_names` are the names of
-        the call's arguments. Raise an ArgumentError for an unknown output.
+        """Check the argument `outputs` of `prepare`, None or an iterable of names, and return a tuple of the names of
+        the outputs that the prepared call computes. `given` is the argument `given` of `prepare`, and
+        `argument_names` are the names of the call's arguments. Raise an ArgumentError for an unknown output.
         """
         acceleration_outputs = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
         if isinstance(given, str):
@@ -845,8 +845,9 @@ class MechanismMethods(Shown):
     # ---- internal
 
     def _named_frames(self, argument: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
-        """Return a dict of Frames by name for one name or several; for None, the frames of the last links of all
-        branches. Raise an ArgumentError for the argument named `argument` if there is no such frame, or no name.
+        """Return a dict of Frames by name. `frames` is a name, an iterable of names, or None for the last links of
+        all branches. Raise an ArgumentError for the argument named `argument` if there is no such frame, or if no
+        name is given.
 
         Raises:
             ArgumentError: there is no such frame, or none is named.
@@ -861,7 +862,7 @@ class MechanismMethods(Shown):
 
     def _named_frame(self, argument: str, name: Any) -> Frame:
         """Return the Frame of a link, a joint or a further frame by its name. Raise an ArgumentError for the argument
-        named `argument` if there is none.
+        named `argument` if there is no such frame.
 
         Raises:
             ArgumentError: no such frame.
@@ -873,9 +874,9 @@ class MechanismMethods(Shown):
         return frame
 
     def _frame_or_only_tip(self, frame: str | None) -> str:
-        """Check the argument `frame`, a name or None, and return the name; for None, the name of the last link of the
-        robot's only branch. Raise an ArgumentError for None if there are several branches, or if the argument is no
-        text. Whether a frame has the name is not checked.
+        """Check the argument `frame`, a name or None, and return the name; for None, return the name of the last link
+        of the robot's only branch. Raise an ArgumentError for None if there are several branches, and for any other
+        value that is not a string. Whether a frame has the name is not checked.
         """
         if frame is None:
             if len(self.tree.tips) != 1:
@@ -894,9 +895,10 @@ class MechanismMethods(Shown):
         out: Out,
         accepted_names: tuple[str, ...] = FRAME_MOTION_OUTPUT_NAMES,
     ) -> tuple[str, ...]:
-        """Check the argument `outputs`, None or names, and return a tuple of the names to compute. For None, these
-        are all outputs of motion up to a level (0 pose, 1 velocity, 2 acceleration), and the accepted keys of `out`.
-        Raise an ArgumentError for a name that is not among `accepted_names`.
+        """Check the argument `outputs`, None or an iterable of names, and return a tuple of the names to
+        compute. For None, these are all outputs of motion up to `level` (0 pose, 1 velocity, 2 acceleration),
+        and the accepted keys of `out`. Raise an ArgumentError for a single string, and for a name that is not
+        among `accepted_names`.
         """
         default_names = tuple(
             name for names in _OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL[: level + 1] for name in names
@@ -932,7 +934,7 @@ class MechanismMethods(Shown):
         self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
     ) -> None:
         """Check that the dict `coordinates` holds each of q, qd, qdd and tau that the computation needs. Raise an
-        ArgumentError if one is missing, which names the first of the `outputs` that needs it.
+        ArgumentError if one is missing; its message names the first of the `outputs` that needs it.
         """
         for name in ("q", "qd", "qdd", "tau"):
             if name in computation.inputs and name not in coordinates:
@@ -944,9 +946,9 @@ class MechanismMethods(Shown):
                 raise ArgumentError(name, f"values of the joints, since output {needs[0]} needs them", None)
 
     def _wrench_inputs(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
-        """Check the argument `wrenches`, None or a dict of (force, torque) by link. Return two dicts: (value, name
-        for messages) by input name such as "force_0", and the Frames of the loaded links by link. Raise an
-        ArgumentError for an unknown link.
+        """Check the argument `wrenches`, None or a dict of (force, torque) by link. Return two dicts: one of (value,
+        name for messages) by input name such as "force_0", and one of the Frames of the loaded links by link name.
+        Raise an ArgumentError for an unknown link.
         """
         by_link = read_wrenches(wrenches, self.tree.links)
         labelled_loads = {
@@ -957,8 +959,8 @@ class MechanismMethods(Shown):
         return labelled_loads, {link: self.tree.links[link] for link in by_link}
 
     def _loads_on_base(self, force1: ArrayLike, torque1: ArrayLike) -> dict[str, tuple[Any, str]]:
-        """Return a dict of (value, name for messages) for the loads force1 and torque1 on a free base, by these
-        names. Loads of the number 0 are left out. Raise an ArgumentError for other loads if the base is fixed.
+        """Return a dict of (value, name for messages) with the keys "force1" and "torque1" for the loads on a free
+        base. A load that is the number 0 is left out. Raise an ArgumentError for any other load if the base is fixed.
 
         Raises:
             ArgumentError: the base is fixed.
@@ -983,10 +985,11 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
-        """Compute the outputs of a computation at all samples, and return them; write into the arrays of `out`.
-        `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` None or a BodyMotion, and `labelled_loads`
-        None or a dict of (value, name for messages). For Dask arrays, return lazy arrays. If the outputs depend on
-        masses, issue DynamicsWarnings for assumed or impossible masses at the first call.
+        """Compute the outputs of a computation at all samples, and return them; write into the arrays of the dict
+        `out` unless it is None. `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` is None or a
+        BodyMotion, and `labelled_loads` is None or a dict of (value, name for messages) by input name. For Dask
+        arrays, return lazy arrays. If the outputs depend on masses, the robot's first call issues DynamicsWarnings
+        for assumed or impossible masses.
         """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
@@ -1054,8 +1057,8 @@ class MechanismMethods(Shown):
         **values: Any,
     ) -> Any:
         """Compute and return the outputs for one chunk of Dask arrays. `cache_key` is (outputs, frames, number of
-        loaded frames) of the computation; `load_labels` are the loads' names for messages, by input name. Coordinates
-        and loads are passed by keyword.
+        loaded frames) of the computation; `load_labels` is a dict of the loads' names for messages, by input name.
+        Coordinates and loads are passed as keyword arguments.
         """
         outputs, frames, loaded_frame_count = cache_key
         computation = self._computation(
@@ -1090,8 +1093,8 @@ class MechanismMethods(Shown):
         return result
 
     def _warn_of_masses(self) -> None:
-        """Issue the tree's notes on masses that are assumed, or that no rigid body can have, as DynamicsWarnings; at
-        the first call for a robot only.
+        """Issue a DynamicsWarning for each of the tree's notes on masses that are assumed, or that no rigid body can
+        have. Only the first call for a robot issues them.
         """
         prepared = self._constants.cache
         if "doubts" not in prepared:
@@ -1103,8 +1106,8 @@ class MechanismMethods(Shown):
         self, result: MechanismAccelerations, q: Coordinates, base_motion: BodyMotion | None
     ) -> None:
         """Issue a DynamicsWarning if accelerations in `result` are NaN at any sample because the mass matrix is
-        singular there; name a joint whose motion no inertia resists. The matrix is checked for the coordinates q and
-        the BodyMotion `base_motion`, which may be None.
+        singular there. The warning names a joint whose motion no inertia resists. The matrix is checked for the
+        coordinates q and the BodyMotion `base_motion`, which may be None.
         """
         if not self._constants.may_be_singular or not isinstance(result.qdd, np.ndarray):
             return
@@ -1131,9 +1134,9 @@ def _checked_outputs(
     accepted_names: tuple[str, ...],
     default_names: tuple[str, ...] | None = None,
 ) -> tuple[str, ...]:
-    """Check the argument `outputs`, None or names, and return a tuple of the names to compute. For None, these are
-    `default_names` (if that is None, all `accepted_names`) and the accepted keys of `out`. Raise an ArgumentError for
-    a name that is not accepted.
+    """Check the argument `outputs`, None or an iterable of names, and return a tuple of the names to compute. For
+    None, these are `default_names` (or, if these are None, all `accepted_names`) and the accepted keys of `out`.
+    Raise an ArgumentError for a single string, for no name, and for a name that is not accepted.
     """
     if outputs is None:
         more = tuple(name for name in out if name in accepted_names) if isinstance(out, Mapping) else ()
@@ -1152,7 +1155,7 @@ def _checked_outputs(
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
     """Check the argument `gravity`, and return a tuple of its three components [m/s^2]. Raise an ArgumentError if it
-    is no vector.
+    is not a vector of three finite numbers.
     """
     if gravity is DEFAULT_GRAVITY_VECTOR:
         return DEFAULT_GRAVITY_VECTOR

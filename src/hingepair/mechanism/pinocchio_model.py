@@ -32,9 +32,10 @@ _PINOCCHIO_VALUE_OF_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by
 
 
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
-    """Return the kind of the base of a Pinocchio model ("free" with a free-flyer, else "fixed"), and a list of its
-    joints as JointParts, the base first. Issue a DynamicsWarning if the gravity of the model is not the default.
-    Raise an ArgumentError for a joint that is not a hinge, a slider or a mimic joint.
+    """Return (kind of the base, parts) for a Pinocchio model. The kind is "free" if the model has a free-flyer at its
+    root, otherwise "fixed"; the parts are a list of JointParts, the base first. Issue a DynamicsWarning if the
+    gravity of the model is not the default. Raise an ArgumentError for a joint that is not a hinge, a slider or a
+    mimic joint.
 
     A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
     composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
@@ -76,8 +77,8 @@ def _carriers(model: Any, joint: int) -> set[int]:
 
 
 def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentError:
-    """Return, without raising it, the ArgumentError for a joint (a number) of a Pinocchio model that is not as
-    `expected`, a text.
+    """Return, without raising it, an ArgumentError for a joint of a Pinocchio model, given by its number. Its message
+    says what was expected (`expected`, a text) and the type of the joint.
     """
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 
@@ -85,9 +86,10 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
 def _parts_of_joint(
     model: Any, joint_number: int, parent_part: int, first_part: int, body_content: dict[str, Any]
 ) -> list[JointPart]:
-    """Return one joint of a Pinocchio model as a list of JointParts; a composite joint has several. The first becomes
-    part number `first_part`, on part number `parent_part`; the last gets `body_content`, the keyword arguments that
-    describe the joint's body. Raise an ArgumentError for a joint that is not a hinge, a slider or a mimic joint.
+    """Return one joint of a Pinocchio model as a list of JointParts; a composite joint has several. The first
+    JointPart gets the number `first_part` and is carried by part number `parent_part`; the last one gets
+    `body_content`, the keyword arguments that describe the joint's body. Raise an ArgumentError for a joint that is
+    not a hinge, a slider or a mimic joint.
     """
     joint, name, pose = (
         model.joints[joint_number],
@@ -128,10 +130,10 @@ def _part_of_joint(
     idx_v: int,
     body_content: Any,
 ) -> JointPart:
-    """Return one joint, or one joint of the composite joint `joint_number`, as a JointPart on part number
-    `parent_part`, with the pose `pose` and the keyword arguments `body_content`. Its coordinates begin at idx_q in
-    Pinocchio's q and at idx_v in v. Raise an ArgumentError if the joint is not a hinge, a slider or a mimic joint, or
-    if its armature is negative or not finite.
+    """Return one joint, or one joint of the composite joint number `joint_number`, as a JointPart that part number
+    `parent_part` carries, with the pose `pose` and the keyword arguments `body_content`. Its coordinates begin at
+    index `idx_q` in Pinocchio's q and at index `idx_v` in Pinocchio's v. Raise an ArgumentError if the joint is not a
+    hinge, a slider or a mimic joint, or if its armature is negative or not finite.
     """
     kind = joint.shortname()
     if kind not in {*_PINOCCHIO_HINGE_TYPE_NAMES, *_PINOCCHIO_SLIDER_TYPE_NAMES, "JointModelMimic"}:
@@ -170,8 +172,8 @@ def _part_of_joint(
 
 
 def _convert_limit(value: float) -> float:
-    """Return a limit of Pinocchio as a float; its largest number, which stands for no limit, becomes infinity of the
-    same sign.
+    """Return a limit of a Pinocchio model as a float. The largest finite float, by which Pinocchio marks a missing
+    limit, becomes infinity with the sign of the limit.
     """
     return float(np.copysign(np.inf, value)) if abs(value) >= _PINOCCHIO_VALUE_OF_MISSING_LIMIT else float(value)
 
@@ -183,15 +185,15 @@ def _is_leader(model: Any, number: int, mimic: Any) -> bool:
 
 
 def _unit_axis(motion: Float64Array) -> Float64Array:
-    """Return the unit axis of a joint from its motion subspace `motion`, three linear and three angular components:
-    the direction of the angular ones, or of the linear ones if the angular ones are 0.
+    """Return the unit axis of a joint from `motion`, the three linear and three angular components of its motion
+    subspace. The axis has the direction of the angular components or, if they are all 0, of the linear ones.
     """
     return unit_axis("axis", motion[3:] if motion[3:].any() else motion[:3])
 
 
 class _BodyContents:
-    """Links, further frames and mass properties of the body of each joint in a Pinocchio model, which `content`
-    returns as keyword arguments of `JointPart`.
+    """Links, further frames and mass properties of the bodies of all joints in a Pinocchio model. `content` returns
+    those of one joint's body as keyword arguments of `JointPart`.
 
     Args:
         model: of Pinocchio.
@@ -217,8 +219,8 @@ class _BodyContents:
         self._parents = {int(parent) for parent in model.parents}
 
     def content(self, joint: int) -> dict[str, Any]:
-        """Return a dict of the keyword arguments of `JointPart` that describe the body of the joint of this number:
-        links, leaves, frames and inertias.
+        """Return a dict of the keyword arguments links, leaves, frames and inertias of `JointPart` for the body of
+        the joint with the number `joint`.
         """
         links = self._links.get(joint)
         leaves = [link for link in links or () if link not in self._carrying]
@@ -232,8 +234,8 @@ class _BodyContents:
 
 
 def _convert_placement(placement: Any) -> FramePose:
-    """Convert a placement of Pinocchio to a FramePose. A rotation that differs only by rounding from one of quarter
-    turns about the axes is replaced by that rotation.
+    """Convert a placement of Pinocchio to a FramePose. If the rotation differs only by rounding from a rotation by
+    quarter turns about x, y and z, it is replaced by that rotation.
     """
     rotation = np.array(placement.rotation)
     near = np.rint(rotation)

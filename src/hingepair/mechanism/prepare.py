@@ -47,8 +47,8 @@ _ARGUMENT_NAMES_ACCEPTED_BY_PREPARE: Final = (
 
 
 class PreparedMechanism:
-    """A prepared call of a robot: a callable that takes arrays in the order of `given` (names of arguments), and
-    optionally `out=`, and returns the results of a method, named in `outputs`.
+    """Prepared call of a robot. It takes arrays for the arguments named in `given`, in this order, and optionally
+    `out`, arrays to write into. It computes and returns the outputs named in `outputs`.
 
     Attributes:
         given: names of the arguments, in the order in which the callable takes them.
@@ -95,8 +95,8 @@ class PreparedMechanism:
 
     @property
     def operations(self) -> OperationCounts:
-        """Numbers of operations for each sample, once for all samples, and for each sample if no input were known, as
-        OperationCounts.
+        """Numbers of operations as OperationCounts: `per_sample` for each sample, `shared` once for all samples, and
+        `unfolded` for a program in which no input is known.
         """
         return self._computation.count_operations()
 
@@ -127,8 +127,8 @@ class PreparedMechanism:
 
     def _run_any_arguments(self, arguments: Sequence[Any], out: Out) -> Any:
         """Check arguments that the fast path refuses, such as tables and arrays of other libraries; compute and
-        return the results. The arguments are in the order of `given`. Write into the arrays of `out`, None or a dict
-        by output name. Raise an ArgumentError if an argument cannot be used.
+        return the results. `arguments` are in the order of `given`. Write into the arrays of `out`, None or a dict by
+        output name. Raise an ArgumentError if an argument cannot be used.
         """
         if len(arguments) != len(self.given):
             raise ArgumentError(
@@ -159,9 +159,9 @@ def _call_factory(function: Callable[[], Any]) -> Any:
 
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
-    """Check the argument `given` of `prepare` (the name of a computation, or names of arguments), and return a tuple
-    of the names of the call's arguments. Raise an ArgumentError for an unknown or repeated name, or if q, qd, qdd or
-    tau is among `needed_inputs` but not among the names.
+    """Check the argument `given` of `prepare`, the name of a computation or an iterable of argument names, and return
+    a tuple of the names of the call's arguments. Raise an ArgumentError for an unknown or repeated name, and if q,
+    qd, qdd or tau is among `needed_inputs` but not among these names.
 
     Raises:
         ArgumentError: an unknown name, or one twice.

@@ -12,9 +12,9 @@ from hingepair.urdf.rigid import FramePose
 
 
 class BodyDrawing(NamedTuple):
-    """Drawing of a body of a robot: `shapes`, a tuple of Boxes, Cylinders and Spheres in the axes of the body, and
-    `is_complete`, True if these shapes show the whole body. A drawing without shapes, or of a body that a URDF draws
-    by meshes, is not complete.
+    """Drawing of a body of a robot. `shapes` is a tuple of Boxes, Cylinders and Spheres in the axes of the body, and
+    `is_complete` is True if these shapes show the whole body. A drawing without shapes, or of a body that a URDF
+    draws by meshes, is not complete.
 
     Attributes:
         shapes: shapes in the axes of the body, from its reference point.
@@ -26,8 +26,8 @@ class BodyDrawing(NamedTuple):
 
 
 def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) -> BodyDrawing:
-    """Return the BodyDrawing of a body from pairs (shapes, FramePose), one for each of the links that form it. It is
-    empty if the shapes of a link are None (it is drawn by meshes), or if a position overflows.
+    """Return the BodyDrawing of a body from pairs (shapes, FramePose), one for each part that belongs to the body.
+    The drawing is empty if the shapes of a part are None, since meshes draw it, or if a position overflows.
     """
     placed: list[Shape] = []
     for shapes, pose in shapes_and_poses:
@@ -41,9 +41,9 @@ def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, Fram
 
 
 def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
-    """Return the boxes, cylinders and spheres of a LinkRecord as a tuple, in the axes of the link; empty if nothing
-    is drawn. The kinds of elements ("visual", "collision") to search are given in order; the first that holds only
-    such shapes is used. Return None if the link is drawn by meshes, or if its elements cannot be read.
+    """Return the boxes, cylinders and spheres of a LinkRecord as a tuple, in the axes of the link. `tags` are the
+    kinds of elements ("visual", "collision") to search in turn; the first kind that holds only such shapes is used.
+    Return an empty tuple if nothing is drawn, and None if the link is drawn by meshes or its elements cannot be read.
 
     Args:
         link: record of the link.
@@ -62,7 +62,7 @@ def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
 
 
 def placed_shapes(shapes: Iterable[Shape], pose: FramePose) -> list[Shape]:
-    """Return a list of copies of shapes, transformed by the FramePose of the frame in which they are given."""
+    """Return a list of copies of shapes that are rotated and then shifted by the FramePose `pose`."""
     placed: list[Shape] = []
     for shape in shapes:
         center = pose.origin + pose.rotation @ shape.center

@@ -70,8 +70,8 @@ def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
 
 
 def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
-    """Return a dict of the keyword arguments of `JointPart` that describe a link of a RobotRecord: links, leaves,
-    inertias, shapes. The link is among the leaves if `is_leaf`.
+    """Return a dict of the keyword arguments links, leaves, inertias and shapes of `JointPart` for one link of a
+    RobotRecord. The link is among the leaves if `is_leaf` is True.
     """
     link = robot.links[link_name][0]
     leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
@@ -86,7 +86,7 @@ def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> 
 def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
     """Convert HingePairs and Sliders that share bodies to a list of JointParts: the base, then the pairs in order.
     `parents` are the numbers of the pairs' first bodies (0 is the base), or None for a chain. Raise an ArgumentError
-    if the pairs do not form a tree in the order of q.
+    if the pairs do not form a tree, or are not in the order of q.
 
     Args:
         pairs: joints, by name depth-first with siblings by name.
@@ -137,8 +137,9 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
 
 
 def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slider]:
-    """Check the argument `pairs`, and return it as a list. Raise an ArgumentError if one is no hinge or slider, or if
-    a name is used twice.
+    """Check the argument `pairs`, an iterable of HingePairs and Sliders, and return it as a list. Raise an
+    ArgumentError if it is empty or holds another object, or if a name is used twice or is the name of the base
+    link.
     """
     if not isinstance(pairs, Iterable):
         raise ArgumentError("pairs", "HingePairs and Sliders", quoted(pairs))
@@ -166,8 +167,8 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
 
 def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
     """Check the argument `parents`, and return a list of the number of body 1 of each pair (0 is the base). For None,
-    body 1 of each pair is body 2 of the pair before it. Raise an ArgumentError for other numbers or counts. Whether
-    the numbers form a tree is not checked.
+    body 1 of each pair is body 2 of the pair before it. Raise an ArgumentError if there is not one whole number from
+    0 to the number of pairs for each pair. Whether the numbers form a tree is not checked.
     """
     count = len(pairs)
     if parents is None:
@@ -238,9 +239,9 @@ def _same_body(one: Body, other: Body) -> bool:
 
 
 def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_leaf: bool) -> dict[str, Any]:
-    """Return a dict of the keyword arguments of `JointPart` that describe a Body, which may be None: links, leaves,
-    mass properties, shapes and notes on assumed masses. `frame_pose` is the pose of the body's frame in the axes of
-    the part. The body's link, called `link_name`, is among the leaves if `is_leaf`.
+    """Return a dict of the keyword arguments of `JointPart` (links, leaves, inertias, shapes and notes on assumed
+    masses) for a Body or None. `frame_pose` is the pose of the body's frame in the axes of the part. The body's link,
+    called `link_name`, is among the leaves if `is_leaf` is True.
     """
     content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:

@@ -126,8 +126,8 @@ def mechanism_state_class(frames: tuple[str, ...], robot_frames: tuple[str, ...]
 def _rebuild_state(
     frames: tuple[str, ...], robot_frames: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
 ) -> MechanismState:
-    """Return a MechanismState from its pickled contents: names of its frames, names of all frames of the robot,
-    arrays by output name, and shape of the samples.
+    """Return a MechanismState from its pickled contents: the names of its frames, the names of all frames of the
+    robot, a dict of arrays by output name, and the shape of the sample axes.
     """
     return mechanism_state_class(frames, robot_frames)(arrays, shape)
 
@@ -175,8 +175,8 @@ class JointResults(Results):
         return np.concatenate(rows, axis=1), None, columns
 
     def _sheet(self) -> Sheet:
-        """Return the printed table, a Sheet of title and rows: the values of one sample, or the largest magnitudes
-        over all samples.
+        """Return the printed table, a Sheet of a title and rows. The rows give the values of one sample, or the
+        largest magnitudes over all samples.
         """
         if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
             return super()._sheet()  # arrays of Dask or JAX are not computed only to be printed
@@ -207,8 +207,8 @@ def joint_results_class(kind: type[JointResults], names: tuple[str, ...]) -> typ
 def _rebuild_joint_results(
     kind: type[JointResults], names: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
 ) -> JointResults:
-    """Return joint results of the class `kind` from their pickled contents: names of the joints, arrays by output
-    name, and shape of the samples.
+    """Return joint results of the class `kind` from their pickled contents: the names of the joints, a dict of arrays
+    by output name, and the shape of the sample axes.
     """
     return joint_results_class(kind, names)(arrays, shape)  # type: ignore[arg-type]
 

@@ -49,7 +49,8 @@ class Mimic(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MassProperties(Frozen):
-    """Mass, centre of mass and inertia of one body, as given; values that no rigid body can have are not changed.
+    """Mass, centre of mass and inertia of one body as they were given. Values that no rigid body can have are not
+    changed.
 
     Attributes:
         mass: [kg].
@@ -69,8 +70,8 @@ ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint(Frozen):
-    """Record of a joint that moves: its kind, the number of its parent body, its point u, attitude S and axis n, the
-    mass properties of the body that it moves, its limits, the armature of its motor and its mimic rule.
+    """Record of a joint that moves: name, kind, number of the parent body, point u, attitude S, axis n, mass
+    properties of the body that it moves, limits, armature of its motor, and mimic rule.
 
     Attributes:
         name: name of the joint.
@@ -103,8 +104,8 @@ class Joint(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame(Frozen):
-    """A frame that is fixed in a body (of a link, of a fixed joint, or added by the user): number of the body,
-    position R and rotation S in the axes of the body.
+    """A frame that is fixed in a body of a robot: the number of the body, and the position R and the rotation S of
+    the frame in the axes of the body. It is the frame of a link or of a joint, or was added by the user.
 
     Attributes:
         body: number of the body; 0 is the base.
@@ -120,7 +121,7 @@ class Frame(Frozen):
 @dataclass(frozen=True, slots=True, eq=False)
 class Tree(Frozen):
     """Record of a robot as a tree: its moving joints and their bodies, frames, last links, notes on masses, and
-    drawings. Fixed and locked joints are merged into their parents.
+    drawings. Bodies that fixed and locked joints connect are merged.
 
     Attributes:
         name: name of the robot.
@@ -156,8 +157,8 @@ class Tree(Frozen):
         return tuple(dict.fromkeys((*self.links, *self.frames, *(joint.name for joint in self.joints))))
 
     def frame(self, name: str) -> Frame | None:
-        """Return the Frame of a link, a further frame or a joint by its name, searched in this order; None if there
-        is none.
+        """Return the Frame of a link, a further frame or a joint by its name, searched in this order; return None if
+        there is no such frame.
         """
         named_frame = self.links.get(name) or self.frames.get(name)
         if named_frame is not None:
@@ -168,7 +169,8 @@ class Tree(Frozen):
         return None
 
     def known_frame(self, argument: str, name: object) -> Frame:
-        """Return a Frame by its name; raise an ArgumentError for the argument named `argument` if there is none.
+        """Return the Frame with the given name. Raise an ArgumentError for the argument named `argument` if there is
+        no such frame.
 
         Raises:
             ArgumentError: there is none; the error names the argument.
