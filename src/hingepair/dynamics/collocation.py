@@ -37,9 +37,9 @@ _ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE = 4
 _ITERATIONS_PER_CONTRACTION_CHECK = 4  # iterations after which the convergence of fixed points is checked
 _MAX_FIXED_POINT_CONTRACTION_RATIO = 0.1  # factor of the change in an iteration: above it Newton's method is tried
 _MIN_STIFFNESS_FOR_NEWTON = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
-_MAX_SIMULTANEOUS_EVENTS = 8  # events at one instant; if more follow each other, the last is ignored
+_MAX_EVENTS_APPLIED_AT_ONE_INSTANT = 8  # events at one instant; if more follow each other, the last is ignored
 # Of the length of recent steps: in a step of at most this length the derivative jumps, and no step is better.
-_MAX_JUMP_STEP_LENGTH_TO_RECENT_LENGTH = 1e-12
+_MAX_JUMP_STEP_TO_RECENT_STEP_LENGTH_RATIO = 1e-12
 
 _gauss_nodes, _gauss_weights = legendre.leggauss(NODE_COUNT)
 RELATIVE_NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
@@ -78,7 +78,7 @@ def interpolation_matrix(times: Array) -> Array:
     return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
 
 
-_NODE_INTEGRATION_MATRIX: Final[Array] = integration_matrix(RELATIVE_NODE_TIMES)
+_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX: Final[Array] = integration_matrix(RELATIVE_NODE_TIMES)
 """From values at the nodes to the integrals from 0 to each node; shape (8, 8)."""
 NODE_QUADRATURE_WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
 """Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
@@ -92,7 +92,9 @@ _RESIDUAL_INTEGRATION_MATRIX, _RESIDUAL_INTERPOLATION_MATRIX = (
     integration_matrix(_RELATIVE_RESIDUAL_CHECK_TIMES),
     interpolation_matrix(_RELATIVE_RESIDUAL_CHECK_TIMES),
 )
-_NODE_DIFFERENTIATION_MATRIX: Final[Array] = np.asarray(np.linalg.inv(_NODE_INTEGRATION_MATRIX), np.float64)
+_NODE_INTEGRALS_TO_NODE_VALUES_MATRIX: Final[Array] = np.asarray(
+    np.linalg.inv(_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX), np.float64
+)
 """From integrals at the nodes to the values there; shape (8, 8)."""
 _RELATIVE_EVENT_SAMPLE_TIMES: Final[Array] = np.sort(np.hstack([RELATIVE_NODE_TIMES, _RELATIVE_RESIDUAL_CHECK_TIMES]))
 """Times in a step from 0 to 1 at which the distances from events are evaluated, at least; shape (17,)."""
@@ -220,7 +222,7 @@ class Stepper:
                 break
             share, event = first_event
             if share * length <= 32 * time_rounding:  # it starts at an event
-                if applied_count == _MAX_SIMULTANEOUS_EVENTS:
+                if applied_count == _MAX_EVENTS_APPLIED_AT_ONE_INSTANT:
                     first_event = None
                     break
                 self._apply_event(event)
@@ -348,7 +350,7 @@ class Stepper:
         other components are iterated by fixed points.
         """
         times, sizes, last_change = self.t + length * RELATIVE_NODE_TIMES, self._error_sizes(length), np.inf
-        states = self.state + length * (_NODE_INTEGRATION_MATRIX @ self._predict_rates(times))
+        states = self.state + length * (_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX @ self._predict_rates(times))
         block = slice(self.psi_index, self.psi_index + 2)
         for iteration in range(_MAX_NODE_ITERATIONS_PER_STEP):
             if use_newton and iteration % _ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE == 0:
@@ -357,11 +359,11 @@ class Stepper:
                     return None
                 inverse, by_angle = self._newton_matrices(length)
             node_rates = self.rates(times, states)
-            new_states = self.state + length * (_NODE_INTEGRATION_MATRIX @ node_rates)
+            new_states = self.state + length * (_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX @ node_rates)
             if use_newton:
                 angle, rate = (new_states - states)[:, block].T
                 rate = inverse @ (rate + by_angle @ angle)
-                angle = angle + length * (_NODE_INTEGRATION_MATRIX @ rate)
+                angle = angle + length * (_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX @ rate)
                 new_states[:, block] = states[:, block] + np.stack([angle, rate], axis=-1)
             change = float(np.abs((new_states - states) / sizes).max())
             states = new_states
@@ -371,7 +373,7 @@ class Stepper:
                 if use_newton:  # rates that belong to the states: rounding of psi' would be magnified in psi''
                     node_rates = node_rates.copy()
                     node_rates[:, block] = (
-                        _NODE_DIFFERENTIATION_MATRIX @ (states[:, block] - self.state[block]) / length
+                        _NODE_INTEGRALS_TO_NODE_VALUES_MATRIX @ (states[:, block] - self.state[block]) / length
                     )
                 return node_rates
             if change > 2 * last_change and change > self.tol:
@@ -407,7 +409,7 @@ class Stepper:
         change of psi'.
         """
         by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODE_COUNT), np.zeros(NODE_COUNT))
-        integrals = length * _NODE_INTEGRATION_MATRIX
+        integrals = length * _NODE_VALUES_TO_NODE_INTEGRALS_MATRIX
         matrix = np.eye(NODE_COUNT) - integrals * by_rate - (integrals * by_angle) @ integrals
         return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
@@ -454,7 +456,7 @@ class Stepper:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the
             step up to which no check does; 0 elsewhere.
         """
-        jumps = length <= max(_MAX_JUMP_STEP_LENGTH_TO_RECENT_LENGTH * self._recent_step_length, shortest_length)
+        jumps = length <= max(_MAX_JUMP_STEP_TO_RECENT_STEP_LENGTH_RATIO * self._recent_step_length, shortest_length)
         sizes = self._error_sizes(length if jumps else max(length, self._recent_step_length))
         units = length / (self.tol * sizes + 1e-15 * np.abs(self.state))
         tails = np.abs(

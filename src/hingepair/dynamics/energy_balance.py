@@ -17,7 +17,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
 
 _MIN_RELATIVE_HINGE_RATE_CHANGE_BY_IMPACT = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
-_INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is computed at a time
+_QUADRATURE_INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is computed at a time
 
 
 class StepRecord(NamedTuple):
@@ -120,8 +120,8 @@ def energy_balance(
         starts = np.array([step.polynomial.start for step in steps])
         edges = np.unique(np.hstack([starts, elapsed]))
         chunks = []
-        for first in range(0, max(len(edges) - 1, 1), _INTERVALS_PER_WORK_CHUNK):
-            chunk_edges = edges[first : first + _INTERVALS_PER_WORK_CHUNK + 1]
+        for first in range(0, max(len(edges) - 1, 1), _QUADRATURE_INTERVALS_PER_WORK_CHUNK):
+            chunk_edges = edges[first : first + _QUADRATURE_INTERVALS_PER_WORK_CHUNK + 1]
             lengths = np.diff(chunk_edges)
             times = chunk_edges[:-1, None] + lengths[:, None] * RELATIVE_NODE_TIMES
             step_indices = (np.searchsorted(starts, chunk_edges[:-1], side="right") - 1).tolist()

@@ -30,14 +30,14 @@ _LOWER_RATE_EVENT, _UPPER_RATE_EVENT = "lower rate", "upper rate"
 _RELEASE_DOWN_EVENT, _RELEASE_UP_EVENT = "release downwards", "release upwards"
 _USER_EVENT_NAME = "until"  # as the argument of `simulate`
 # Of the tolerance: a hinge that would rebound from a stop by less is held there.
-_MIN_REBOUND_ANGLE_TO_TOLERANCE: Final = 0.01
+_MIN_REBOUND_ANGLE_TO_STEP_TOLERANCE_RATIO: Final = 0.01
 # Of the largest value of the user's event in the first step: above, its sign counts.
-_RELATIVE_USER_EVENT_SIGN_TOLERANCE: Final = 1e-6
+_USER_EVENT_SIGN_TOLERANCE_TO_LARGEST_VALUE_RATIO: Final = 1e-6
 # Of the largest value of the user's event so far: below, an impact makes it 0.
-_RELATIVE_USER_EVENT_ZERO_TOLERANCE: Final = 1e-12
+_USER_EVENT_ZERO_TOLERANCE_TO_LARGEST_VALUE_RATIO: Final = 1e-12
 _RELATIVE_SAME_INSTANT_TOLERANCE: Final = 1e-13  # of the time: events at a smaller distance happen at once
 # Of the torques: by which the holding torque may exceed its limit, for rounding.
-_RELATIVE_HOLDING_TORQUE_TOLERANCE: Final = 1e-12
+_RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE: Final = 1e-12
 
 
 class HingeEvents:
@@ -88,7 +88,7 @@ class HingeEvents:
         rows: dict[str, tuple[Array, float]] = {}
         if self._motion.held:
             torque = self._motion.holding_torque(self._start + t, states)
-            size = _RELATIVE_HOLDING_TORQUE_TOLERANCE / 2e-15 * (self._friction + float(np.abs(torque).max()))
+            size = _RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE / 2e-15 * (self._friction + float(np.abs(torque).max()))
             lowest, highest = self._torque_limits
             rows |= {_RELEASE_UP_EVENT: (torque - lowest, size)} if lowest > -np.inf else {}
             rows |= {_RELEASE_DOWN_EVENT: (highest - torque, size)} if highest < np.inf else {}
@@ -107,7 +107,9 @@ class HingeEvents:
         if self._user_event is not None:
             values = self._user_values(self._start + t, states)
             if not self._sign:  # where the value is 0 at the start, the sign of the first certain value
-                certain_values = values[np.abs(values) > _RELATIVE_USER_EVENT_SIGN_TOLERANCE * np.abs(values).max()]
+                certain_values = values[
+                    np.abs(values) > _USER_EVENT_SIGN_TOLERANCE_TO_LARGEST_VALUE_RATIO * np.abs(values).max()
+                ]
                 self._sign = float(np.sign(certain_values[0])) if certain_values.size else 0.0
             size = float(np.abs(values).max())
             self._largest = max(self._largest, size)
@@ -163,7 +165,7 @@ class HingeEvents:
         if self._user_event is None or not self._sign:
             return False
         value = float(self._user_values(np.array([self._start + t]), state[None])[0])
-        if abs(value) > _RELATIVE_USER_EVENT_ZERO_TOLERANCE * self._largest:
+        if abs(value) > _USER_EVENT_ZERO_TOLERANCE_TO_LARGEST_VALUE_RATIO * self._largest:
             return False
         ends = self._ends_motion() and t - self._passed_at > _RELATIVE_SAME_INSTANT_TOLERANCE * max(1.0, t)
         self._sign = 0.0
@@ -212,7 +214,7 @@ class HingeEvents:
         self._motion.held = True
         self._update_torque_branch()
         torque = float(self._motion.holding_torque(np.array([self._start + t]), state[None])[0])
-        margin = _RELATIVE_HOLDING_TORQUE_TOLERANCE * (self._friction + abs(torque))
+        margin = _RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE * (self._friction + abs(torque))
         if not lowest - margin <= torque <= highest + margin:
             self._release(-1 if torque > highest else 1)
         self._torque_limits = lowest, highest
@@ -240,7 +242,7 @@ class HingeEvents:
         pressing_acceleration = side * self._motion.hinge_acceleration(self._start + t, state)
         if (
             pressing_acceleration > 0
-            and rate**2 <= 2 * pressing_acceleration * _MIN_REBOUND_ANGLE_TO_TOLERANCE * self._tol
+            and rate**2 <= 2 * pressing_acceleration * _MIN_REBOUND_ANGLE_TO_STEP_TOLERANCE_RATIO * self._tol
         ):
             state[psi_index + 1] = 0.0
             self._hold(t, state)

@@ -24,9 +24,9 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 
 # Of the size of each component of the state, for differences of order 4.
-_RELATIVE_STATE_DIFFERENCE_STEP: Final = 1e-5
+_DIFFERENCE_STEP_TO_STATE_COMPONENT_SIZE_RATIO: Final = 1e-5
 # Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
-_MIN_POLE_TO_LARGEST_POLE_RATIO: Final = 1e-5
+_MIN_NONZERO_POLE_TO_LARGEST_POLE_RATIO: Final = 1e-5
 _MAX_EQUILIBRIUM_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
 _MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION_RAD = 0.3  # rad: largest change of an angle in one of them
 _EQUILIBRIUM_ANGLE_TOLERANCE_RAD: Final = 1e-13  # rad: a smaller Newton step ends the search
@@ -186,7 +186,7 @@ def linearize(
     B[-1] = motion.hinge_response(instant, state)
     poles = np.linalg.eigvals(A)
     poles = poles[
-        (np.abs(poles) > _MIN_POLE_TO_LARGEST_POLE_RATIO * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)
+        (np.abs(poles) > _MIN_NONZERO_POLE_TO_LARGEST_POLE_RATIO * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)
     ]
     motion_now = motion.motion_at(np.full(1, instant), state[None])
     body1_motion = (
@@ -211,7 +211,7 @@ def _state_derivatives(
     """Return two arrays: the derivatives of the state's rates with respect to the components of the state with these
     indices, (k, m), and the rates, (k,). The derivatives are finite differences of order 4.
     """
-    steps = (_RELATIVE_STATE_DIFFERENCE_STEP * motion.sizes)[component_indices]
+    steps = (_DIFFERENCE_STEP_TO_STATE_COMPONENT_SIZE_RATIO * motion.sizes)[component_indices]
     increments = np.zeros((len(component_indices), len(state)))
     increments[np.arange(len(component_indices)), component_indices] = steps
     states = np.concatenate([state + share * increments for share in (-2, -1, 1, 2)] + [state[None]])

@@ -52,7 +52,7 @@ HingeMotion: TypeAlias = Callable[[Array], Any]
 _CAYLEY_SLICE, _PSI_STATE_INDEX = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
 
 # Components of the state by name.
-_STATE_INDEX_BY_COMPONENT_NAME = {
+_STATE_INDEX_OR_SLICE_BY_COMPONENT_NAME = {
     "base_point": slice(0, 3),
     "momentum": slice(3, 6),
     "angular_momentum": slice(6, 9),
@@ -62,18 +62,19 @@ _STATE_INDEX_BY_COMPONENT_NAME = {
 }
 # Steps that take the components from the state.
 _UNPACK_STATE_PLAN_STEPS = tuple(
-    Step(name, operator.itemgetter(where), ("state",)) for name, where in _STATE_INDEX_BY_COMPONENT_NAME.items()
+    Step(name, operator.itemgetter(where), ("state",))
+    for name, where in _STATE_INDEX_OR_SLICE_BY_COMPONENT_NAME.items()
 )
-_ATTITUDE_PLAN_STEPS_BY_PLANARITY = {
+_ATTITUDE_AND_CAYLEY_RATE_PLAN_STEPS_BY_IS_PLANAR = {
     False: (Step("S1", dyn.cayley_attitude, ("g", "S0")), Step("g_rate", dyn.cayley_rate, ("g", "omega1"))),
     True: (Step("S1", lambda g: upright(turn_terms(g[2])), ("g",)), Step("g_rate", same, ("omega1",))),
 }
 """Steps from g to the attitude and to the derivative of g, by whether the pair is planar."""
 # The angular velocity from the angular momentum.
-_OMEGA1_FROM_MOMENTUM_PLAN_STEP = Step(
+_OMEGA1_FROM_ANGULAR_MOMENTUM_PLAN_STEP = Step(
     "omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid")
 )
-_BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE = {
+_BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE_NAME = {
     "free": (
         Step("psid_fraction", operator.mul, ("mass_fraction2", "psid")),
         Step(
@@ -428,14 +429,14 @@ def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs:
     """
     hinge, body1_steps = all_steps(None, has_home), list[Step]()
     if is_planar is not None:
-        attitude, rate = _ATTITUDE_PLAN_STEPS_BY_PLANARITY[is_planar]
+        attitude, rate = _ATTITUDE_AND_CAYLEY_RATE_PLAN_STEPS_BY_IS_PLANAR[is_planar]
         attitude_count = [step.result for step in hinge].index("omega2")
         body1_steps = [
             *_UNPACK_STATE_PLAN_STEPS,
             attitude,
             *hinge[:attitude_count],
             *inertia_steps(base),
-            _OMEGA1_FROM_MOMENTUM_PLAN_STEP,
+            _OMEGA1_FROM_ANGULAR_MOMENTUM_PLAN_STEP,
             rate,
         ]
     steps = forward_dynamics_steps((*body1_steps, *hinge), base)
@@ -443,7 +444,7 @@ def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs:
         steps = (
             *steps,
             *_STATE_RATE_PLAN_STEPS[:1],
-            *_BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE[base],
+            *_BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE_NAME[base],
             *_STATE_RATE_PLAN_STEPS[1:],
         )
     plan_steps, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)

@@ -35,14 +35,14 @@ from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 
 SIMULATION_BASE_NAMES: Final = ("free", "pinned", "fixed")
 """Names of the bases."""
-_ALLOWED_STEP_TOLERANCE_RANGE: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
+_ALLOWED_STEP_TOLERANCE_RANGE_RAD: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
 # A start in the plane, in messages.
 _PLANAR_START_EXAMPLE_TEXT = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
 _MIN_REPORTED_STOP_OVERRUN_RAD = 0.02  # rad past a stop, from which on a warning or a note reports it
 # Tolerance of the second run, from which errors are estimated, divided by the tolerance of the first.
 _REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO = 1e-3
 # Instants of a whole motion at which loads that are callables are evaluated in the first run, at least.
-_MIN_CALLABLE_LOAD_EVALUATIONS_PER_MOTION: Final = 509 * 17
+_MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN: Final = 509 * 17
 _REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO: Final = 4.3  # the same number of the second run, divided by the above
 _TRIAL_STEPS_PER_PROGRESS_CHECK = 1000  # trial steps after which progress is checked
 # Trial steps; a motion that needs more to its end, estimated by its progress so far, is refused.
@@ -275,9 +275,11 @@ def simulate(
     space = to_spatial_pair(pair)
     instants = instants_of("t", t)
     tolerance = finite_number("tol", tol)
-    if not _ALLOWED_STEP_TOLERANCE_RANGE[0] <= tolerance <= _ALLOWED_STEP_TOLERANCE_RANGE[1]:
+    if not _ALLOWED_STEP_TOLERANCE_RANGE_RAD[0] <= tolerance <= _ALLOWED_STEP_TOLERANCE_RANGE_RAD[1]:
         raise ArgumentError(
-            "tol", f"a number from {_ALLOWED_STEP_TOLERANCE_RANGE[0]} to {_ALLOWED_STEP_TOLERANCE_RANGE[1]}", tol
+            "tol",
+            f"a number from {_ALLOWED_STEP_TOLERANCE_RANGE_RAD[0]} to {_ALLOWED_STEP_TOLERANCE_RANGE_RAD[1]}",
+            tol,
         )
     is_planar = space is not pair
     gravity = (DEFAULT_PLANAR_GRAVITY_VECTOR if is_planar else DEFAULT_GRAVITY_VECTOR) if gravity is None else gravity
@@ -315,7 +317,7 @@ def simulate(
         return motion, first_state, steps, samples, end_time is not None
 
     motion, first_state, steps, samples, ended_by_event = run_simulation(
-        tolerance, _MIN_CALLABLE_LOAD_EVALUATIONS_PER_MOTION, until
+        tolerance, _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN, until
     )
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops)
@@ -329,7 +331,7 @@ def simulate(
     reference = functools.cache(
         lambda: run_simulation(
             reference_tolerance,
-            _MIN_CALLABLE_LOAD_EVALUATIONS_PER_MOTION * _REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO,
+            _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN * _REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO,
             None,
         )[3]
     )
