@@ -65,15 +65,16 @@ _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX: Final[Array] = (
 
 
 def integration_matrix(times: Array) -> Array:
-    """Return the matrix (m, 8) that maps values at the nodes to integrals of their polynomial from 0 to each of the
-    times, which are relative (0 to 1 in a step).
+    """Return the matrix (m, 8) that maps values at the nodes of a step to integrals of the polynomial through these
+    values, from the start of the step to each of `times`. The times are relative: 0 at the start of the step, 1 at
+    its end.
     """
     return legendre.legvander(2 * times - 1, NODE_COUNT) @ _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX
 
 
 def interpolation_matrix(times: Array) -> Array:
-    """Return the matrix (m, 8) that maps values at the nodes to the values of their polynomial at each of the times,
-    which are relative (0 to 1 in a step).
+    """Return the matrix (m, 8) that maps values at the nodes of a step to the values at `times` of the polynomial
+    through them. The times are relative: 0 at the start of the step, 1 at its end.
     """
     return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
 
@@ -152,8 +153,8 @@ class Events(Protocol):
 
 @dataclass
 class Stepper:
-    """Mutable stepper of one motion: holds the present time and state, and makes steps as long as the tolerance
-    allows, which end at events. `rates` is the function that computes the derivatives of states.
+    """Mutable stepper of one motion: holds the present time and state, and makes steps that are as long as the
+    tolerance allows and end at events. `rates` is the function that computes the derivatives of states.
     """
 
     rates: StateRates  # derivatives of the state
@@ -180,9 +181,10 @@ class Stepper:
         self.ended = False  # whether an event has ended the motion
 
     def step(self, stop: float) -> StepPolynomial | None:
-        """Advance time and state of this object by a step that goes neither past the instant `stop` nor past an
-        event; return the StepPolynomial. Return None if an event at the start of the step ends the motion. Raise a
-        TooStiffError if no step is short enough.
+        """Advance the time and the state of this object by one step, which goes neither past the instant `stop` nor
+        past an event; return the StepPolynomial. An event at the end of the step is applied only by
+        `apply_pending_event`. Return None if an event at the start of the step ends the motion. Raise a TooStiffError
+        if no step is short enough.
 
         The time and the state of this object become those at the end of the step. The event there is applied by
         `apply_pending_event`.
@@ -241,8 +243,8 @@ class Stepper:
         return piece
 
     def apply_pending_event(self) -> None:
-        """Apply the event at the end of the last step, if there is one, to the state of this object, in place; set
-        `ended` if it ends the motion.
+        """Apply the event at the end of the last step, if there is one, to the state of this object. Set the
+        attribute `ended` to whether this event ends the motion.
         """
         if self._pending_event is not None:
             self._apply_event(self._pending_event)
@@ -256,8 +258,8 @@ class Stepper:
         self.state = state
 
     def _apply_event(self, event_index: int) -> None:
-        """Apply an event, by its index, to the present state, in place; set `ended` to whether the event ends the
-        motion.
+        """Apply the event with the index `event_index` to the state of this object. Set the attribute `ended` to
+        whether the event ends the motion.
         """
         state = self.events.apply(event_index, self.t, self.state) if self.events else None
         self.ended = state is None
@@ -265,8 +267,9 @@ class Stepper:
             self.set_state(state)
 
     def _extra_check_times(self, length: float) -> Array:
-        """Return an array of additional times, relative to a step of this length [s] (0 to 1), at which the residual
-        and the distances from events are checked for loads and events that are callables.
+        """Return an array of additional times in a step of this length [s] at which the residual and the distances
+        from events are checked, since loads or events are callables. The times are relative: 0 at the start of the
+        step, 1 at its end.
         """
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
@@ -275,10 +278,11 @@ class Stepper:
     def _find_first_event(
         self, node_rates: Array, length: float, time_margin: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
-        """Return a tuple of the share of the step, 0 to 1, after which the first event happens, and the index of the
-        event; None if no event happens in the step. `node_rates` are the derivatives at the nodes, `time_margin` [s]
-        allows for rounding, and `extra_times` are further times from 0 to 1 at which distances are checked. The event
-        of the index `expected_event` counts at the end of the step if only rounding keeps it from happening there.
+        """Return a tuple of the share of the step, 0 to 1, after which the first event happens, and the index
+        of the event; None if no event happens in the step. `node_rates` are the derivatives at the nodes,
+        `time_margin` [s] allows for rounding, and `extra_times` are further relative times (0 to 1) at which
+        distances are checked. The event with the index `expected_event` counts as happening at the end of the
+        step if only rounding prevents it.
         """
         if self.events is None:
             return None
@@ -311,7 +315,9 @@ class Stepper:
         return min(crossings, default=None)
 
     def _advance(self, change: Array) -> None:
-        """Add a change, (k,), to the present state by compensated summation, in place; store the rounding residue."""
+        """Add `change`, an array (k,), to the state of this object by compensated summation, and store the rounding
+        residue.
+        """
         change = change + self._rounding_residue
         state = self.state + change
         self._rounding_residue = change - (state - self.state)
@@ -341,10 +347,10 @@ class Stepper:
         return float(length * max(by_rate, np.sqrt(by_angle)))
 
     def _solve_nodes(self, length: float, use_newton: bool) -> Array | None:
-        """Iterate the states at the nodes of a step of this length by fixed points (Picard), or if `use_newton` by a
-        simplified Newton method in (psi, psi'). Return the derivatives at the nodes, (8, k); None if the iteration
-        does not converge, or the other method suits better. Store the derivatives of psi'' that Newton's method
-        needs.
+        """Iterate the states at the nodes of a step of this length [s] by fixed-point (Picard) iteration or, if
+        `use_newton` is True, by a simplified Newton method in (psi, psi'). Return the derivatives at the nodes, (8,
+        k); None if the iteration does not converge, or if the other method suits better. Store the derivatives of
+        psi'' that Newton's method needs.
 
         For Newton's method the derivatives of psi'' with respect to psi and psi' at each node are differences; all
         other components are iterated by fixed points.
@@ -414,8 +420,8 @@ class Stepper:
         return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
     def _damp_stiff_errors(self, errors: Array, length: float) -> Array:
-        """Return a copy of errors of the rates, (m, k), without the part that a stiff psi'' damps within a step of
-        this length. If psi'' is not stiff, return `errors` itself.
+        """Return a copy of `errors`, errors of the derivatives of the state, (m, k), without the part that a stiff
+        psi'' damps within a step of this length [s]. If psi'' is not stiff, return `errors` itself.
         """
         if self._hinge_derivatives is None:
             return errors
@@ -493,10 +499,10 @@ class Stepper:
 def _bracket_crossing(
     times: Array, distances: Array, sampled_distances: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
-    """Return a tuple of two relative times (0 to 1) between which a distance first falls below -margin, or None if it
-    does not. `distances` are its values at `times`, and `distance_at` is the function that computes it. Between
-    `times`, the crossing is searched where the polynomial through `sampled_distances`, the values at
-    _RELATIVE_EVENT_SAMPLE_TIMES, is negative.
+    """Return a tuple of two relative times (0 to 1 in a step) between which the distance from an event first falls
+    below -margin, or None if it does not. `distances` are the distances at `times`, and the function `distance_at`
+    computes the distance at an array of times. Between `times`, the crossing is searched where the polynomial through
+    `sampled_distances`, the distances at _RELATIVE_EVENT_SAMPLE_TIMES, is negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
@@ -519,9 +525,9 @@ def _bracket_crossing(
 
 
 def _bisect_crossing(start: float, end: float, margin: float, distance_at: Callable[[Array], Array]) -> float:
-    """Return the first relative time between `start` and `end` at which a distance is below -margin, by repeated
-    division of the interval. The function `distance_at` computes the distance at an array of times. At `end` the
-    distance must be below -margin.
+    """Return the first relative time between `start` and `end` at which the distance from an event is below -margin,
+    by repeated division of the interval. The function `distance_at` computes the distance at an array of times. At
+    `end` the distance must be below -margin.
     """
     while end - start > 2e-16 * (1 + end):
         times = np.linspace(start, end, 17)

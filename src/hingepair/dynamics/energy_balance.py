@@ -172,8 +172,9 @@ def _powers_by_load(
     pair: HingePair, samples: MotionSamples, gravity: tuple[float, ...], *, is_carried: bool
 ) -> dict[str, Array]:
     """Compute the power of each load [W] from the motion and loads in MotionSamples; return a dict of arrays (n,) by
-    name. With `is_carried`, the motion of body 1 is given: the powers of force1 and torque1 are then 0, and "base" is
-    the power of the support that moves body 1.
+    name. Parts of a HingeLoad, such as "spring", take the place of "hinge_torque". If `is_carried` is True, the
+    motion of body 1 is given: the powers of force1 and torque1 are then 0, and "base" is the power of the support
+    that moves body 1.
     """
     motion, loads = samples.motion, samples.loads
     body1 = _body1_motion(samples, a=samples.a1, alpha=samples.alpha1)

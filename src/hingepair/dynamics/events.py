@@ -227,8 +227,8 @@ class HingeEvents:
 
     def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:
         """Set the hinge angle in `state` to the angle `stop` [rad] of a rigid stop, reverse the hinge rate and
-        multiply it by the stop's restitution, in place. `side` is 1 if this is the upper stop, -1 if it is the lower
-        one. Hold the hinge at the stop, with rate 0, if it would rebound by less than the tolerance allows.
+        multiply it by the stop's restitution, in place. `side` is 1 for the upper stop and -1 for the lower one. Hold
+        the hinge at the stop, with rate 0, if it would rebound by less than a hundredth of the tolerance.
         """
         psi_index = self._motion.psi_index
         state[psi_index] = stop

@@ -208,8 +208,8 @@ def linearize(
 def _state_derivatives(
     motion: PairMotion, t: float, state: Array, component_indices: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Return two arrays: the derivatives of the state's rates with respect to the components of the state with these
-    indices, (k, m), and the rates, (k,). The derivatives are finite differences of order 4.
+    """Return two arrays: the derivatives of the state's rates with respect to the components of the state with the
+    indices `component_indices`, (k, m), and the rates, (k,). The derivatives are finite differences of order 4.
     """
     steps = (_DIFFERENCE_STEP_TO_STATE_COMPONENT_SIZE_RATIO * motion.sizes)[component_indices]
     increments = np.zeros((len(component_indices), len(state)))

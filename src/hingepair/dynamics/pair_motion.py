@@ -169,9 +169,9 @@ class PairMotion:
         constants = Constants(constants_by_name, {}, ())
 
         def compile_call(is_planar_or_none: bool | None, *outputs: str) -> Call:
-            """Return the cached compiled call of the plan of the named outputs, with the constants of this pair. If
-            `is_planar_or_none` is None, the call computes them from S1, omega1, psi and psi'; otherwise from the
-            state.
+            """Return the cached compiled call of the plan that computes the named outputs, with the constants of this
+            pair. The plan computes the outputs from S1, omega1, psi and psi' if `is_planar_or_none` is None,
+            otherwise from the state.
             """
             plan = _make_state_plan(kind, is_planar_or_none, "home" in constants_by_name, outputs)
             return cached_call(
@@ -216,8 +216,8 @@ class PairMotion:
         )
 
     def first_step_length(self, t: float, span: float) -> float:
-        """Return a length for the first step [s] from the instant t, at most `span`, in which nothing turns by more
-        than a tenth of a radian.
+        """Return a length for the first step [s] from the instant t, in which nothing turns by more than a tenth of a
+        radian at the present rates; at most `span`, and a hundredth of `span` if nothing moves.
         """
         rates = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[-5:]
         rates[-1] /= max(1, abs(self.state[-1]))
@@ -307,8 +307,8 @@ class PairMotion:
 
     def sample(self, t: Array, states: Array, quats: Array, side: KinkSide, held: NDArray[np.bool_]) -> MotionSamples:
         """Compute the `MotionSamples` of motion and loads at n instants, which may lie in different steps. `quats`
-        are the attitudes at the starts of their steps, `side` is (angles, rates) that select the torque branches, and
-        `held` is a boolean array (n,) that says whether the hinge is held.
+        are the attitudes at the starts of their steps, `side` is a tuple (angles, rates) that selects the branches of
+        the hinge torque, and `held` is a boolean array (n,) that says whether the hinge is held.
 
         Args:
             t: instants; shape (n,).
@@ -352,9 +352,10 @@ class PairMotion:
         return MotionSamples(t, quats, motion, a1, alpha1, psidd, phi, loads)
 
     def _program_inputs(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
-        """Return a dict of the inputs of compiled programs at instants, by name: the state, psi and psi', and the
-        given motions of body 1 and of the hinge. `S0` are the attitudes at the starts of the steps, (..., 9). Raise
-        an ArgumentError if a given motion does not fit.
+        """Return a dict by name of the arrays that compiled programs take as inputs at instants: psi and psi', with
+        `state` and S0 for a free or pinned base, with the motion of body 1 for a prescribed base, and with psi'' for
+        a prescribed hinge. `S0` are the attitudes at the starts of the steps, (..., 9). Raise an ArgumentError if a
+        prescribed motion does not fit.
         """
         hinge = dict(zip(("psi", "psid"), states.T[self.psi_index : self.psi_index + 2], strict=True))
         if self._hinge:

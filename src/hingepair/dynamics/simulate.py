@@ -300,9 +300,9 @@ def simulate(
     def run_simulation(
         tolerance: float, min_callable_load_evaluations: float, until: UserEvent | None
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
-        """Run the stepper with a tolerance and a least number of evaluations of callable loads. Return a tuple:
-        PairMotion, first state, list of StepRecords, MotionSamples at the instants, and whether the event `until` (a
-        callable or None) ended the motion. Raise a SimulationError if the stepper cannot continue.
+        """Run the stepper with a tolerance and a minimum number of evaluations of callable loads. Return a tuple of
+        the PairMotion, the first state, a list of StepRecords, MotionSamples at the instants, and whether the event
+        `until` (a callable or None) ended the motion. Raise a SimulationError if the stepper cannot continue.
         """
         motion = PairMotion(space, base, is_planar, start, loads, execution_of(backend, 1), given_motion)
         first_state, steps, end_time = motion.state, list[StepRecord](), None
@@ -441,8 +441,8 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
 
 
 def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float]) -> None:
-    """Issue a DynamicsWarning for each angle or rate that looks like degrees, of the `stops` [rad] or of the initial
-    state `start`, and for each inertia of a moving body that is hardly in kg m^2.
+    """Issue a DynamicsWarning for each angle or rate that looks like degrees, among the `stops` [rad] and the values
+    of the initial state `start`, and for each inertia of a moving body that is probably not in kg m^2.
     """
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = [*degree_suspicions("stops", finite_stops), *degree_suspicions("psi_0", np.array([start[4]]))]
@@ -460,8 +460,8 @@ def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, sto
 
 
 def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: Array, psi: Array) -> None:
-    """Issue one DynamicsWarning if psi [rad] exceeds one of the two `limits` of the pair that has no stop at or
-    before it. `stops` are the lower and the upper stop, infinite if there is none.
+    """Issue one DynamicsWarning if psi [rad] exceeds one of the two `limits` of the pair at which, or inside which,
+    there is no stop. `stops` are the lower and the upper stop, infinite if there is none.
     """
     lower = -np.inf if stops[0] >= limits[0] else limits[0]
     upper = np.inf if stops[1] <= limits[1] else limits[1]
@@ -473,8 +473,8 @@ def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: 
 
 
 def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: float) -> str:
-    """Return a clause that says by how much psi, from its lowest and highest value, passes the lower or upper stop
-    [rad]. Return an empty text if that is at most 0.02 rad.
+    """Return a clause that says by how much [rad] psi, which ranges from `lowest` to `highest`, passes the lower or
+    the upper one of `stops`. Return an empty text if psi passes it by at most 0.02 rad.
     """
     depth = max(stops[0] - lowest, highest - stops[1])
     return (
@@ -485,8 +485,8 @@ def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: fl
 
 
 class _RunOptions(NamedTuple):
-    """Options of a run of the stepper: tolerance `tol` [rad], least number of evaluations of callable loads, instants
-    (`breaks`) at which loads jump, and the user's event `until`.
+    """Options of a run of the stepper: tolerance `tol` [rad], minimum number of evaluations of callable loads,
+    instants (`breaks`) at which loads jump, and the user's event `until`.
     """
 
     tol: float  # largest error of a step [rad]
@@ -496,9 +496,9 @@ class _RunOptions(NamedTuple):
 
 
 def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Step from t[0] to t[-1] with _RunOptions. Return a tuple of the list of StepRecords and the time since t[0] at
-    which `until` ended the motion, or None. Change the stored attitude and torque branch of `motion`. Raise a
-    SimulationError if the stepper cannot continue.
+    """Make steps of a motion, a PairMotion, from t[0] to t[-1] with _RunOptions. Return a tuple of the list of
+    StepRecords and the time since t[0] [s] at which `until` ended the motion, or None. Change the stored attitude and
+    torque branch of `motion`. Raise a SimulationError if the stepper cannot continue.
     """
     start, elapsed = float(t[0]), t - t[0]
     span = float(elapsed[-1])
