@@ -897,8 +897,8 @@ FAULTS = {
     ),
     "pieces that begin one instant late": Fault(
         "scenes/instants.py",
-        "return (slice(start, start + RESULT_ROWS_PER_BLOCK)",
-        "return (slice(start + 1, start + RESULT_ROWS_PER_BLOCK)",
+        "slice(start, start + RESULT_ROWS_PER_BLOCK) for",
+        "slice(start + 1, start + RESULT_ROWS_PER_BLOCK) for",
         "scenes/test_long_scenes.py::test_pieces_are_the_whole_to_the_bit[reference_2d]",
     ),
     "a summary of the last piece alone": Fault(

@@ -86,8 +86,8 @@ def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any)
 
 def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Piece]:
     """Return an iterable of the same `parts` that shows a progress bar while it is iterated over; return `parts`
-    itself if standard error is not a terminal or there is only one part. Each part except the last has RESULT_ROWS_PER_BLOCK
-    instants, and `num_instants` is the number of instants of all parts.
+    itself if standard error is not a terminal or there is only one part. Each part except the last has
+    RESULT_ROWS_PER_BLOCK instants, and `num_instants` is the number of instants of all parts.
     """
     screen = Console(stderr=True)
     if num_instants <= RESULT_ROWS_PER_BLOCK or not screen.is_terminal:

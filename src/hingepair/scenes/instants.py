@@ -126,8 +126,8 @@ class SampledScene(Shown, abc.ABC):
         return "auto" if self.samples <= RESULT_ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
 
     def block_rows(self) -> Iterator[slice]:
-        """Yield slices of the indices of the instants, one for each block of at most RESULT_ROWS_PER_BLOCK instants in
-        turn.
+        """Yield slices of the indices of the instants, one for each block of at most RESULT_ROWS_PER_BLOCK instants
+        in turn.
         """
         return (
             slice(start, start + RESULT_ROWS_PER_BLOCK) for start in range(0, self.samples, RESULT_ROWS_PER_BLOCK)
