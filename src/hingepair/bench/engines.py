@@ -78,8 +78,9 @@ def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Ar
 
 def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, with_dynamics: bool = False) -> Job:
     """Compile Pinocchio's C++ loop over a pair, for dynamics if `with_dynamics`, otherwise for kinematics, and return
-    a job that calls it with `arguments`, of which arrays are passed by address. The loop writes into `results`, one
-    of these arrays, and the job returns `results`. Raise a MissingDependencyError if the loop cannot be compiled.
+    a job that calls the loop with the pair and `arguments`, of which arrays are passed by address. The job returns
+    `results`: the array or dict of arrays among the arguments that the loop fills. Raise a MissingDependencyError if
+    the loop cannot be compiled.
 
     Args:
         pair: the pair.

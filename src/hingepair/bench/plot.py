@@ -98,7 +98,7 @@ def write_picture(panel_rows: Sequence[Sequence[Panel]], file: IO[bytes], file_f
 
 def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, str]]) -> None:
     """Draw the curves and labels of a panel into Matplotlib axes. `style_by_method` maps a method's name to a tuple
-    (colour, marker). Points above the panel's `max_y` are drawn at the upper edge with their y value.
+    (colour, marker). Points above the panel's `max_y` are drawn at `max_y`, with the y value as text.
     """
     axes.set(xscale="log", title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     if panel.x_range is not None:

@@ -134,8 +134,9 @@ def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
 
 
 def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
-    """Return a list with a dict for each joint of a Tree: its index in q (None for a mimic joint), the rule of a
-    mimic joint (otherwise None), and the masses [kg] of its two bodies and of all bodies that it moves.
+    """Return a list with a dict for each joint of a Tree. The keys are `index`, the joint's index in q (None for a
+    mimic joint), `mimic`, a dict of the rule of a mimic joint (otherwise None), `mass1` and `mass2`, the masses [kg]
+    of the joint's bodies, and `mass_moved`, the mass of all bodies that the joint moves.
     """
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
     moved = list(masses)
@@ -155,9 +156,9 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
 
 
 def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
-    """Return the row of a hinge or slider, a dict: name, kind, links, axis, n, u1, home and limits. If the joint
-    cannot be loaded, the key `error` has the message in place of axis and limits. `robot` and `joint` are records of
-    a URDF file. The index, the mimic rule and the masses are left None.
+    """Return a dict of what the report says of a hinge or slider: name, kind, links, axis, n, u1, home and limits. If
+    the joint cannot be loaded, the key `error` has the message in place of axis and limits. `robot` and `joint` are
+    records of a URDF file. The index, the rule of a mimic joint and the masses are None.
     """
     kind = "hinge" if joint.type in HINGE_JOINT_TYPE_NAMES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}

@@ -39,8 +39,9 @@ _OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Comparison of one output of the equations with Pinocchio's: the largest error over all samples, the sample
-    where it occurs, the number of samples, and the bound of the error.
+    """Comparison of one output of the equations with Pinocchio's. The fields are the output's name, the largest error
+    over all samples, in the unit of the output and as a ratio to u * scale, the index of the worst sample, the number
+    of samples, and the bound, which is the largest ratio that passes.
 
     Attributes:
         output: name of the output.
@@ -96,8 +97,9 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class RateComparison:
-    """Comparison of a rate, such as v1, with the slope of its quantity, such as R1, by finite differences: the
-    largest difference, the allowed difference, the worst sample and the number of samples.
+    """Comparison of a rate, such as v1, with the slope of a quantity, such as R1, by finite differences. The fields
+    are the names of both, the largest difference, the largest difference that is allowed, the index of the worst
+    sample and the number of samples.
 
     Attributes:
         rate: name of the rate.

@@ -34,9 +34,9 @@ def cross_validate_robot(
     base_motion: BodyMotion | None,
     gravity: ArrayLike,
 ) -> RobotValidation:
-    """Compute the outputs of a robot by the equations and by Pinocchio at q, and qd and qdd as far as `coordinates`
-    has them; return a RobotValidation, the report on their comparison. `frames` names the compared frames; None
-    stands for all links. Raise an ArgumentError for an unknown frame or unusable coordinates.
+    """Compute the outputs of a robot by the equations and by Pinocchio; return a RobotValidation, the report on their
+    comparison. `coordinates` is a mapping of q and, as far as given, qd and qdd. `frames` is a name or an iterable of
+    names of frames; None stands for all links. Raise an ArgumentError for an unknown frame or unusable coordinates.
 
     Args:
         robot: the robot.
@@ -135,9 +135,9 @@ def _outputs_by_equations(
     gravity: Float64Array,
     shape: tuple[int, ...],
 ) -> dict[str, Float64Array]:
-    """Compute the outputs to compare by the equations, and return a dict of arrays (N, ...) by output name.
-    `coordinates` holds q and, as far as given, qd and qdd; Jacobians are computed for the frames `tips` only. `shape`
-    is the leading shape of the N samples.
+    """Compute the compared outputs of a robot by the equations, and return a dict of arrays (N, ...) by output name.
+    `coordinates` is a mapping of q and, as far as given, qd and qdd. Jacobians are computed for the frames named in
+    `tips` only. `shape` is the leading shape of the N samples.
     """
     q, *rates = coordinates.values()
     base_argument: dict[str, Any] = {"base_motion": base_motion}
@@ -166,9 +166,9 @@ def _outputs_by_equations(
 def _outputs_by_pinocchio(
     robot: Mechanism, twin: RobotTwin, samples: _RobotSamples, frames: tuple[str, ...], tips: tuple[str, ...]
 ) -> dict[str, Float64Array]:
-    """Compute the outputs to compare by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by output
-    name, NaN at samples that are not finite. Motions are computed for the named `frames`, Jacobians only for the
-    frames `tips`.
+    """Compute the compared outputs of a robot by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by
+    output name, which are NaN at samples that are not finite. Motions are computed for the named `frames`, Jacobians
+    only for the frames named in `tips`.
     """
     pin = import_pinocchio("cross_validate")
     frame_numbers, tip_numbers = (
@@ -198,8 +198,8 @@ def _outputs_by_pinocchio(
 
 
 def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Array]:
-    """Return a list of Pinocchio's q, of v if the samples have rates, and of a if they have accelerations, shape (N,
-    ...) each. `twin` is Pinocchio's model of the robot.
+    """Return a list of Pinocchio's arrays q, v (if the samples have rates) and a (if they have accelerations), shape
+    (N, ...) each. `twin` is Pinocchio's model of the robot.
     """
     joints, base = samples.joints, samples.base
     conversions: list[Callable[..., Float64Array]] = [twin.configuration, twin.velocity, twin.acceleration]
@@ -207,8 +207,9 @@ def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Ar
 
 
 def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples) -> Float64Array:
-    """Return the matrices that convert the velocities of the robot to the v of Pinocchio's model `twin`, one for each
-    sample; shape (N, nv, columns). The velocities of the robot begin with the six of the base if the base is free.
+    """Return an array of the matrices, one for each sample, that convert the velocities of the robot to the v of
+    Pinocchio's model `twin`; shape (N, nv, columns). If the base is free, the velocities of the robot begin with the
+    six of the base.
     """
     count, (joints, dof) = len(samples.finite), twin.ratios.shape
     matrices = np.zeros((count, 6 + joints, 6 + dof))
@@ -301,9 +302,10 @@ def _forward_dynamics_residual(
     our_outputs: Mapping[str, Float64Array],
     pinocchio_outputs: Mapping[str, Float64Array],
 ) -> tuple[Float64Array, Float64Array, list[str]]:
-    """Return three results: the forces that hingepair's accelerations require by Pinocchio's rnea, (N, k); the forces
-    that act, (N, k); and a list of texts on joints that nothing resists, one for each sample with a singular mass
-    matrix. `our_outputs` and `pinocchio_outputs` are dicts of arrays by output name.
+    """Return a tuple of three: the forces that hingepair's accelerations require by Pinocchio's inverse dynamics
+    `rnea`, shape (N, k); the forces that act, shape (N, k); and a list of texts on joints that nothing resists, one
+    for each sample with a singular mass matrix. `our_outputs` and `pinocchio_outputs` are dicts of arrays by output
+    name.
 
     At a sample with a singular mass matrix, hingepair's accelerations are NaN. The forces that act are set to NaN
     there, so that the sample is not compared.

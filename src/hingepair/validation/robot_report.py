@@ -19,8 +19,10 @@ _ROBOT_OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound"
 
 @dataclass(frozen=True, slots=True)
 class RobotComparison:
-    """Comparison of one output of a robot with Pinocchio's, over all links or joints that have it: the largest error,
-    the sample and the part where it occurs, the number of samples, and the bound of the error.
+    """Comparison of one output of a robot with Pinocchio's, over all links or joints that have it. The fields are the
+    output's name, the largest error, in the unit of the output and as a ratio to u * scale, the index of the worst
+    sample, the name of the worst link or joint, the number of samples, and the bound, which is the largest ratio that
+    passes. Two more fields describe samples with a singular mass matrix.
 
     Attributes:
         output: name of the output.

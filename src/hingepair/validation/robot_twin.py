@@ -104,8 +104,9 @@ class RobotTwin:
         return joint_values
 
     def _base_coordinates(self, base_motion: BodyMotion | None, convert: Any) -> list[Float64Array]:
-        """Return a list of the parts of Pinocchio's coordinates that describe the free-flyer, which `convert` returns
-        for the motion of the base. Without a free-flyer, it is empty, and base_motion raises an ArgumentError.
+        """Return a list of the arrays of Pinocchio's coordinates that describe the free-flyer. `convert` is a
+        function from the motion of the base to a dict of these arrays. If the model has no free-flyer, the list is
+        empty, and an ArgumentError is raised unless `base_motion` is None.
         """
         if not self.has_free_flyer:
             if base_motion is not None:
