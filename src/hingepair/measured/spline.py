@@ -65,7 +65,7 @@ _NUM_ROBUST_REWEIGHTING_ROUNDS = 6  # of samples, by a loss
 _MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES = 100.0
 _MIN_OUTLIER_SQUARED_RESIDUAL_IN_NOISE_VARIANCES = 50.0  # above, a sample is counted as an outlier
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
-_LOSS_SCALE_IN_NOISE_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
+_LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
 _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING = 1e-6  # of a sample that is far off
 _NUM_PROBE_VECTORS_FOR_DEGREES_OF_FREEDOM = 16  # vectors of signs that the degrees of freedom are estimated with
 _NUM_SAMPLES_PER_STRETCH_OF_LONG_RECORD = 4096  # of a long record
@@ -145,7 +145,7 @@ def smooth_columns(
             weights = np.where(
                 sizes > _MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES,
                 0.0,
-                loss(sizes / _LOSS_SCALE_IN_NOISE_VARIANCES_BY_COLUMN_COUNT[k])[0],
+                loss(sizes / _LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT[k])[0],
             )
             weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING)
     white = spline.whitened(residuals)
