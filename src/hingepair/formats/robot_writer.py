@@ -59,8 +59,9 @@ class _UrdfWriter:
         self._joints = {*tree.frames, *(joint.name for joint in tree.joints)}
 
     def build(self, base: str) -> ET.Element:
-        """Return the element <robot> with all links and joints. Unless the base is "free", a joint named `base`, of
-        the type "fixed" or "floating", connects the root with a link `world`.
+        """Return the element <robot> with all links and joints. Unless `base` is "free", a joint of the type `base`
+        ("fixed" or "floating") connects a link `world` with the root. The joint is named "base"; a number is appended
+        to this name or to "world" if the name is in use.
         """
         tree = self._tree
         root = ET.Element("robot", {"name": tree.name})

@@ -147,8 +147,8 @@ class ClockedPoses:
         )
 
     def clock_offset_sentences(self, offset: float) -> list[str]:
-        """Return a list with one sentence that states the clock offset. The list is empty if the size of the offset
-        is below a twentieth of the median time step.
+        """Return a list with one sentence that states the clock offset. The list is empty if the absolute value of
+        the offset is below a twentieth of the median time step.
         """
         if abs(offset) < _MIN_MENTIONED_CLOCK_OFFSET_IN_MEDIAN_TIME_STEPS * self._step:
             return []

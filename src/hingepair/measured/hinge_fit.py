@@ -580,9 +580,9 @@ def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> Relative
 
 
 def _missing_sample_sentences(is_used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
-    """Return a list with one sentence that counts the samples that are false in the boolean array `is_used`.
-    The list is empty if all were used. If `clock` is not None, the sentence also names missing samples of body
-    2 as a reason.
+    """Return a list with one sentence that counts the samples that are false in the boolean array `is_used`. The list
+    is empty if all were used. If `clock` is not None, the sentence also names missing samples of body 2 as a possible
+    reason.
     """
     if is_used.all():
         return []

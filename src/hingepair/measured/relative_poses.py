@@ -81,8 +81,8 @@ def compute_relative_poses(
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
     """Return the least-squares Hinge of relative poses in closed form: the axes n and m that minimise the differences
-    between n and Q m, and for these axes the levers that minimise the gaps at the hinge point (E1). The hinge point
-    is equally far along the axis from both bodies' reference points.
+    between n and m turned by the relative attitudes, and for n and m the levers that minimise the gaps at the hinge
+    point (E1). The hinge point is equally far along the axis from both bodies' reference points.
     """
     total = poses.weights.sum()
     Q = (poses.Q @ poses.weights / total).reshape(3, 3)

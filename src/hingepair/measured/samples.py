@@ -133,8 +133,8 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
 
 
 def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
-    """Return the encoder's readings as a float64 array without jumps by whole turns. Raise ShapeError for another
-    shape, ArgumentError if fewer than two readings differ.
+    """Return the encoder's readings as a float64 array, unwrapped if they jump like angles wrapped by 2 pi. Raise
+    ShapeError for another shape than `shape`, and ArgumentError if fewer than two finite readings differ.
     """
     readings = real_array("encoder", encoder).astype(np.float64)
     if readings.shape != shape:

@@ -369,8 +369,8 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
 
 
 def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> dict[str, float]:
-    """Return a dict whose keys are the three `names`, of standard deviations of noise: of the samples, and of the
-    first and the second derivative (medians), from the SmoothedColumns `smoothed`.
+    """Return a dict of three standard deviations of noise, with `names` as keys: the noise of the samples, and the
+    median noise of the first and of the second derivative, from the SmoothedColumns `smoothed`.
     """
     return dict(zip(names, (smoothed.noise, *smoothed.median_deviations[1:].tolist()), strict=True))
 
