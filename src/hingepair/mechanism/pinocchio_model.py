@@ -25,7 +25,7 @@ _PINOCCHIO_HINGE_TYPE_NAMES = {
 }
 # Names of the joint types that are sliders.
 _PINOCCHIO_SLIDER_TYPE_NAMES = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
-_QUARTER_TURN_ENTRY_TOLERANCE = 2.0**-50
+_QUARTER_TURN_MATRIX_ENTRY_TOLERANCE = 2.0**-50
 """Largest error of an entry of a quarter turn: Pinocchio's rotations come from quaternions, 2^-52 off at most."""
 
 _PINOCCHIO_VALUE_OF_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
@@ -240,6 +240,6 @@ def _convert_placement(placement: Any) -> FramePose:
     rotation = np.array(placement.rotation)
     near = np.rint(rotation)
     return FramePose(
-        near if np.abs(rotation - near).max() <= _QUARTER_TURN_ENTRY_TOLERANCE else rotation,
+        near if np.abs(rotation - near).max() <= _QUARTER_TURN_MATRIX_ENTRY_TOLERANCE else rotation,
         np.array(placement.translation),
     )

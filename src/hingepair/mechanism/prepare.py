@@ -23,7 +23,7 @@ from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.numeric.array_libraries import check_sample_shape
 from hingepair.numeric.arrays import vectors
 
-ARGUMENT_NAMES_BY_COMPUTATION: Final = {
+ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
     "pose": ("q",),
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
@@ -167,10 +167,12 @@ def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ())
         ArgumentError: an unknown name, or one twice.
     """
     try:
-        names = ARGUMENT_NAMES_BY_COMPUTATION[given] if isinstance(given, str) else tuple(given)
+        names = ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
         raise ArgumentError(
-            "given", f"{choices(tuple(ARGUMENT_NAMES_BY_COMPUTATION))}, or a tuple of names", quoted(given)
+            "given",
+            f"{choices(tuple(ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME))}, or a tuple of names",
+            quoted(given),
         ) from None
     for name in names:
         if name not in _ARGUMENT_NAMES_ACCEPTED_BY_PREPARE:

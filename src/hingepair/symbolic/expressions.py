@@ -34,9 +34,9 @@ from hingepair.symbolic.kinks import Expr, Larger, Remainder, Smaller, Where, co
 
 MAX_EXPRESSION_CHARACTERS: Final = 10_000
 """Largest number of characters of a text."""
-MAX_NESTING_DEPTH: Final = 50
+MAX_EXPRESSION_NESTING_DEPTH: Final = 50
 """Largest number of nested parentheses, calls and powers; a sum or a product of any length is one level."""
-MAX_SYNTAX_NODES: Final = 3_000
+MAX_EXPRESSION_SYNTAX_NODES: Final = 3_000
 """Largest number of numbers, names and operations, which bounds the steps that compute the derivatives too."""
 MAX_ABSOLUTE_EXPONENT: Final = 1_000
 """Largest size of the exponent of a power, and of the exponent of ten in a decimal number."""
@@ -435,10 +435,10 @@ class _ExpressionBuilder:
         is too large.
         """
         self.nodes += 1
-        if self.nodes > MAX_SYNTAX_NODES:
-            self._refuse(node, f"at most {MAX_SYNTAX_NODES} numbers, names and operations")
-        if depth > MAX_NESTING_DEPTH:
-            self._refuse(node, f"at most {MAX_NESTING_DEPTH} levels of parentheses")
+        if self.nodes > MAX_EXPRESSION_SYNTAX_NODES:
+            self._refuse(node, f"at most {MAX_EXPRESSION_SYNTAX_NODES} numbers, names and operations")
+        if depth > MAX_EXPRESSION_NESTING_DEPTH:
+            self._refuse(node, f"at most {MAX_EXPRESSION_NESTING_DEPTH} levels of parentheses")
 
     def _source_of(self, node: ast.expr) -> str:
         """Return the part of the text that a syntax node covers."""

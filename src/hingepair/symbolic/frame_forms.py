@@ -37,7 +37,7 @@ from hingepair.symbolic.printers import (
 FRAME_OUTPUT_NAMES: Final = ("R", "S", "jacobian", "v", "omega")
 """Outputs of a robot's frame, all of which are derived by default."""
 # Descriptions of the outputs with their units.
-_DESCRIPTION_BY_OUTPUT_NAME: Final = {
+_DESCRIPTION_BY_FRAME_OUTPUT_NAME: Final = {
     "R": "position of the frame's origin, world axes [m]",
     "S": "rotation from the frame's axes to those of the world",
     "jacobian": "(v, omega) = jacobian @ qd, world axes",
@@ -304,7 +304,7 @@ class FrameForms:
         arguments = ["q", *["qd"] * moves]
         points = [f"{symbol}={value!r}" for symbol, value in self._program.numbers.items() if symbol in symbols]
         tail = {"S": (3, 3), "jacobian": (6, self._program.dof)}.get(name, (3,))
-        description = _DESCRIPTION_BY_OUTPUT_NAME[name]
+        description = _DESCRIPTION_BY_FRAME_OUTPUT_NAME[name]
         takes = f"{' and '.join(arguments)} of shape {shape_text((self._program.dof,))}"
         lines = [
             f"def {name}({', '.join((*arguments, *points))}):",

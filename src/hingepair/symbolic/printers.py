@@ -19,7 +19,7 @@ from sympy.printing.str import StrPrinter
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
-_MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION: Final = (
+_MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS: Final = (
     1_000  # largest denominator of a fraction that is easier to read than a decimal
 )
 # Largest numerator or denominator of a fraction that is printed as such.
@@ -30,7 +30,7 @@ _MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER: Final = 18
 # A sum of constants that is smaller, relative to its largest term, counts as 0.
 _ZERO_SUM_TO_LARGEST_TERM_TOLERANCE: Final = 1e-60
 # Largest denominator of a fraction among decimals, such as the lengths of a robot.
-_MAX_DENOMINATOR_OF_FRACTION_IN_DECIMAL_PRINTERS: Final = 4
+_MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_DECIMAL_PRINTERS: Final = 4
 _GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
 _LATEX_BY_JACOBIAN_BLOCK_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
 _SUPERSCRIPT_TRANSLATION_TABLE = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
@@ -95,7 +95,9 @@ def latex_name(name: str) -> str:
     return f"{dotted}_{{{index}}}" if index else dotted
 
 
-def _decimal_text(value: Expr, max_denominator: int = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION) -> str | None:
+def _decimal_text(
+    value: Expr, max_denominator: int = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS
+) -> str | None:
     """Return the decimal text of a rational number, or None if its fraction is easier to read. Fractions whose
     denominator is at most `max_denominator` stay fractions.
     """
@@ -207,7 +209,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
     \sin 2 t.
     """
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS
 
     def _print_Symbol(self, expr: Expr, **_: Any) -> str:
         return latex_name(expr.name)
@@ -243,7 +245,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     t²)`.
     """
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS
     needs_parentheses = False  # whether it prints inside a power or fraction, where functions need parentheses
 
     def _print_Symbol(self, expr: Expr) -> str:
@@ -395,13 +397,13 @@ def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
 class _DecimalText(_TextPrinter):
     """Printer of plain text, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DENOMINATOR_OF_FRACTION_IN_DECIMAL_PRINTERS
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_DECIMAL_PRINTERS
 
 
 class _DecimalLatex(_LatexPrinter):
     """Printer of LaTeX, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DENOMINATOR_OF_FRACTION_IN_DECIMAL_PRINTERS
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_DECIMAL_PRINTERS
 
 
 # The printers of expressions as functions.

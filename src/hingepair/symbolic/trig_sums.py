@@ -18,7 +18,7 @@ from hingepair.symbolic.kinks import Expr
 
 MAX_TRIG_SUM_TERMS: Final = 200
 """Largest number of terms of a sum; a longer one would not be readable."""
-MAX_MULTIPLIED_TERM_PAIRS: Final = 10_000
+MAX_TERM_PAIRS_IN_PRODUCT_OF_TRIG_SUMS: Final = 10_000
 """Largest number of pairs of terms in one multiplication."""
 
 
@@ -121,7 +121,7 @@ def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
     """Return the product of two sums; the sums and the product are dicts of coefficients by term. Raise a
     _TooManyTermsError if the product is too long.
     """
-    if len(a) * len(b) > MAX_MULTIPLIED_TERM_PAIRS:
+    if len(a) * len(b) > MAX_TERM_PAIRS_IN_PRODUCT_OF_TRIG_SUMS:
         raise _TooManyTermsError
     return _collect_terms(
         (wave, x * y * z) for v, x in a.items() for w, y in b.items() for wave, z in _multiply_terms(v, w)
