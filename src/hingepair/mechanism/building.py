@@ -96,7 +96,7 @@ def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
 
 
 def _body_or_none(masses: MassProperties) -> Body | None:
-    """Return mass properties as a Body; None if the mass is 0 or no rigid body can have them."""
+    """Return mass properties as a Body; return None if the mass is 0, or if no rigid body can have them."""
     if not masses.mass or unphysical_reason(masses):
         return None
     return Body(masses.mass, masses.center_of_mass, masses.inertia)
@@ -105,7 +105,7 @@ def _body_or_none(masses: MassProperties) -> Body | None:
 def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     """Return a copy of a tree with the mass and the shapes of a further Body, which is fixed to the frame named
     `link`. Notes on assumed masses of the Body are added to the tree's notes, unless `base` is "fixed" and the frame
-    is in the base. Raise an ArgumentError if there is no such frame.
+    is in the base. Raise an ArgumentError if there is no such frame, or if `body` is not a Body.
 
     Raises:
         ArgumentError: no such frame, or no Body.

@@ -66,7 +66,7 @@ class RobotConstants:
 
 def robot_constants(tree: Tree, free: bool) -> RobotConstants:
     """Compute the constants of a robot's generated programs from its Tree, and return them as RobotConstants. The
-    mass of the base counts only if the base is `free`, a boolean.
+    mass of the base counts only if `free` is True, that is, if the base is free.
     """
     axes = _axes_of_bodies(tree)
     moments = _shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free))
@@ -110,8 +110,9 @@ def program_numbers(constants: RobotConstants) -> list[float]:
 
 
 def exact_mass_numbers(tree: Tree, free: bool) -> list[Fraction]:
-    """Return a list as long as a robot's program numbers, with the exact masses and moments of its bodies as
-    Fractions at their positions and 0 at all others. The mass of the base counts only if it is `free`, a boolean.
+    """Return a list of Fractions as long as a robot's program numbers, with the exact masses and moments of its
+    bodies at their positions, and 0 at all others. The mass of the base counts only if `free` is True, that is, if
+    the base is free.
     """
     axes = _axes_of_bodies(tree)
     return _padded_mass_numbers(_shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free)))
@@ -119,8 +120,8 @@ def exact_mass_numbers(tree: Tree, free: bool) -> list[Fraction]:
 
 def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fraction]]:
     """Return the exact derivatives of a robot's program numbers with respect to the ten mass properties of a payload
-    in a Frame, as a list of ten lists of Fractions (T9). They are 0 for a payload of the base unless the base is
-    `free`.
+    in a Frame (T9), as a list of ten lists of Fractions. They are all 0 for a frame of the base unless `free` is
+    True, that is, unless the base is free.
 
     The ten properties are the mass, the first moment m c (x, y, z) and the second moment (xx, xy, xz, yy, yz, zz)
     about the frame's origin, in the frame's axes. The numbers are linear in them.
@@ -174,8 +175,8 @@ def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
 
 
 def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
-    """Convert names to a tuple of unique identifiers for generated code. Characters that an identifier cannot have
-    become underscores.
+    """Convert names to a tuple of unique identifiers for generated code. Characters that an identifier cannot contain
+    become underscores, and a repeated identifier gets a number at its end.
     """
     identifiers: list[str] = []
     for name in names:

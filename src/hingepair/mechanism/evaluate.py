@@ -45,8 +45,8 @@ _MAX_CACHED_CALLS_PER_ROBOT_COMPUTATION: Final = 64
 
 
 class RobotComputation:
-    """Computation of named outputs of one robot for some frames: holds its constants, runs it on checked arguments,
-    and caches its compiled calls.
+    """Computation of named outputs of one robot for some frames. `run` computes them from checked arguments; the
+    compiled calls that it uses are cached.
 
     Args:
         constants: constants of the robot.

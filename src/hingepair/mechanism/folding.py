@@ -27,9 +27,9 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_ine
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPart:
-    """Record of a joint (fixed joints included) and of the body that it carries: kind, number of the parent part,
-    pose and axis of the joint, its limits and mimic rule, and links, frames, inertias and shapes of the body. The
-    origin of the body is the joint's point.
+    """Record of a joint (of any kind, also fixed) and of the body that it carries: name and kind of the joint, number
+    of the parent part, pose and axis, limits and mimic rule, and the links, frames, inertias and shapes of the body.
+    The origin of the body is at the joint's point.
 
     Attributes:
         name: name of the joint.
@@ -74,10 +74,10 @@ JointRule: TypeAlias = float | records.MimicRecord | None
 
 def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
     """Return the Tree of the joints that move, from JointParts (the base, then the joints). `locked` is None or a
-    dict of positions [rad or m] at which joints are held. The bodies that fixed and locked joints connect are merged.
-    If `base` is "fixed", notes on the masses of the base are left out. Issue a DynamicsWarning for a joint that is
-    locked beyond its limits. Raise an ArgumentError if a locked joint does not exist, or if joints follow each other
-    in a circle.
+    dict of positions [rad or m] by joint name, at which joints are held. The bodies that fixed and locked joints
+    connect are merged. If `base` is "fixed", notes on the masses of the base are left out. Issue a DynamicsWarning
+    for a joint that is locked beyond its limits. Raise an ArgumentError if a locked joint does not exist, or if
+    joints follow each other in a circle.
 
     Args:
         name: name of the robot.
@@ -151,8 +151,8 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
     """Return a dict of the rule of each joint by name: its position if it is fixed or in `positions` (a dict of the
-    locked joints), a MimicRecord if it follows another joint, or None if it moves by itself. A chain of followers is
-    composed to a rule for the last leader. Raise an ArgumentError if joints follow each other in a circle.
+    locked joints), a MimicRecord if it follows another joint, or None if it moves by itself. A joint that follows a
+    follower gets a rule for the last leader. Raise an ArgumentError if joints follow each other in a circle.
     """
     by_name = {part.name: part for part in parts}
 
@@ -290,8 +290,8 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
 
 
 def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
-    """Return a sentence that names the links of a body whose mass properties no rigid body can have; "" if a rigid
-    body can have them. `inertias` is a dict of Inertia records by link name.
+    """Return a sentence that names the links of a body whose mass properties no rigid body can have; return an empty
+    text if a rigid body can have them. `inertias` is a dict of Inertia records by link name.
     """
     reason = unphysical_reason(mass_properties(inertias))
     links = ", ".join(repr(link) for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any())
@@ -301,8 +301,8 @@ def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
 
 
 def unphysical_reason(masses: MassProperties) -> str:
-    """Return the reason, as text, why no rigid body can have the MassProperties `masses`; "" if a rigid body can have
-    them, or if they are all 0.
+    """Return a text that says why no rigid body can have the MassProperties `masses`; return an empty text if a rigid
+    body can have them, or if they are all 0.
     """
     if not masses.mass and not masses.inertia.any():
         return ""

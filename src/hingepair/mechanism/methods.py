@@ -95,7 +95,7 @@ class MechanismMethods(Shown):
 
     @property
     def _constants(self) -> RobotConstants:
-        """Constants of the robot's programs, which are computed at first access and cached."""
+        """RobotConstants of the robot's programs, which are computed at first access and cached."""
         try:
             constants = self._cached_constants
         except AttributeError:
@@ -908,8 +908,8 @@ class MechanismMethods(Shown):
     def _computation(
         self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded_frame_count: int = 0
     ) -> RobotComputation:
-        """Return the RobotComputation of these outputs and frames (a dict of Frames by name, or None), which is made
-        at its first use and cached. Wrenches act on the first `loaded_frame_count` frames.
+        """Return the RobotComputation of these outputs and frames; it is made at its first use and cached. `frames`
+        is a dict of Frames by name or None, and wrenches act on the first `loaded_frame_count` of them.
         """
         names = tuple(frames or ())
         key = outputs, names, loaded_frame_count
@@ -1084,7 +1084,7 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
     ) -> FloatArray:
         """Compute the only output of a computation, and return it as a bare, writable array; write into the array
-        `out` unless it is None. `coordinates` is a dict of q, qd or qdd by name, and `base_motion` None or a
+        `out` unless it is None. `coordinates` is a dict of q, qd or qdd by name, and `base_motion` is None or a
         BodyMotion.
         """
         (name,) = computation.request.outputs

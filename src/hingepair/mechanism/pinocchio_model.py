@@ -26,7 +26,7 @@ _PINOCCHIO_HINGE_TYPE_NAMES = {
 # Names of the joint types that are sliders.
 _PINOCCHIO_SLIDER_TYPE_NAMES = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
 _QUARTER_TURN_MATRIX_ENTRY_TOLERANCE = 2.0**-50
-"""Largest error of an entry of a quarter turn: Pinocchio's rotations come from quaternions, 2^-52 off at most."""
+"""Largest error of a matrix entry of a quarter turn: Pinocchio converts quaternions, which errs by at most 2^-52."""
 
 _PINOCCHIO_VALUE_OF_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
 

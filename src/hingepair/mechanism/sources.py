@@ -209,9 +209,9 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
 
 
 def _shared_body(sides_of_pairs: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
-    """Return the Body that several pairs share; None if no pair gives it. `sides_of_pairs` lists each pair as (side,
-    pair), with the side ("body1" or "body2") on which it has this body. Raise an ArgumentError if two pairs give
-    different bodies.
+    """Return the Body that several pairs share; return None if no pair gives it. `sides_of_pairs` holds a tuple
+    (side, pair) for each pair, whose side is "body1" or "body2", the attribute of the pair for this body. Raise an
+    ArgumentError if two pairs give different bodies.
 
     Raises:
         ArgumentError: two of them give it, and differ.

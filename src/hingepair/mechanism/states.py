@@ -160,7 +160,7 @@ class JointResults(Results):
 
     def _table(self) -> tuple[FloatArray, None, list[str]]:
         """Return a tuple of the arguments of a DataFrame: an array with a row for each sample, None for the index,
-        and a list of the names of the columns.
+        and a list of the names of the columns, one for each component.
         """
         arrays = {name: np.asarray(self[name]) for name in self.outputs if name in type(self).__slots__}
         samples = math.prod(self.shape)

@@ -105,7 +105,7 @@ class Joint(Frozen):
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame(Frozen):
     """A frame that is fixed in a body of a robot: the number of the body, and the position R and the rotation S of
-    the frame in the axes of the body. It is the frame of a link or of a joint, or was added by the user.
+    the frame in the axes of the body. Links, joints and further frames of the robot have such a record.
 
     Attributes:
         body: number of the body; 0 is the base.

@@ -210,8 +210,9 @@ def constant_inputs(
 
 
 def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
-    """Return the unit axis n as three exact expressions: roots of simple rational numbers if they equal n within
-    rounding, otherwise the numbers that the shortest decimals of n show.
+    """Return a unit axis, given as three floats, as a tuple of three exact expressions: roots of simple rational
+    numbers if they equal the components within rounding, otherwise the rational numbers that the shortest decimals of
+    the components show.
 
     The tolerance is two units in the last place, since 0.3 counts as 3/10, as everywhere in closed forms.
     """

@@ -26,8 +26,9 @@ def exact(value: float) -> Expr:
 
 
 def exact_entry(value: float) -> Expr:
-    """Return an entry of a rotation matrix as an exact number: 0, 1, -1 or the root of a simple fraction if one
-    equals it within rounding, otherwise the number that its shortest decimal form shows.
+    """Return an entry of a rotation matrix as an exact number: 0, 1, -1 or a square root of a simple fraction, with
+    either sign, if one of them equals the entry within rounding; otherwise the rational number that its shortest
+    decimal form shows.
 
     >>> exact_entry(6e-17), exact_entry(0.7071067811865475), exact_entry(-0.25)
     (0, sqrt(2)/2, -1/4)
@@ -42,7 +43,7 @@ def exact_entry(value: float) -> Expr:
 
 def exact_angle(value: float) -> Expr:
     """Return an angle [rad] as an exact number that equals it within rounding: a multiple of pi/12 if there is one,
-    otherwise the shortest decimal.
+    otherwise the rational number with the fewest decimals.
 
     >>> exact_angle(0.7853981633974484), exact_angle(0.30000000000000004)
     (pi/4, 3/10)

@@ -228,7 +228,7 @@ class FrameForms:
         return "; ".join(joints) + others
 
     def _labelled_components(self, names: Iterable[str]) -> Iterator[tuple[str, Expr]]:
-        """Yield (label, expression) for every component of the named outputs."""
+        """Yield (label, expression) for every component of the outputs in `names`."""
         for name in names:
             if name == "jacobian":
                 columns = range(1, self._program.dof + 1)
@@ -279,7 +279,7 @@ class FrameForms:
         )
 
     def _in_coordinates(self, expr: Expr) -> Expr:
-        """Return an expression in q and qd: the symbols of sums, sines and cosines are replaced by their
+        """Return an expression in q and qd, in which the symbols of sums, sines and cosines are replaced by their
         definitions.
         """
         while defined := expr.free_symbols & self._program.definitions.keys():
@@ -287,14 +287,16 @@ class FrameForms:
         return expr.xreplace(self._program.waves)
 
     def _with_primes(self, expr: Expr) -> Expr:
-        """Return an expression in which the symbols qd_1, qd_2, ... are replaced by q_1', q_2', ...."""
+        """Return an expression in which each symbol qd_1, qd_2 and so on is replaced by a symbol q_1', q_2' and so
+        on.
+        """
         return expr.xreplace(
             {rate: sympy.Symbol(f"{q.name}'", real=True) for rate, q in zip(self.qd, self.q, strict=True)}
         )
 
     def _function_source(self, name: str) -> str:
-        """Return the Python source of a NumPy function that computes the output called `name` from q, for v and omega
-        also from qd.
+        """Return the Python source of a NumPy function that computes the output called `name` from q, or, if this is
+        v or omega, from q and qd.
         """
         rows = self._ordered_lines(self._labelled_components((name,)), short=True)
         waves = self._used_trig(rows)

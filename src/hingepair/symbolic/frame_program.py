@@ -118,14 +118,14 @@ class _ParallelJoints:
         self.members.append(_GroupLever(self.angle if turns else sympy.S.Zero, vector))
 
     def fixed_rotation(self) -> MatrixExpr:
-        """Return the rotation from the axes of the last body to those of the group at angle 0, as nine exact
-        expressions row by row.
+        """Return the rotation from the axes of the last body to the axes of the group at angle 0, as a tuple of nine
+        exact expressions, row by row.
         """
         return tuple(exact_entry(entry) for entry in self.fixed.ravel().tolist())
 
     def append_rotation(self, S: Float64Array) -> None:
-        """Rotate the axes of the last body by the matrix S. If S rotates about the group's axis, by an angle that is
-        not a right angle about x, y or z, add the angle to the group's angle instead.
+        """Rotate the axes of the last body by the rotation matrix S (3, 3). If S rotates about the group's axis, its
+        angle is added to the group's angle instead, unless it is a multiple of a right angle about x, y or z.
         """
         n = None if self.direction is None else self.fixed.T @ self.direction
         if n is not None and np.abs(S @ n - n).max() <= _PARALLEL_AXES_COMPONENT_TOLERANCE:
@@ -367,8 +367,8 @@ class FrameProgram:
 
 
 def _joint_path(tree: Tree, body: int) -> list[int]:
-    """Return a list of the numbers, counted from 1, of the robot's joints on the path from the base to the body with
-    the number `body`.
+    """Return a list of the numbers, counted from 1, of the joints on the path from the base to the body with the
+    number `body`.
     """
     numbers = []
     while body:

@@ -111,7 +111,9 @@ class DerivativeProgram:
         return None if constant.free_symbols else constant_value(constant)
 
     def steps_for(self, results: list[Expr]) -> list[tuple[Expr, Expr]]:
-        """Return the list of steps (symbol, expression) that the given results need, in the order of computation."""
+        """Return a list of those steps (symbol, expression) that `results`, a list of numbers and symbols of steps,
+        need, in the order of computation.
+        """
         names = set().union(*(result.free_symbols for result in results))
         steps = []
         for name, step in reversed(self.steps):

@@ -25,8 +25,8 @@ def wrap_equation(line: str, width: int) -> str:
 
 
 def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
-    """Return a list of the pieces of a line wrapped to `width` characters. Each pair in `marked_breaks` is a text and
-    its copy with a null character at the place of a possible break.
+    """Return a list of the lines that wrapping a line to `width` characters gives. Each pair in `marked_breaks` is a
+    text at which a break is possible, and a copy of this text with a null character at the place of the break.
     """
     fixed = line.lstrip()
     for text, marked_text in marked_breaks:

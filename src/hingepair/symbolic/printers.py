@@ -19,17 +19,16 @@ from sympy.printing.str import StrPrinter
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
-_MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS: Final = (
-    1_000  # largest denominator of a fraction that is easier to read than a decimal
-)
-# Largest numerator or denominator of a fraction that is printed as such.
+# Largest denominator with which a fraction is always printed as such.
+_MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS: Final = 1_000
+# Largest numerator or denominator with which a fraction that has no finite decimal form is printed as such.
 _MAX_INTEGER_IN_NON_TERMINATING_PRINTED_FRACTION: Final = 10**6
 _MAX_EXACT_FLOAT_INTEGER: Final = 2**53  # integers below are exact as floats
 # Characters of an exact number; a longer one is printed as a decimal of 17 digits.
 _MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER: Final = 18
 # A sum of constants that is smaller, relative to its largest term, counts as 0.
 _ZERO_SUM_TO_LARGEST_TERM_TOLERANCE: Final = 1e-60
-# Largest denominator of a fraction among decimals, such as the lengths of a robot.
+# Largest denominator with which a fraction among decimals, such as the lengths of a robot, is always printed as such.
 _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_DECIMAL_PRINTERS: Final = 4
 _GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
 _LATEX_BY_JACOBIAN_BLOCK_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
@@ -56,8 +55,8 @@ def signed_terms(terms: Iterable[Expr], write: Writer) -> list[str]:
 
 
 def with_symbols(exprs: Iterable[Expr], derivative_mark: str) -> list[Expr]:
-    """Return a list of the expressions with functions of t and their derivatives replaced by symbols.
-    `derivative_mark` is repeated in their names: psi, psi', psi'' for the mark '.
+    """Return a list of the expressions in which symbols replace functions of t and their derivatives. The names of
+    derivatives repeat `derivative_mark`: psi' and psi'' for the mark '.
     """
     expressions = list(exprs)
     symbols = {
@@ -166,7 +165,9 @@ _SYMPY_FUNCTION_NAME_BY_KINKED_CLASS: Final[Mapping[type, str]] = {Larger: "Max"
 
 
 class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
-    """Printer of SymPy expressions as source that `sympy.sympify` reads, in SymPy's own functions."""
+    """Printer of SymPy expressions as source that `sympy.sympify` reads and that contains only SymPy's own
+    functions.
+    """
 
     def _print_Function(self, expr: Expr) -> str:
         """Return the source of a function call. Functions with kinks become SymPy's Max, Min, Mod or Piecewise."""
@@ -178,7 +179,7 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
         return str(super()._print_Function(expr))
 
     def _condition_source(self, guard: Expr) -> str:
-        """Return the source, for `sympy.sympify`, of the condition that a guard is at least 0."""
+        """Return the source of the condition that `guard` is at least 0, as `sympy.sympify` reads it."""
         match guard:
             case Smaller() | Larger():
                 sign = " & " if isinstance(guard, Smaller) else " | "
@@ -190,8 +191,8 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
         return f"{self._print(guard)} >= 0"
 
     def _condition_just_after(self, value: Expr, *rates: Expr) -> str:
-        """Return the source, for `sympy.sympify`, of the condition that a function is at least 0 just after t, from
-        its value and its derivatives (`rates`) at t.
+        """Return the source of the condition that a function is at least 0 just after t, as `sympy.sympify` reads it.
+        `value` and the further arguments `rates` are the function's value and its derivatives at t.
         """
         shown = self._print(value)
         if not rates or (value.is_number and value != 0):

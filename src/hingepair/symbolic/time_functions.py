@@ -116,8 +116,8 @@ class TimeFunctions:
         return [rows[result] if value is None else value for result, value in zip(results, constants, strict=True)]
 
     def _compile(self, results: tuple[Expr, ...]) -> Callable[..., Sequence[Any]]:
-        """Return a NumPy function of t and the further symbols, in turn, that returns the values of program results,
-        which are expressions or symbols of steps.
+        """Return a NumPy function that takes t and then the values of the further symbols, and returns a sequence of
+        the values of `results`, which are expressions or symbols of steps.
         """
         steps = self._program.steps_for(list(results))
         function: Callable[..., Sequence[Any]] = sympy.lambdify(

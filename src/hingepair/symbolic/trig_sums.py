@@ -23,8 +23,8 @@ MAX_TERM_PAIRS_IN_PRODUCT_OF_TRIG_SUMS: Final = 10_000
 
 
 class _TrigTerm(NamedTuple):
-    """Term of a sum without its rational coefficient: rest * sin(angle) if `is_sine`, else rest * cos(angle). A term
-    without sine or cosine has angle 0.
+    """Term of a sum without its rational coefficient: rest * sin(angle) if `is_sine` is True, otherwise rest *
+    cos(angle). A term without a sine or cosine has angle 0.
     """
 
     rest: Expr
@@ -166,8 +166,8 @@ def _multiply_terms(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Fracti
 
 @functools.lru_cache(maxsize=65536)
 def _normalise_trig(angle: Expr, is_sine: bool) -> tuple[tuple[_TrigTerm, Fraction], ...]:
-    """Return the sine (if `is_sine`) or cosine of an angle in SymPy's standard form, so that equal terms compare
-    equal: a tuple of one (term, coefficient) pair, empty if the value is 0.
+    """Return the sine (if `is_sine` is True) or the cosine of an angle in SymPy's standard form, so that equal terms
+    compare equal. The result is a tuple of one pair (term, coefficient), or an empty tuple if the value is 0.
     """
     coefficient, wave = _split_rational(sine_expression(angle) if is_sine else cosine_expression(angle))
     if not coefficient:
@@ -178,7 +178,7 @@ def _normalise_trig(angle: Expr, is_sine: bool) -> tuple[tuple[_TrigTerm, Fracti
 
 
 def _split_rational(expr: Expr) -> tuple[Fraction, Expr]:
-    """Return (coefficient, rest) of a product: its rational factor as a Fraction, and the product of the other
+    """Return (coefficient, rest) for an expression: its rational factor as a Fraction, and the product of its other
     factors.
     """
     coefficient, rest = expr.as_coeff_Mul(rational=True)
