@@ -156,9 +156,9 @@ def _check_suffixes(out: Path | None, plot: Path | None, scene: Path | None, rep
 def _check_output_paths(
     files: list[Path], out: Path | None, plot: Path | None, scene: Path | None, report: Path | None
 ) -> None:
-    """Raise an ArgumentError if one of the paths `out`, `plot`, `report`, `scene` and its log (.csv) is one of
-    `files`, which are read, if the scene or its log exists already, or if `out` is the log. A path that is None is
-    not checked.
+    """Raise an ArgumentError if an output path is one of `files`, which are read, if the scene or its log (.csv)
+    exists already, or if `out` is the log. The output paths are `out`, `plot`, `report`, `scene` and the log of the
+    scene. A path that is None is not checked.
 
     Results, figures and reports are overwritten, since their names are given; a scene is not, since users edit it,
     nor its log, whose name is not given.
@@ -314,8 +314,8 @@ def _heading(inputs: list[Path]) -> list[str]:
 
 
 def _hinge_table(fitted: HingeFit) -> list[str]:
-    """Return the lines of a Markdown table of a HingeFit: u1, u2, n and home with standard deviations, the range of
-    psi, and the clock offset and the encoder if they were fitted.
+    """Return a list of the lines of a Markdown table of a HingeFit: u1, u2, n and home with standard deviations, the
+    range of psi, and the clock offset and the encoder if they were fitted.
     """
     turn = np.degrees(rotation_vector(fitted.pair.home))
     vectors = [(name, getattr(fitted.pair, name), np.asarray(fitted.std[name]), "m") for name in ("u1", "u2")]
@@ -346,8 +346,8 @@ def _hinge_table(fitted: HingeFit) -> list[str]:
 
 
 def _residual_table(fitted: HingeFit) -> list[str]:
-    """Return the lines of a Markdown table of the residuals of a HingeFit: rms, median, 95 % quantile, largest value
-    and noise of the position gap and, if body 2 has attitudes, of the tilt of the axis.
+    """Return a list of the lines of a Markdown table of the residuals of a HingeFit: the rms, median, 95 % quantile,
+    largest value and noise of the position gap and, if body 2 has attitudes, of the tilt of the axis.
     """
     kinds = [("gap", 1e3 * fitted.gap, 1e3 * fitted.rms_position, 1e3 * fitted.noise_position, "mm")]
     if fitted.body2.S is not None:

@@ -21,8 +21,8 @@ _COMMAND_PARAMETER_NAMES_BY_LIBRARY_ARGUMENT_NAME = {
 
 
 def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a wrapped command function, whose ArgumentErrors name options and arguments as a user types them, and
-    end with a hint at `hingepair examples` if a file that the user typed does not exist.
+    """Return a wrapped command function. The ArgumentErrors that it raises name options and arguments as a user types
+    them, and end with a hint at `hingepair examples` if a file that the user typed does not exist.
     """
 
     @functools.wraps(command)

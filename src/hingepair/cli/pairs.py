@@ -80,7 +80,8 @@ def load_named_pair(source: str, joint: str | None, *frames: str | None) -> Hing
 
 def load_named_robot(source: str) -> Mechanism | None:
     """Return the Mechanism of a URDF file, of a robot's name or of a mechanism's scene file that has no table
-    [motion]; None for other sources. Raise an ArgumentError for a word that is neither a file nor a robot's name.
+    [motion]; return None for other sources. Raise an ArgumentError for a word that is neither a file nor a robot's
+    name.
     """
     if is_urdf(source):
         return Mechanism.from_urdf(source)
@@ -153,8 +154,8 @@ def input_files(source: str) -> tuple[Path, ...]:
 
 
 def is_urdf(source: str) -> bool:
-    """Return whether a source, a path or a robot's name, is a URDF file: its suffix is .urdf or .xml, or it is an
-    existing file that is neither a scene (.toml) nor a log.
+    """Return whether a source, a path or a robot's name, is a URDF file. It is one if its suffix is .urdf or .xml, or
+    if it is an existing file that is neither a scene (.toml) nor a log.
     """
     suffix = Path(source).suffix.lower()
     return suffix in {".urdf", ".xml"} or (suffix not in {".toml", *RESULT_FILE_SUFFIXES} and os.path.isfile(source))

@@ -88,8 +88,8 @@ def robots_command(
 
 
 def _robot_table_row(robot: str) -> dict[str, Any]:
-    """Return the row of the table of robots for the robot named `robot`, a dict by heading: its name, and the numbers
-    of its degrees of freedom, hinges, sliders and mimic joints, counted in its URDF file.
+    """Return the row of the table of robots for the robot named `robot`, a dict by heading. The values are the name
+    and the numbers of degrees of freedom, hinges, sliders and mimic joints, counted in the robot's URDF file.
     """
     joints = read_urdf(robot_urdf(robot)).joints
     hinges, sliders = (
@@ -105,9 +105,10 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
 
 
 def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
-    """Return the report on a robot, given by its name or the path of a URDF file, as a dict for JSON: its name, dof,
-    the rows of its moving joints, the names of its fixed joints (key `folded`) and notes. If it cannot be loaded as a
-    Mechanism, dof is None and a note says why. Raise an ArgumentError for an unknown name.
+    """Return the report on a robot, given by its name or the path of a URDF file, as a dict for JSON. The keys are
+    `robot` (the name), `dof`, `joints` (the rows of the moving joints), `folded` (the names of the fixed joints) and
+    `notes`. If the robot cannot be loaded as a Mechanism, dof is None and a note says why. Raise an ArgumentError for
+    an unknown name.
 
     A robot that is not a tree of hinges and sliders has a note that says so; its joints are listed all the same.
     """

@@ -62,9 +62,9 @@ class RunSummary:
         self.lost = 0
 
     def add(self, part: SceneResult | MechanismSceneResult) -> None:
-        """Update the summary with one block of the results. Update `lost`, the number of instants with a value that
-        is not finite, the components at the first, middle and last instant, their smallest and largest values, the
-        residuals of a pair, and the notes. The blocks must come in order of time.
+        """Take one block of the results into the summary. The method updates the number of instants with a value that
+        is not finite (`lost`), the components at the first, middle and last instant, their smallest and largest
+        values, the residuals of a pair, and the notes. The blocks must come in order of time.
         """
         arrays = part.requested_arrays()
         self._names = column_names(arrays)
