@@ -95,8 +95,8 @@ class PreparedMechanism:
 
     @property
     def operations(self) -> OperationCounts:
-        """Numbers of operations as OperationCounts: `per_sample` for each sample, `shared` once for all samples, and
-        `unfolded` for a program in which no input is known.
+        """Numbers of operations as OperationCounts, with the fields `per_sample` for each sample, `shared` once for
+        all samples, and `unfolded` for a program in which no input is known.
         """
         return self._computation.count_operations()
 
