@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Colours of the components x, y and z: Okabe and Ito's blue, vermilion and green.
-COMPONENT_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
+VECTOR_COMPONENT_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
 PATHS_CURVE_NAME: Final = "paths"
 """Name of the curve that holds the paths in space."""
 # A panel has fewer columns of pixels, also in print.
@@ -186,7 +186,9 @@ def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
     if values.ndim == 1:
         axes.plot(t, values, color="#222222", lw=1.2)
         return
-    for part, colour, letter, style in zip(values.T, COMPONENT_COLOURS, "xyz", ("-", "--", "-."), strict=False):
+    for part, colour, letter, style in zip(
+        values.T, VECTOR_COMPONENT_COLOURS, "xyz", ("-", "--", "-."), strict=False
+    ):
         axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
     if not axes.figure.legends:
         handles, letters = axes.get_legend_handles_labels()

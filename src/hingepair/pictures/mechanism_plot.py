@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hingepair.pictures.curves import (
-    COMPONENT_COLOURS,
+    VECTOR_COMPONENT_COLOURS,
     PATHS_CURVE_NAME,
     Curve,
     CurveCollector,
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from hingepair.mechanism.tree import Joint
 
 # Columns of panels; a motion without rates has the first only, a motion without accelerations the first two.
-_PLOTTED_QUANTITY_NAMES: Final = ("q", "qd", "tau")
+_PLOTTED_JOINT_QUANTITY_NAMES: Final = ("q", "qd", "tau")
 # Titles of the columns of panels.
-_COLUMN_TITLE_BY_QUANTITY_NAME: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
+_PANEL_COLUMN_TITLE_BY_QUANTITY_NAME: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
 # Colours of joints that share a panel, and of the paths of frames; they repeat.
-_JOINT_AND_PATH_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
+_COLOUR_CYCLE_OF_JOINTS_AND_PATHS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
 
 def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
@@ -54,7 +54,7 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
             figure_type, collector.curves(), lambda name: _mechanism_title_and_unit(scene, name)
         )
         return finish_figure(figure, scene.title)
-    quantities = _PLOTTED_QUANTITY_NAMES[: scene.joint_motion.level + 1]
+    quantities = _PLOTTED_JOINT_QUANTITY_NAMES[: scene.joint_motion.level + 1]
     frames = [f"R_{frame}" for frame in scene.frames]
     for part in scene.blocks((*quantities, *frames)):
         columns = {
@@ -109,7 +109,7 @@ def _draw_joint_panels(
             name = group[0].name
             unit = scene.unit(f"tau_{name}" if quantity == "tau" else name + quantity[1:])
             _draw_joints(axes, group, quantity, curves)
-            axes.set(title=_COLUMN_TITLE_BY_QUANTITY_NAME[quantity] if row == 0 else "", ylabel=unit)
+            axes.set(title=_PANEL_COLUMN_TITLE_BY_QUANTITY_NAME[quantity] if row == 0 else "", ylabel=unit)
             if row < rows - 1:
                 axes.set(xlabel="")
                 axes.tick_params(labelbottom=False)
@@ -120,7 +120,9 @@ def _draw_joint_panels(
                     axes.legend(fontsize=6, loc="best")
     if PATHS_CURVE_NAME in curves:
         points = np.split(curves[PATHS_CURVE_NAME].values, len(scene.frames), axis=1)
-        colours = [_JOINT_AND_PATH_COLOURS[i % len(_JOINT_AND_PATH_COLOURS)] for i in range(len(points))]
+        colours = [
+            _COLOUR_CYCLE_OF_JOINTS_AND_PATHS[i % len(_COLOUR_CYCLE_OF_JOINTS_AND_PATHS)] for i in range(len(points))
+        ]
         draw_paths(
             figure,
             grid[:6, columns],
@@ -149,13 +151,17 @@ def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dic
     such as q_elbow.
     """
     alone = len(joints) == 1
-    for joint, colour in zip(joints, itertools.cycle(_JOINT_AND_PATH_COLOURS), strict=False):
+    for joint, colour in zip(joints, itertools.cycle(_COLOUR_CYCLE_OF_JOINTS_AND_PATHS), strict=False):
         curve = curves[f"{quantity}_{joint.name}"]
         draw_over_time(axes, "", "", curve)
         if not alone:
             axes.get_lines()[-1].set(color=colour, label=_shorten_name(joint.name))
         _draw_limits(
-            axes, _joint_limits(joint, quantity), curve.values, COMPONENT_COLOURS[1] if alone else colour, alone
+            axes,
+            _joint_limits(joint, quantity),
+            curve.values,
+            VECTOR_COMPONENT_COLOURS[1] if alone else colour,
+            alone,
         )
 
 

@@ -28,9 +28,9 @@ from hingepair.urdf.rigid import FramePose
 
 BODY1_COLOUR, BODY2_COLOUR, AXIS_COLOUR = "#4477aa", "#ee7733", "#222222"  # of a pair
 _ROBOT_BASE_COLOUR: Final = "#8b919b"  # of a robot's base
-_JOINT_SHAPE_COLOUR: Final = "#3c424b"  # of the drums and rails of simple bodies
+_SIMPLE_JOINT_SHAPE_COLOUR: Final = "#3c424b"  # of the drums and rails of simple bodies
 # Colours of the bodies of a robot's chains of joints, which repeat.
-_JOINT_CHAIN_COLOURS: Final = ("#4477aa", "#ee7733", "#228833", "#aa3377", "#ccaa22", "#33a0b8")
+_COLOUR_CYCLE_OF_JOINT_CHAINS: Final = ("#4477aa", "#ee7733", "#228833", "#aa3377", "#ccaa22", "#33a0b8")
 
 
 class DrawnBody(NamedTuple):
@@ -130,7 +130,9 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
     colours = [_ROBOT_BASE_COLOUR] * (len(tree.joints) + 1)
     for place, (_, joints) in enumerate(chains):
         for along, number in enumerate(joints):
-            colours[number] = _lighten(_JOINT_CHAIN_COLOURS[place % len(_JOINT_CHAIN_COLOURS)], 0.4 * (along % 2))
+            colours[number] = _lighten(
+                _COLOUR_CYCLE_OF_JOINT_CHAINS[place % len(_COLOUR_CYCLE_OF_JOINT_CHAINS)], 0.4 * (along % 2)
+            )
     names = ["base", *(joint.name for joint in tree.joints)]
     bodies = [
         DrawnBody(name, colour, _coloured_shapes(colour, drawing.shapes, None if drawing.is_complete else simple))
@@ -236,7 +238,7 @@ def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple_body: SimpleBo
     drawn = [(colour, shape) for shape in shapes]
     if simple_body is not None:
         drawn += [(colour, shape) for shape in simple_body.links]
-        drawn += [(_JOINT_SHAPE_COLOUR, shape) for shape in simple_body.joints]
+        drawn += [(_SIMPLE_JOINT_SHAPE_COLOUR, shape) for shape in simple_body.joints]
     return drawn
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
-    COMPONENT_COLOURS,
+    VECTOR_COMPONENT_COLOURS,
     PATHS_CURVE_NAME,
     Curve,
     CurveCollector,
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Colours of the paths of the bodies' reference points and of the hinge point.
-_COLOUR_BY_POINT_NAME: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
+_PATH_COLOUR_BY_POINT_NAME: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
 # Outputs in the rows of panels, by column.
-_OUTPUT_NAMES_BY_PANEL_ROW: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
-_ATTITUDE_OUTPUT_NAMES: Final = ("S1", "S2")  # drawn as Euler angles
+_OUTPUT_NAMES_IN_PANEL_ROWS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
+_OUTPUT_NAMES_DRAWN_AS_EULER_ANGLES: Final = ("S1", "S2")  # drawn as Euler angles
 # Titles of the panels, by output.
 _PANEL_TITLE_BY_OUTPUT_NAME: Final = {
     "R2": "position of body 2, R2",
@@ -130,18 +130,20 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
 
 def _title_and_unit(name: str) -> tuple[str, str]:
     """Return the title of the panel of the output called `name`, and its unit, a tuple of texts."""
-    return _PANEL_TITLE_BY_OUTPUT_NAME.get(name, name), "rad" if name in _ATTITUDE_OUTPUT_NAMES else unit_of(name)
+    return _PANEL_TITLE_BY_OUTPUT_NAME.get(
+        name, name
+    ), "rad" if name in _OUTPUT_NAMES_DRAWN_AS_EULER_ANGLES else unit_of(name)
 
 
 def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
     """Draw the curves of a pair's motion, a dict by name, the paths in space and the residual of E1 in a new figure
     of the class `figure_type`; return the figure.
     """
-    columns = max(2, *(sum(name in curves for name in row) for row in _OUTPUT_NAMES_BY_PANEL_ROW))
+    columns = max(2, *(sum(name in curves for name in row) for row in _OUTPUT_NAMES_IN_PANEL_ROWS))
     figure = figure_type(figsize=(4.2 * columns, 8.4), layout="constrained")
     grid = figure.add_gridspec(3, 2 * columns, height_ratios=(1, 1, 1.25))
     first: Any = None
-    for row, names in enumerate(_OUTPUT_NAMES_BY_PANEL_ROW):
+    for row, names in enumerate(_OUTPUT_NAMES_IN_PANEL_ROWS):
         for column, name in enumerate(name for name in names if name in curves):
             axes = figure.add_subplot(grid[row, 2 * column : 2 * column + 2], sharex=first)
             first = first or axes
@@ -150,8 +152,8 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
     draw_paths(
         figure,
         grid[2, :columns],
-        dict(zip(_COLOUR_BY_POINT_NAME, points, strict=True)),
-        tuple(_COLOUR_BY_POINT_NAME.values()),
+        dict(zip(_PATH_COLOUR_BY_POINT_NAME, points, strict=True)),
+        tuple(_PATH_COLOUR_BY_POINT_NAME.values()),
     )
     lower = grid[2, columns:].subgridspec(2, 1)
     draw_over_time(figure.add_subplot(lower[0], sharex=first), *_title_and_unit("psi"), curves["psi"])
@@ -166,6 +168,6 @@ def _draw_residual(axes: Axes, curve: Curve) -> None:
     residual, rounding = curve.values.T
     label = "residual of E1, exact ones at the bottom"
     axes.semilogy(curve.t, np.maximum(residual, rounding / 8), ".", color="#222222", ms=2, label=label)
-    axes.semilogy(curve.t, 16 * rounding, color=COMPONENT_COLOURS[1], lw=1, label="16 u scale")
+    axes.semilogy(curve.t, 16 * rounding, color=VECTOR_COMPONENT_COLOURS[1], lw=1, label="16 u scale")
     axes.set(ylabel="m", xlabel="t [s]")
     axes.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 0.97), frameon=False)

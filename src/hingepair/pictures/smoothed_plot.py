@@ -12,7 +12,7 @@ from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
-    COMPONENT_COLOURS,
+    VECTOR_COMPONENT_COLOURS,
     CurveCollector,
     draw_side_by_side,
     figure_class,
@@ -63,7 +63,7 @@ def _draw_band(axes: Axes, t: Float64Array, values: Float64Array, instants: Floa
     """Draw bands of two standard deviations around the components of a curve, `values` of shape (N, k) at times t,
     into Matplotlib axes. `std` holds the standard deviations at `instants`, shape (M, k), and is interpolated to t.
     """
-    colours = COMPONENT_COLOURS if values.shape[1] > 1 else ("#222222",)
+    colours = VECTOR_COMPONENT_COLOURS if values.shape[1] > 1 else ("#222222",)
     for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
         half = 2 * np.interp(t, instants, deviations)
         axes.fill_between(t, column - half, column + half, color=colour, alpha=0.25, lw=0)
