@@ -32,7 +32,7 @@ _MAX_INTERVALS_OF_THINNED_SPACE_PATH: Final = 20_000
 
 
 class Curve(NamedTuple):
-    """Samples that a curve over time goes through; t has shape (N,), values (N,) or (N, components)."""
+    """Samples of a curve over time: instants `t`, shape (N,), and `values`, shape (N,) or (N, components)."""
 
     t: Array
     values: Array
@@ -40,7 +40,7 @@ class Curve(NamedTuple):
 
 class CurveCollector:
     """Collects a figure's curves from consecutive pieces of a motion: `add_piece` adds a piece, and `curves` returns
-    the curves, of which long ones are thinned. Attitudes become Euler angles XYZ [rad].
+    a dict of the curves by name, of which long ones are thinned. Attitudes become Euler angles XYZ [rad].
     """
 
     def __init__(self) -> None:
@@ -74,7 +74,8 @@ class CurveCollector:
 
 
 def figure_class() -> type[Figure]:
-    """Import Matplotlib, and return its class `Figure`. Raise a MissingDependencyError without Matplotlib.
+    """Import Matplotlib, and return its class `Figure`. Raise a MissingDependencyError if Matplotlib is not
+    installed.
 
     Raises:
         MissingDependencyError: matplotlib is not installed.
@@ -101,8 +102,8 @@ def finish_figure(figure: Figure, title: str) -> Figure:
 
 def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
     """Return the Euler angles XYZ [rad] of rotation matrices S, shape (N, 3), without jumps between samples; NaN for
-    a matrix that is not finite. They continue from `previous_angles`, the angles of the sample before, shape (1, 3),
-    or (0, 3) at the start.
+    a matrix that is not finite. They continue from `previous_angles`, the angles of the last finite sample before,
+    shape (1, 3), or (0, 3) if there is none.
 
     Args:
         S: attitudes; shape (N, 3, 3).
@@ -123,8 +124,8 @@ def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
 
 def _envelope_rows(values: Array, interval_size: int) -> Array:
     """Return an increasing array of the indices of the samples through which a curve looks the same as through all
-    its samples `values`, shape (N, components). From each interval of `interval_size` samples it takes the ends and
-    the extremes.
+    its samples `values`, shape (N, components). From each interval of `interval_size` samples it takes the ends, the
+    extremes of each component, and the first and the last sample that is not finite.
 
     These are the first and the last row of each interval, those with the smallest and the largest value of each
     component, and the first and the last with a value that is not finite.
@@ -156,8 +157,8 @@ def _envelope_rows(values: Array, interval_size: int) -> Array:
 def draw_side_by_side(
     figure_type: type[Figure], curves: Mapping[str, Curve], title_and_unit: Callable[[str], tuple[str, str]]
 ) -> Figure:
-    """Draw curves over time side by side, a panel for each, in a new figure of the class `figure_type`; return the
-    figure. `title_and_unit` is a function from a curve's name to its title and unit.
+    """Draw each curve over time in a panel of its own, up to three panels in a row, in a new figure of the class
+    `figure_type`; return the figure. `title_and_unit` is a function from a curve's name to its title and unit.
 
     Args:
         figure_type: matplotlib's class of figures.
@@ -207,7 +208,8 @@ def draw_paths(
     figure: Figure, grid_cell: Any, paths_by_name: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
 ) -> None:
     """Draw paths in space, a dict of arrays (N, 3) [m] by name, into a cell of a figure's grid, in 3D or, if z is
-    constant, in the plane, at equal scales. `zoom` is the size of the drawing in its cell.
+    constant, in the plane, at equal scales. `colours` are the colours of the paths, in the order of the dict, and
+    `zoom` is the size of the drawing relative to its cell.
 
     Args:
         figure: the figure.

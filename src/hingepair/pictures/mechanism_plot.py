@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hingepair.pictures.curves import (
-    VECTOR_COMPONENT_COLOURS,
     PATHS_CURVE_NAME,
+    VECTOR_COMPONENT_COLOURS,
     Curve,
     CurveCollector,
     draw_over_time,
@@ -37,8 +37,9 @@ _COLOUR_CYCLE_OF_JOINTS_AND_PATHS: Final = ("#ee7733", "#4477aa", "#222222", "#0
 
 
 def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
-    """Draw the motion of a scene of a mechanism, or of its result, in a new figure: a row of panels for each joint,
-    and the paths of frames. `outputs` names the outputs to draw over time instead. Return the figure.
+    """Draw the motion of a scene of a mechanism, or of its result, in a new figure, and return the figure: position,
+    rate and motor torque or force of each moving joint over time, and the paths of the scene's frames in space. If
+    `outputs` is not None, draw instead only the outputs with these names over time.
 
     Args:
         source: a scene of a mechanism, or its result, whose scene is drawn.
@@ -166,8 +167,8 @@ def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dic
 
 
 def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
-    """Return the tuple (lower, upper) of the limits of a joint's q, qd or tau, whichever `quantity` names; infinite
-    if there is none.
+    """Return the tuple (lower, upper) of the limits of a joint's q, qd or tau, whichever `quantity` names; a limit
+    that the joint lacks is infinite.
     """
     if quantity == "q":
         return joint.position_limits
@@ -179,7 +180,7 @@ def _draw_limits(
     axes: Axes, limits: tuple[float, float], values: Array, colour: str, writes_far_limits: bool
 ) -> None:
     """Draw the (lower, upper) limits that are near the curve's values as dashed lines of the given colour into
-    Matplotlib axes. With `writes_far_limits`, the other finite limits are given as text.
+    Matplotlib axes. If `writes_far_limits` is True, write the other finite limits as text.
     """
     finite = values[np.isfinite(values)]
     known = [limit for limit in limits if np.isfinite(limit)]

@@ -81,8 +81,8 @@ def spread_rows(count: int) -> Rows:
 
 def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[ShownMotion]:
     """Yield all samples of the motion of a scene or its result, a trajectory or a pair, piece by piece, as
-    `ShownMotion` objects, with the outputs named in `outputs` or, if it is None, the rates of body 2. Raise an
-    ArgumentError for another source or an unknown output.
+    `ShownMotion` objects, with the outputs named in `outputs` or, if `outputs` is None, the rates of body 2. Raise an
+    ArgumentError for another source, and if `outputs` is a text, is empty or has an unknown name.
 
     Args:
         source: a scene or its result, a trajectory in space or by `simulate`, or a pair in space.
@@ -104,15 +104,15 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
 
 
 def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
-    """Return the names of the outputs to evaluate, a tuple: those in `outputs` or, if it is None, psi and the rates
-    of body 2 that the scene's motion has.
+    """Return the names of the outputs to evaluate, a tuple: `outputs` itself or, if `outputs` is None, psi and the
+    rates of body 2 that the scene's motion has.
     """
     return (*BODY2_RATE_OUTPUT_NAMES[: 2 * scene.motion.level], "psi") if outputs is None else outputs
 
 
 def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return a `ShownMotion` of one piece of a scene's result, with the outputs named in `outputs`, or the rates of
-    body 2 if it is None.
+    """Return a `ShownMotion` of one piece of a scene's result, with the outputs named in `outputs`, or with the rates
+    of body 2 if `outputs` is None.
     """
     arrays, bodies = piece.requested_arrays(), piece.known.body_arrays(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
@@ -121,7 +121,8 @@ def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | 
 
 def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return a `ShownMotion` of a motion in memory at the instants that `rows`, indices or a slice, selects, with the
-    outputs named in `outputs`, or the rates of body 2 if it is None. Raise an ArgumentError for an unknown output.
+    outputs named in `outputs`, or with the rates of body 2 if `outputs` is None. Raise an ArgumentError for an
+    unknown output.
     """
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]

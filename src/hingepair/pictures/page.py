@@ -233,7 +233,9 @@ def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Arra
 
 
 def _page_html(model: PageModel, motion: _PageMotion) -> str:
-    """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script."""
+    """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script. Raise a
+    MissingDependencyError if MeshCat, which has the viewer's code, is not installed.
+    """
     known = np.isfinite(motion.R).all(axis=1)
     # Positions are relative to the base's first position: a graphics processor computes with seven digits.
     origin = motion.R[known][0] if known.any() else np.zeros(3)
@@ -260,6 +262,7 @@ def _page_html(model: PageModel, motion: _PageMotion) -> str:
 
 def _viewer_script() -> str:
     """Return MeshCat's JavaScript, read from the installed package without its import, which would load a server.
+    Raise a MissingDependencyError if MeshCat is not installed.
 
     Raises:
         MissingDependencyError: the package meshcat is not installed.

@@ -44,8 +44,8 @@ class DrawnBody(NamedTuple):
 
 
 class PageModel(NamedTuple):
-    """What a page draws and moves: bodies, joints and frames, with colours and lengths. Body 0 is the base, and joint
-    k moves body k. `frame` is the frame shown first.
+    """Model that a page draws and moves: bodies, joints and frames, with colours and lengths. Body 0 is the base, and
+    joint k moves body k. `frame` is the name of the frame shown first.
 
     Attributes:
         title: title of the page.
@@ -215,8 +215,9 @@ def placements(R: np.ndarray[Any, Any], S: np.ndarray[Any, Any]) -> list[list[fl
 
 
 def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return the slider of a joint as a dictionary for JSON: limits, range and neutral position, and the index of its
-    chain. The range includes the positions of the motion; its default depends on the robot's size [m].
+    """Return the slider of a joint as a dictionary for JSON: limits, range and neutral position, and the index of the
+    joint's chain. The range includes `positions`, the positions of the joint in the motion, shape (N,). Where a limit
+    is missing, the range of a sliding joint depends on `size`, the robot's size [m].
 
     The range of the slider includes all positions of a motion.
     """
@@ -259,7 +260,9 @@ def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
 
 
 def _chain_name(names: Sequence[str]) -> str:
-    """Return a name for a chain of joints: the common prefix of their names, or the first and the last name."""
+    """Return a name for the chain of the joints with these names: the only name, or the common prefix of the names,
+    or, if they have none, the first and the last name without their numbers.
+    """
     if len(names) == 1:
         return names[0]
     alike = (len(set(letters)) == 1 for letters in zip(*names, strict=False))
@@ -285,8 +288,9 @@ def _lighten(colour: str, share: float) -> str:
 
 
 def _shape_json(shape: Shape) -> dict[str, Any]:
-    """Return a box, sphere or cylinder as a dictionary for JSON: kind, dimensions and placement. A cylinder's
-    placement turns the y axis, which is its axis in three.js, into the shape's axis.
+    """Return a box, sphere or cylinder as a dictionary for JSON: kind, dimensions [m] and placement (16 numbers, as
+    `placements` returns them). A cylinder's placement turns the y axis, which is its axis in three.js, into the
+    shape's axis.
     """
     turn = np.eye(3)
     values: dict[str, Any] = {"kind": type(shape).__name__.lower()}

@@ -10,8 +10,8 @@ import numpy as np
 from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
-    VECTOR_COMPONENT_COLOURS,
     PATHS_CURVE_NAME,
+    VECTOR_COMPONENT_COLOURS,
     Curve,
     CurveCollector,
     draw_over_time,
@@ -116,7 +116,8 @@ def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tupl
 
 def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
     """Return a dict of arrays by name, all that a figure shows without `outputs`, computed from samples of a pair's
-    motion: R2, S2, rates, psi, the paths, and the residual of E1 beside its rounding error.
+    motion: R2, S2, rates, psi, the paths of both bodies and of the hinge point in one array (N, 9), and the residual
+    of E1 with its rounding error, (N, 2).
     """
     pair, (R1, R2, S2) = samples.pair, (samples.bodies[name] for name in ("R1", "R2", "S2"))
     scale = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
@@ -162,8 +163,8 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
 
 
 def _draw_residual(axes: Axes, curve: Curve) -> None:
-    """Draw the residual of E1 [m] and a bound on its rounding error over time into Matplotlib axes, on a logarithmic
-    scale. The curve's two components are the residual and the rounding error.
+    """Draw the residual of equation E1 [m] and 16 times its rounding error over time into Matplotlib axes, on a
+    logarithmic scale. The two components of `curve` are the residual and the rounding error.
     """
     residual, rounding = curve.values.T
     label = "residual of E1, exact ones at the bottom"

@@ -44,16 +44,17 @@ def robot_size(tree: Tree) -> float:
 
 
 def drawn_limits(joint: Joint) -> tuple[float, float]:
-    """Return the lower and upper position limit of a joint [rad or m] as a tuple; infinite if a limit is missing, or
-    is 1e4 or more.
+    """Return the lower and upper position limit of a joint [rad or m] as a tuple. A limit that is missing, or is not
+    between -1e4 and 1e4, is infinite.
     """
     lower, upper = joint.position_limits
     return lower if lower > -1e4 else -math.inf, upper if upper < 1e4 else math.inf
 
 
 def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
-    """Return the tuple (lower, upper) of the ends of the range of a joint on its page's slider [rad or m]: its
-    limits, or defaults for missing ones. For a sliding joint, the default depends on the robot's size [m].
+    """Return the tuple (lower, upper) of the ends of the range of a joint's slider on the page [rad or m]: the limits
+    of the joint, or defaults for missing limits. For a sliding joint, the default depends on `size`, the robot's size
+    [m].
 
     Without limits, the range of a hinge is -pi to pi, and that of a slider has the width of half the robot's size
     around 0. With one limit, the range has the same width.
@@ -120,7 +121,8 @@ def axes_along(axis: Any) -> Float64Array:
 
 def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
     """Return a list of the ends of the rods of the body with the number `body_number`, which carries no joints, in
-    its axes [m]; empty if they are too near to the reference point. `size` is the length of the robot [m].
+    the axes of that body [m]; empty if they are too near to its reference point. `size` is the length of the robot
+    [m].
 
     They are its tip links or, if these are too near, the point twice as far as its centre of mass.
     """
@@ -149,8 +151,8 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
 
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
-    """Return a tuple of a cylinder of the given radius from the reference point to `end`, and a sphere at `end`; an
-    empty tuple if the cylinder is too short for the robot's size [m].
+    """Return a tuple of a cylinder of the given radius from the reference point of a body to `end`, in the body's
+    axes [m], and a sphere at `end`. Return an empty tuple if the cylinder is too short for the robot's size [m].
     """
     length = math.hypot(*end)
     if length <= _MIN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size:

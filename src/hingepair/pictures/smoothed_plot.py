@@ -31,8 +31,8 @@ _SMOOTHED_ANGLE_OUTPUT_NAMES: Final = ("psi", "psid", "psidd")
 
 def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
     """Draw the result of `smooth`, a motion or an angle, over time in a new figure, with bands of two standard
-    deviations; return the figure. `outputs` names what is drawn, such as R or psid; by default everything. Raise an
-    ArgumentError for an unknown name.
+    deviations; return the figure. `outputs` is a tuple of names, such as ("R", "v"), of what to draw; None draws
+    everything. An attitude S is drawn as Euler angles without a band. Raise an ArgumentError for an unknown name.
 
     Args:
         source: the result of `smooth`.
