@@ -1108,7 +1108,7 @@ FAULTS = {
     ),
     "every angle taken for a wrapped one": Fault(
         "numeric/wrapped_angles.py",
-        "np.ptp(known) <= _MAX_WRAPPED_SPAN_TURNS * turn and jumps.max()",
+        "np.ptp(known) <= _MAX_WRAPPED_ANGLE_SPAN_TURNS * turn and jumps.max()",
         "jumps.max()",
         "numeric/test_wrapped_angles.py::test_other_angles_are_left_alone[5 rad a sample]",
     ),

@@ -16,7 +16,7 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 ForeignArray: TypeAlias = Any
 
 # Types that need no look at array libraries: of NumPy and of Python.
-_NON_FOREIGN_TYPES = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
+_TYPES_NEVER_FOREIGN_ARRAYS = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
 
 
 class Library(NamedTuple):
@@ -64,7 +64,7 @@ class Library(NamedTuple):
 
 def is_foreign(value: Any) -> bool:
     """Return whether a value is an array of another library than NumPy."""
-    if isinstance(value, _NON_FOREIGN_TYPES) or not (
+    if isinstance(value, _TYPES_NEVER_FOREIGN_ARRAYS) or not (
         hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")
     ):
         return False

@@ -25,9 +25,9 @@ from hingepair.numeric.arrays import real_array
 
 MAX_FILE_ROWS: Final = 10_000_000  # samples of a file that is read
 MAX_FILE_BYTES: Final = 2_000_000_000  # size of a file that is read
-_MAX_CSV_HEADING_CHARACTERS: Final = 100_000  # characters of the heading of a .csv
+_MAX_CSV_HEADING_LINE_CHARACTERS: Final = 100_000  # characters of the heading of a .csv
 # Larger numbers of an exact column are integers: nanoseconds, which a float rounds.
-_MAX_EXACT_COLUMN_VALUE_KEPT_AS_FLOAT: Final = 1e14
+_MAX_EXACT_CSV_COLUMN_VALUE_KEPT_AS_FLOAT: Final = 1e14
 _MAX_NPY_HEADER_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
 # The heading of an array in a .npz: its dtype, its order in memory, its shape.
 _NPY_HEADER_PATTERN: Final = re.compile(
@@ -66,10 +66,12 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
             nothing. Also what `request.choose` and `request.names_of` raise.
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
-    read = _COLUMN_READER_BY_FILE_SUFFIX.get(path.suffix.lower())
+    read = _COLUMN_READING_FUNCTION_BY_FILE_SUFFIX.get(path.suffix.lower())
     if read is None:
         raise ArgumentError(
-            "", f"a file name that ends in {', '.join(_COLUMN_READER_BY_FILE_SUFFIX)}", path.suffix or "no ending"
+            "",
+            f"a file name that ends in {', '.join(_COLUMN_READING_FUNCTION_BY_FILE_SUFFIX)}",
+            path.suffix or "no ending",
         )
     expected = f"a {path.suffix} file that can be read"
     if not os.path.isfile(path):  # of a name that is too long Path.is_file would raise
@@ -139,7 +141,7 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     )
     if request.exact in columns:
         largest = np.abs(columns[request.exact]).max(initial=0.0)
-        if largest > _MAX_EXACT_COLUMN_VALUE_KEPT_AS_FLOAT:
+        if largest > _MAX_EXACT_CSV_COLUMN_VALUE_KEPT_AS_FLOAT:
             columns[request.exact] = csv_column(path, request.exact, np.int64)
     return columns
 
@@ -148,8 +150,8 @@ def _csv_names(stream: IO[str]) -> list[str]:
     """Read the first line of an open CSV file and return the column names in it as a list. Raise ArgumentError for
     other separators than commas, and for a line of numbers.
     """
-    line = stream.readline(_MAX_CSV_HEADING_CHARACTERS)
-    if len(line) == _MAX_CSV_HEADING_CHARACTERS:
+    line = stream.readline(_MAX_CSV_HEADING_LINE_CHARACTERS)
+    if len(line) == _MAX_CSV_HEADING_LINE_CHARACTERS:
         raise ArgumentError("", "a first line of column names", "a longer line")
     if ";" in line or "\t" in line:
         raise ArgumentError("", "columns separated by commas, and decimal points", line)
@@ -302,7 +304,7 @@ def _check_rows(count: int) -> None:
 
 
 # The readers, by the ending of the file.
-_COLUMN_READER_BY_FILE_SUFFIX: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
+_COLUMN_READING_FUNCTION_BY_FILE_SUFFIX: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
     ".csv": _read_csv,
     ".npz": _read_npz,
     ".parquet": _read_parquet,

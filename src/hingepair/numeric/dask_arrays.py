@@ -27,7 +27,7 @@ SampleShape: TypeAlias = tuple[int, ...]
 SampleShapeByArgument: TypeAlias = Mapping[str, Any]
 """Shape of one sample by argument; of an object, a mapping with the shapes of its attributes."""
 
-_MAX_UNPICKLED_CHUNK_TASKS_PER_WORKER: Final = (
+_MAX_CACHED_UNPICKLED_CHUNK_TASKS_PER_PROCESS: Final = (
     64  # tasks of other processes that a worker keeps, with the kernels they compiled
 )
 
@@ -433,7 +433,7 @@ class ChunkTask:
         return arrays if len(arrays) > 1 else arrays[0]
 
 
-@functools.lru_cache(maxsize=_MAX_UNPICKLED_CHUNK_TASKS_PER_WORKER)
+@functools.lru_cache(maxsize=_MAX_CACHED_UNPICKLED_CHUNK_TASKS_PER_PROCESS)
 def load_chunk_task(pickled: bytes) -> ChunkTask:
     """Return the ChunkTask that the bytes `pickled` describe. It is cached: equal bytes give the same task, which
     keeps the kernels that it compiled.

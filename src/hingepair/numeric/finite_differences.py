@@ -27,7 +27,9 @@ Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
 """Some samples, their neighbours (they themselves among them), and the neighbours' weights in the first [1/s] and the
 second derivative [1/s^2]; shape (samples, neighbours)."""
 
-_MIN_INTEGER_REFUSED_AS_SECONDS = 1e11  # [s], 3,000 years: integers from here on are in milliseconds or microseconds
+_MIN_INTEGER_INSTANT_REFUSED_AS_SECONDS = (
+    1e11  # [s], 3,000 years: integers from here on are in milliseconds or microseconds
+)
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
@@ -42,7 +44,11 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
     if t.ndim != 1 or t.size < order + 1:
         fewest = f" with at least {order + 1} samples" if order else ""
         raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
-    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _MIN_INTEGER_REFUSED_AS_SECONDS:
+    if (
+        t.dtype.kind in "iu"
+        and t.size
+        and np.abs(t.astype(np.float64)).max() >= _MIN_INTEGER_INSTANT_REFUSED_AS_SECONDS
+    ):
         raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-3 of milliseconds", f"{t.dtype.name} from {t[0]}")
     instants = t.astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(instants))

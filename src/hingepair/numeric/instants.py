@@ -17,9 +17,9 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 from hingepair.numeric.finite_differences import check_instants
 
-_MIN_INTEGER_READ_AS_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
+_MIN_INTEGER_STAMP_READ_AS_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
 _MAX_FLOAT_STAMP_ACCEPTED_AS_SECONDS = 1e14  # larger ones can only be nanoseconds
-_MAX_TIME_STEP_SPREAD_TO_MEDIAN_RATIO = 0.3  # spread from 10 to 90 %; a larger one is suspicious
+_MAX_UNSUSPICIOUS_TIME_STEP_SPREAD_TO_MEDIAN_RATIO = 0.3  # spread from 10 to 90 %; a larger one is suspicious
 
 
 class MeasurementWarning(UserWarning):
@@ -59,7 +59,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     if stamps.ndim != 1 or not stamps.size:
         raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
     if stamps.dtype.kind in "iu":
-        if np.abs(stamps.astype(np.float64)).min() < _MIN_INTEGER_READ_AS_NANOSECONDS:
+        if np.abs(stamps.astype(np.float64)).min() < _MIN_INTEGER_STAMP_READ_AS_NANOSECONDS:
             wanted = "float seconds, datetime64, or nanoseconds since 1970 as integers: which unit are these in?"
             raise DtypeError(name, f"{wanted} (1e-3 * t where milliseconds)", f"{stamps.dtype.name} from {stamps[0]}")
         stamps = stamps.astype(np.int64)
@@ -123,7 +123,7 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
     clock = stamps.dtype.kind in "mM" or (
         stamps.dtype.kind in "iu"
         and stamps.size
-        and np.abs(stamps.astype(np.float64)).min() >= _MIN_INTEGER_READ_AS_NANOSECONDS
+        and np.abs(stamps.astype(np.float64)).min() >= _MIN_INTEGER_STAMP_READ_AS_NANOSECONDS
     )
     seconds = increasing_seconds(name, stamps)[0] if clock else real_array(name, t)
     return check_instants(name, seconds, order)
@@ -137,7 +137,7 @@ def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
     if steps.size < 8:
         return []
     low, middle, high = np.percentile(steps, (10, 50, 90))
-    if high - low <= _MAX_TIME_STEP_SPREAD_TO_MEDIAN_RATIO * middle:
+    if high - low <= _MAX_UNSUSPICIOUS_TIME_STEP_SPREAD_TO_MEDIAN_RATIO * middle:
         return []
     message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
     return [f"{message} ms (10 to 90 %); rates are as good as the stamps"]

@@ -11,17 +11,21 @@ import numpy as np
 from hingepair.numeric.arrays import Float64Array, row_norms
 
 _MIN_TIME_STEPS_FOR_SUSPICIONS = 8  # of instants that are a recording; fewer are suspicious of nothing
-_MIN_SUSPICIOUSLY_LONG_TIME_STEP = 1.0  # [s]: sensors of motion take at least one sample a second
-_MAX_SUSPICIOUSLY_SHORT_TIME_STEP = 1e-6  # [s]: no sensor of motion takes a million samples a second
+_MIN_SUSPICIOUSLY_LONG_TIME_STEP_IN_SECONDS = 1.0  # [s]: sensors of motion take at least one sample a second
+_MAX_SUSPICIOUSLY_SHORT_TIME_STEP_IN_SECONDS = 1e-6  # [s]: no sensor of motion takes a million samples a second
 _MIN_SUSPICIOUS_ANGLE_SPAN, _MAX_SUSPICIOUS_ANGLE_SPAN = 4 * np.pi, 720.0
 """Spans of hinge angles that are suspicious [rad]: more than two turns, and fewer than two turns if read as degrees.
 What spans more is a wheel in either unit."""
-_MIN_SUSPICIOUS_BODY_DISTANCE = 50.0  # [m] between the reference points of two bodies that share a hinge
-_MAX_UNSUSPICIOUS_GYROSCOPE_RATE = 40.0  # [rad/s]: usual gyroscopes end at 2000 degrees a second, 35 rad/s
+_MIN_SUSPICIOUS_BODY_DISTANCE_IN_METRES = 50.0  # [m] between the reference points of two bodies that share a hinge
+_MAX_UNSUSPICIOUS_GYROSCOPE_RATE_IN_RAD_PER_SECOND = (
+    40.0  # [rad/s]: usual gyroscopes end at 2000 degrees a second, 35 rad/s
+)
 _MIN_SUSPICIOUS_FORCE, _MAX_SUSPICIOUS_FORCE = 0.5, 2.0
 """Median sizes of what an accelerometer feels that are suspicious [m/s^2]: of a slow sensor that counts in g."""
 _ROUND_ANGLE, _ROUND_RATE = 5.0, 45.0  # whole multiples of which degrees, and degrees a second, are
-_MAX_GYRATION_RADIUS_TO_LEVER_RATIO = 30.0  # of the levers of a body: a larger radius of gyration is suspicious
+_MAX_UNSUSPICIOUS_GYRATION_RADIUS_TO_LEVER_RATIO = (
+    30.0  # of the levers of a body: a larger radius of gyration is suspicious
+)
 
 
 def instant_suspicions(name: str, t: Float64Array) -> list[str]:
@@ -39,12 +43,12 @@ def instant_suspicions(name: str, t: Float64Array) -> list[str]:
     if steps.size < _MIN_TIME_STEPS_FOR_SUSPICIONS:
         return []
     step = float(np.median(steps))
-    if step >= _MIN_SUSPICIOUSLY_LONG_TIME_STEP:
+    if step >= _MIN_SUSPICIOUSLY_LONG_TIME_STEP_IN_SECONDS:
         # Each unit with the largest step of a usual recording in it.
         units = (500.0, "Milliseconds", "1e-3"), (5e5, "Microseconds", "1e-6"), (np.inf, "Nanoseconds", "1e-9")
         unit, factor = next((unit, factor) for largest_step, unit, factor in units if step <= largest_step)
         return [f"{name} steps by {step:.3g} s: is it in seconds? {unit} become seconds by {factor} * t."]
-    if 0 < step <= _MAX_SUSPICIOUSLY_SHORT_TIME_STEP:
+    if 0 < step <= _MAX_SUSPICIOUSLY_SHORT_TIME_STEP_IN_SECONDS:
         return [f"{name} steps by {step:.3g} s: is it in seconds? Days become seconds by 86400 * t."]
     return []
 
@@ -86,7 +90,7 @@ def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
     ['omega1_b1 comes to 90 rad/s: is it in rad/s? Degrees a second become rad/s by numpy.radians(omega1_b1).']
     """
     largest = float(_finite_norms(omega).max(initial=0.0))
-    if largest <= _MAX_UNSUSPICIOUS_GYROSCOPE_RATE:
+    if largest <= _MAX_UNSUSPICIOUS_GYROSCOPE_RATE_IN_RAD_PER_SECOND:
         return []
     size = f"{name} comes to {largest:.3g} rad/s"
     return [f"{size}: is it in rad/s? Degrees a second become rad/s by numpy.radians({name})."]
@@ -124,7 +128,7 @@ def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
     """
     finite = distances[np.isfinite(distances)]
     middle = float(np.median(finite)) if finite.size else 0.0
-    if middle < _MIN_SUSPICIOUS_BODY_DISTANCE:
+    if middle < _MIN_SUSPICIOUS_BODY_DISTANCE_IN_METRES:
         return []
     return [f"{name} is {middle:.3g} m long: is it in metres? Millimetres become metres by the factor 1e-3."]
 
@@ -168,6 +172,6 @@ def inertia_suspicions(name: str, mass: float, inertia: Float64Array, lever: flo
     ['body2.inertia: its radius of gyration is 224 m, beside levers of 0.5 m: is it in kg m^2?']
     """
     radius = float(np.sqrt(np.linalg.eigvalsh(inertia)[-1] / mass)) if mass > 0 else 0.0
-    if not lever or radius <= _MAX_GYRATION_RADIUS_TO_LEVER_RATIO * lever:
+    if not lever or radius <= _MAX_UNSUSPICIOUS_GYRATION_RADIUS_TO_LEVER_RATIO * lever:
         return []
     return [f"{name}: its radius of gyration is {radius:.3g} m, beside levers of {lever:.3g} m: is it in kg m^2?"]

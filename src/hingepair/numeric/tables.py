@@ -121,7 +121,7 @@ def _json_values(value: Any) -> Any:
 
 
 # Units of outputs, by their names without the number of the body and the component.
-_UNIT_BY_QUANTITY_NAME = {
+_UNIT_BY_QUANTITY_NAME_WITHOUT_BODY_NUMBER = {
     "t": "s",
     **dict.fromkeys(("R", "d", "u", "x", "y", "z", "gap"), "m"),
     **dict.fromkeys(("phi", "psi", "tilt", "limits"), "rad"),
@@ -134,7 +134,7 @@ _UNIT_BY_QUANTITY_NAME = {
     **dict.fromkeys(("motor_torque", "spring_torque", "damper_torque", "friction_torque", "stop_torque"), "N m"),
     "mass": "kg",
 }
-_MAX_NUMBERS_PER_CELL = 9  # of a cell; of more only the count or the shape is shown
+_MAX_NUMBERS_SHOWN_PER_TABLE_CELL = 9  # of a cell; of more only the count or the shape is shown
 
 
 class Sheet(NamedTuple):
@@ -195,12 +195,12 @@ def cell_text(value: Any) -> str:
     if isinstance(value, str):
         return value
     shape = getattr(value, "shape", None)
-    if shape is not None and not (math.prod(shape) <= _MAX_NUMBERS_PER_CELL and hasattr(value, "tolist")):
+    if shape is not None and not (math.prod(shape) <= _MAX_NUMBERS_SHOWN_PER_TABLE_CELL and hasattr(value, "tolist")):
         return f"array of shape {tuple(shape)}"
     items = value.tolist() if shape is not None else value
     if not hasattr(items, "__len__"):
         return f"{items + 0.0:.6g}"
-    if len(items) > _MAX_NUMBERS_PER_CELL:
+    if len(items) > _MAX_NUMBERS_SHOWN_PER_TABLE_CELL:
         return f"{len(items)} numbers"
     return ("; " if shape is not None and len(shape) > 1 else ", ").join(cell_text(item) for item in items)
 
@@ -213,4 +213,6 @@ def unit_of(name: str) -> str:
     ('rad/s', 'm', '1', 'N m')
     """
     vector = name.rpartition("_")[0]
-    return _UNIT_BY_QUANTITY_NAME.get(name.rstrip("12")) or _UNIT_BY_QUANTITY_NAME.get(vector.rstrip("12"), "1")
+    return _UNIT_BY_QUANTITY_NAME_WITHOUT_BODY_NUMBER.get(
+        name.rstrip("12")
+    ) or _UNIT_BY_QUANTITY_NAME_WITHOUT_BODY_NUMBER.get(vector.rstrip("12"), "1")

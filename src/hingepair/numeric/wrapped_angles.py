@@ -7,7 +7,7 @@ import numpy as np
 from hingepair.numeric.arrays import Float64Array
 
 # [turns] of wrapped angles; noise that was added after wrapping leaves one turn a little.
-_MAX_WRAPPED_SPAN_TURNS = 1.05
+_MAX_WRAPPED_ANGLE_SPAN_TURNS = 1.05
 # [turns] where an angle was wrapped: it truly turned by less than a quarter, the other way.
 _MIN_WRAP_JUMP_TURNS = 0.75
 
@@ -31,7 +31,7 @@ def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
     if known.size < 2:
         return False
     jumps = np.abs(np.diff(known))
-    return bool(np.ptp(known) <= _MAX_WRAPPED_SPAN_TURNS * turn and jumps.max() >= _MIN_WRAP_JUMP_TURNS * turn)
+    return bool(np.ptp(known) <= _MAX_WRAPPED_ANGLE_SPAN_TURNS * turn and jumps.max() >= _MIN_WRAP_JUMP_TURNS * turn)
 
 
 def unwrap_if_wrapped(angles: Float64Array) -> Float64Array:
