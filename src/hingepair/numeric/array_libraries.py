@@ -75,8 +75,8 @@ def is_foreign(value: Any) -> bool:
 
 def library_of(arguments: Mapping[str, Any]) -> Library | None:
     """Return the Library of the arguments, a mapping from name to value, or None if no value is an array of another
-    library than NumPy. Raise ArgumentError for arrays of two libraries, NumPy among them, and DtypeError for a dtype
-    other than float32 and float64.
+    library than NumPy. Raise ArgumentError if such an array comes with a value that is neither an array of the same
+    library nor a number nor None, and DtypeError for a dtype other than float32 and float64.
 
     Raises:
         ArgumentError: they are arrays of two libraries, NumPy among them.
@@ -146,8 +146,8 @@ def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
-    """Return an array of elements of `then` for which a < b, and of elements of `otherwise` for which this is not so.
-    At least one of a and b is an array of a library other than NumPy; the other arguments may be numbers.
+    """Return an array of elements of `then` where a < b, and of elements of `otherwise` elsewhere. At least one of a
+    and b is an array of a library other than NumPy; the other arguments may be numbers.
     """
     return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
 

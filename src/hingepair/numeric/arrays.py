@@ -24,8 +24,8 @@ FLOAT64_DTYPE: Final = np.dtype(np.float64)
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return the value as a NumPy array of float64, float32 or integers, without a copy if it is one already. Raise
-    DtypeError for other kinds of number, tables and Dask arrays, ShapeError for lists of unequal length; the error
-    names the argument `name`.
+    DtypeError for other dtypes, masked arrays, tables and Dask arrays, and ShapeError for lists of unequal length;
+    the error names the argument `name`.
 
     Raises:
         DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns; a
@@ -52,8 +52,9 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
     """Return the value as a NumPy array whose last axes have the shape that the further arguments give, such as 3, 3.
-    Raise ShapeError, which names the argument `name`, for another shape. From a data frame, take the columns whose
-    names end in x, y, z (for a quaternion also w).
+    From a data frame, take the columns whose names end in x, y, z (for a quaternion also w). Raise ShapeError, which
+    names the argument `name`, for another shape, ArgumentError for other columns, and DtypeError for values that are
+    not real numbers.
     """
     if is_table(value) and len(sample_shape) == 1:
         letters = name.removeprefix("quat_") if sample_shape == (4,) else "xyz"[: sample_shape[0]]
@@ -81,9 +82,9 @@ def columns_by_name(
     last_family: tuple[str, ...] = (),
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of a data frame `table` as a dict of arrays by name. `families` are tuples of column names;
-    the first one that the table has completely is taken, in its order, or else `last_family` if these are all
-    columns. Raise ArgumentError, which names the argument `name`, if there is no such family or a column has a name
-    outside the families and `optional_names`.
+    the columns of the first family that the table has completely are taken, in the order of the family, or else those
+    of `last_family` if the table has no others. Raise ArgumentError, which names the argument `name`, if no family is
+    complete or a column, other than t, is neither in a family nor in `optional_names`.
 
     No column is copied where the table holds its columns one by one.
 
@@ -166,8 +167,9 @@ def row_norms(rows: Float64Array) -> Float64Array:
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """Return the shape to which the shapes in a mapping from names of arguments to shapes broadcast. Raise
-    ShapeError, which names the first argument that does not fit the ones before it.
+    """Return the shape to which the shapes in a mapping from names of arguments to shapes broadcast; if a size is
+    unknown (NaN), return the longest shape. Raise ShapeError, which names the first argument that does not fit the
+    ones before it.
 
     Raises:
         ShapeError: they do not broadcast; names the first that does not fit those before it.
@@ -198,8 +200,9 @@ def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
 
 
 def split_into_blocks(shape: tuple[int, ...], block_size: int) -> Iterator[Block]:
-    """Yield blocks that cover an array of the given shape, each a tuple of one slice per axis with about `block_size`
-    elements. The last axes are cut only if they are longer than a block.
+    """Yield blocks that cover an array of the given shape, each a tuple of one slice per axis with at most
+    `block_size` elements; yield nothing for an array without elements. The last axes are cut only if they are longer
+    than a block.
 
     >>> [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((2, 3), 4)]
     [((0, 1), (0, 3)), ((1, 2), (0, 3))]

@@ -48,9 +48,9 @@ def tabulate(
     dtype: np.dtype[Any],
 ) -> dict[str, NDArray[Any]]:
     """Evaluate a function for all samples, block by block, and return its results as a dict of new arrays by name,
-    each of shape (*shape, *sample_shape). `function` takes a dict of the components of the inputs by name and returns
-    a mapping of its results in this form. `sample_shapes` maps each result's name to the shape of one sample of it;
-    `shape` is the shape of the samples.
+    each of shape (*shape, *sample_shape). `function` takes a dict by name of the inputs, and returns a mapping by
+    name of the results; each is a component or a tuple of components. `sample_shapes` maps each result's name to the
+    shape of one sample of it; `shape` is the shape of the samples.
 
     A component of one element reaches the function as a number, so that what depends on such components alone costs
     nothing per sample, and a single sample needs no array at all.

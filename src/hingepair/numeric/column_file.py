@@ -99,7 +99,8 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
 
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
     """Return one column of a .csv file as an array, read in the given dtype, such as int64 for numbers that a float
-    would round. `name` is the name of the column. Raise ArgumentError if a cell cannot be read in this dtype.
+    would round. `name` is the name of the column, which the file must have. Raise ArgumentError if a cell cannot be
+    read in this dtype.
 
     Raises:
         ArgumentError: a cell cannot be read in this dtype.
@@ -148,7 +149,7 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
 
 def _csv_names(stream: IO[str]) -> list[str]:
     """Read the first line of an open CSV file and return the column names in it as a list. Raise ArgumentError for
-    other separators than commas, and for a line of numbers.
+    other separators than commas, and for a line that is empty, too long or all numbers.
     """
     line = stream.readline(_MAX_CSV_HEADING_LINE_CHARACTERS)
     if len(line) == _MAX_CSV_HEADING_LINE_CHARACTERS:
@@ -164,8 +165,9 @@ def _csv_names(stream: IO[str]) -> list[str]:
 
 
 def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDArray[Any]:
-    """Return the remaining rows of an open CSV file as a 2D array. `columns` are the indices of the columns to read,
-    or None for all. Further keyword arguments go to `numpy.loadtxt`.
+    """Return the remaining rows of an open CSV file, at most MAX_FILE_ROWS + 1 of them, as a 2D array. `columns` are
+    the indices of the columns to read, or None for all. Further keyword arguments go to `numpy.loadtxt`, whose
+    ValueError is raised for rows that cannot be read.
     """
     options = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | options
     with warnings.catch_warnings():
@@ -190,8 +192,8 @@ def _is_number(text: str) -> bool:
 
 def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str) -> NoReturn:
     """Raise ArgumentError that names the line and column of the first row of a CSV file with too few or too many
-    fields, or with a cell that is no number. `names` are all column names, `positions` the indices of the columns
-    that are read. If there is no such row, the message says `reason`.
+    fields, or with a cell that is not a number. `names` are all column names, `positions` the indices of the columns
+    that are read. If there is no such row, the message gives `reason`.
     """
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
         stream.readline()
@@ -272,7 +274,8 @@ def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tup
 
 def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
     """Return the columns of a Parquet file that `request` chooses as a dict of arrays by name. Raise
-    MissingDependencyError if PyArrow is not installed, ArgumentError for a column that does not hold numbers.
+    MissingDependencyError if PyArrow is not installed, ArgumentError for a column that does not hold numbers and for
+    too many rows.
     """
     try:
         import pyarrow as pa

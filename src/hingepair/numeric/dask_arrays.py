@@ -215,7 +215,8 @@ def apply_to_chunks(
     """Return the result of `method` for `arguments` by name, some of which hold Dask arrays, with lazy Dask arrays in
     it: one task computes each chunk, when Dask is asked for it. `sample_shapes` holds the shape of one sample by
     argument; arguments without an entry are options. The method, or `template_function` if given, is called once with
-    one made-up sample, whose result shows the shapes. Raise its ArgumentError, or one for an `out` that is not None.
+    one made-up sample, whose result shows the shapes. Raise the ArgumentError of this call, or one for an `out` that
+    is not None.
 
     The method is called with one made-up sample, which shows the shapes and dtypes of its results; arguments that it
     cannot use are refused then. Axes of samples may be chunked in any way; the axes of one sample are made one chunk.
@@ -375,9 +376,9 @@ def _with_arrays(result: Any, arrays: Mapping[str, Any], shape: SampleShape) -> 
 
 @dataclass(eq=False)
 class ChunkTask:
-    """Callable that computes the result arrays of one chunk by a call of `method` with the arguments of `templates`,
-    filled with the blocks of the chunk, and with `options`. It is pickled at most once, and a process that gets it as
-    bytes unpickles it once.
+    """Callable that returns the result arrays of one chunk, a tuple of arrays or the only array, by a call of
+    `method` with the arguments of `templates`, filled with the blocks of the chunk, and with `options`. It is pickled
+    at most once, and a process that gets it as bytes unpickles it once.
 
     Attributes:
         method: a function of the arguments and options by name.
@@ -395,7 +396,9 @@ class ChunkTask:
 
     @functools.cached_property
     def pickled(self) -> bytes:
-        """Bytes of the pickled task, which are computed once. Dask derives its names of equal tasks from them."""
+        """Bytes of the pickled task, which are computed once. Dask names the task by these bytes, so that equal tasks
+        have one name.
+        """
         values = (self.method, self.templates, self.options, self.output_names, self.first_index_name)
         try:
             return pickle.dumps(values)
@@ -442,8 +445,8 @@ def load_chunk_task(pickled: bytes) -> ChunkTask:
 
 
 def _unwrap_block(nested_block: Any) -> NDArray[Any]:
-    """Return the only array in nested lists. Dask passes blocks of arrays like this if they have axes the results
-    lack.
+    """Return the only array in nested lists. Dask passes blocks of an array in such lists if the array has axes that
+    the results lack.
     """
     while isinstance(nested_block, list):
         (nested_block,) = nested_block

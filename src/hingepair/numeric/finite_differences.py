@@ -33,9 +33,9 @@ _MIN_INTEGER_INSTANT_REFUSED_AS_SECONDS = (
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
-    """Return instants t as a float64 array (N,). Raise ShapeError unless there are at least order + 1 of them, as
-    finite differences of this order need, ArgumentError unless they are finite and increase, and for integers that
-    may be milliseconds. The error names the argument `name`.
+    """Return instants t, a NumPy array, as a float64 array (N,). Raise ShapeError unless there are at least order + 1
+    of them, as finite differences of this order need. Raise ArgumentError unless they are finite and increase, or if
+    they are integers that may be milliseconds. The error names the argument `name`.
 
     Raises:
         ShapeError: not one axis, or fewer than order + 1.

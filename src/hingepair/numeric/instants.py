@@ -40,7 +40,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     """Return (seconds, reference): the float64 seconds since a reference instant, and this instant, which is `since`
     or by default the first of t. t are float seconds, datetime64, timedelta64 or integer nanoseconds since 1970.
     Raise ShapeError for no instants, ArgumentError for instants that are not finite, and DtypeError for integers
-    whose unit is in doubt; the error names the argument `name`.
+    whose unit is in doubt or a `since` of another kind than t; the error names the argument `name`.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
     how they came; they are not rounded again.
@@ -101,9 +101,10 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
 
 
 def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
-    """Return the instants t as an array of float64 seconds: floats as they are, clock stamps (datetime64, integer
-    nanoseconds since 1970) counted from the first. Raise ArgumentError, which names the argument `name`, unless they
-    increase, ShapeError unless there are more than `order`, and DtypeError for other types.
+    """Return the instants t as an array of float64 seconds: floats and small integers are seconds, and clock stamps
+    (datetime64, timedelta64, integer nanoseconds since 1970) are counted from the first. Raise ArgumentError, which
+    names the argument `name`, unless they increase, ShapeError unless there are more than `order`, and DtypeError for
+    other types.
 
     datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller
     integers are seconds.
@@ -160,8 +161,8 @@ def split_at_gaps(
     t: Float64Array, is_known: NDArray[np.bool_], gaps: float, min_samples: int = 1
 ) -> list[NDArray[np.intp]]:
     """Return the indices of the samples for which `is_known` is True as a list of arrays, cut where neighbours are
-    more than `gaps` [s] and more than 1.5 median time steps apart. Arrays of fewer than `min_samples` are left out. t
-    are the instants of all samples.
+    more than `gaps` [s] and more than 1.5 median time steps apart. Arrays of fewer than `min_samples` are left out.
+    `t` holds the instants of all samples [s].
     """
     there = np.flatnonzero(is_known)
     if not there.size:

@@ -135,7 +135,8 @@ def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
 
 def degree_suspicions(name: str, values: Float64Array, *, rates: bool = False) -> list[str]:
     """Return a list with one sentence, which calls the data `name`, if values that a person has written, angles or
-    (if `rates`) angular velocities, are probably in degrees, judged by round numbers; an empty list otherwise.
+    (if `rates` is True) angular velocities, are probably in degrees, since all of them are round numbers of degrees;
+    an empty list otherwise.
 
     Degrees are written in whole fives, and angular velocities in parts of a turn; radians hardly ever are.
 

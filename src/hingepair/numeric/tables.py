@@ -29,7 +29,7 @@ def align_columns(lines: Sequence[Sequence[str]], right_columns: Collection[int]
 def ruled_table(lines: Sequence[Sequence[str]], key_columns: int = 1, width: int | None = None) -> list[str]:
     r"""Return a table as a list of lines of text with a rule below its heading. `lines` are the heading and the rows,
     sequences of cells. Columns that do not fit into `width` characters follow in further tables, which repeat the
-    first `key_columns` columns.
+    first `key_columns` columns; None for `width` gives one table.
 
     No cell is cut.
 
@@ -178,8 +178,8 @@ class Shown:
 
 
 def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str] = ()) -> Sheet:
-    """Return a Sheet with a row of name, value and unit for each pair (name, value) in `values` whose value is not
-    None. An array with more than nine numbers is shown by its shape.
+    """Return a Sheet with the columns name, value and unit: a heading, and a row for each pair (name, value) in
+    `values` whose value is not None. An array with more than nine numbers is shown by its shape.
     """
     rows = ((name, cell_text(value), unit_of(name)) for name, value in values if value is not None)
     return Sheet(title, (("", "value", "unit"), *rows), notes)
