@@ -27,9 +27,8 @@ SampleShape: TypeAlias = tuple[int, ...]
 SampleShapeByArgument: TypeAlias = Mapping[str, Any]
 """Shape of one sample by argument; of an object, a mapping with the shapes of its attributes."""
 
-_MAX_CACHED_UNPICKLED_CHUNK_TASKS_PER_PROCESS: Final = (
-    64  # tasks of other processes that a worker keeps, with the kernels they compiled
-)
+# Tasks of other processes that a process keeps, with the kernels that it compiled for them.
+_MAX_CACHED_UNPICKLED_CHUNK_TASKS_PER_PROCESS: Final = 64
 
 
 def holds_dask(*values: Any) -> bool:

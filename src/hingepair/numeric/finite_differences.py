@@ -27,9 +27,8 @@ Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
 """Some samples, their neighbours (they themselves among them), and the neighbours' weights in the first [1/s] and the
 second derivative [1/s^2]; shape (samples, neighbours)."""
 
-_MIN_INTEGER_INSTANT_REFUSED_AS_SECONDS = (
-    1e11  # [s], 3,000 years: integers from here on are in milliseconds or microseconds
-)
+# 3,000 years: integers from here on are in milliseconds or microseconds.
+_MIN_INTEGER_INSTANT_REFUSED_AS_SECONDS = 1e11
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:

@@ -17,15 +17,13 @@ _MIN_SUSPICIOUS_ANGLE_SPAN, _MAX_SUSPICIOUS_ANGLE_SPAN = 4 * np.pi, 720.0
 """Spans of hinge angles that are suspicious [rad]: more than two turns, and fewer than two turns if read as degrees.
 What spans more is a wheel in either unit."""
 _MIN_SUSPICIOUS_BODY_DISTANCE_IN_METRES = 50.0  # [m] between the reference points of two bodies that share a hinge
-_MAX_UNSUSPICIOUS_GYROSCOPE_RATE_IN_RAD_PER_SECOND = (
-    40.0  # [rad/s]: usual gyroscopes end at 2000 degrees a second, 35 rad/s
-)
+# Usual gyroscopes end at 2000 degrees a second, 35 rad/s.
+_MAX_UNSUSPICIOUS_GYROSCOPE_RATE_IN_RAD_PER_SECOND = 40.0
 _MIN_SUSPICIOUS_FORCE, _MAX_SUSPICIOUS_FORCE = 0.5, 2.0
 """Median sizes of what an accelerometer feels that are suspicious [m/s^2]: of a slow sensor that counts in g."""
 _ROUND_ANGLE, _ROUND_RATE = 5.0, 45.0  # whole multiples of which degrees, and degrees a second, are
-_MAX_UNSUSPICIOUS_GYRATION_RADIUS_TO_LEVER_RATIO = (
-    30.0  # of the levers of a body: a larger radius of gyration is suspicious
-)
+# Of the levers of a body: a larger radius of gyration is suspicious.
+_MAX_UNSUSPICIOUS_GYRATION_RADIUS_TO_LEVER_RATIO = 30.0
 
 
 def instant_suspicions(name: str, t: Float64Array) -> list[str]:
