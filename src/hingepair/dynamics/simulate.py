@@ -189,12 +189,12 @@ def simulate(
 ) -> SimulatedMotion | SimulatedPlanarMotion:
     """Simulate the motion of a pair under loads (D1-D6) at the instants t, from the state (body1, psi_0, psid_0) at
     t[0]. Return a `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. The event `until` may end the motion
-    before t[-1]. Warn if psi passes a limit or a stop, or if arguments seem to be in wrong units. Raise a
+    before t[-1]. Warn if psi passes a limit or a stop, or if arguments seem to be in the wrong units. Raise a
     SimulationError if the simulation cannot be continued to the end.
 
     The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
     integrated on the rotation group. If the pair is free and no loads or gravity act on it, momentum and angular
-    momentum are conserved to the last bit.
+    momentum are conserved to within rounding errors.
 
     The `limits` of the pair do not stop the motion; `hinge_torque=HingeLoad(stops=pair.limits)` does. A
     `DynamicsWarning` is issued if psi passes a limit at which there is no stop, or passes a stop by more than 0.02
@@ -203,12 +203,12 @@ def simulate(
     Args:
         pair: a pair whose bodies have mass properties. If the base is fixed or a callable, only body 2 needs them.
             For a PlanarPair, forces and gravity have two components, and torques have one. The argument `body1` and
-            the `now` that callables receive have three-dimensional quantities also for a PlanarPair: R lies in the
-            plane z = 0, and S is a rotation about z, such as hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1),
-            phi)).
-        t: instants, increasing; shape (N,): seconds, datetime64 or integer nanoseconds since 1970. datetime64 and
-            integer nanoseconds are converted to seconds since the first one; callables and `breaks` use these
-            seconds.
+            the argument `now` of callables (see `force1`) have three-dimensional quantities also for a PlanarPair: R
+            lies in the plane z = 0, and S is a rotation about z, such as hp.BodyMotion(R=(x, y, 0),
+            S=hp.rodrigues((0, 0, 1), phi)).
+        t: instants, increasing; shape (N,): seconds (floats), datetime64, or nanoseconds since 1970 (integers).
+            datetime64 and integer nanoseconds are converted to seconds since the first one; callables and `breaks`
+            use these seconds.
         body1: motion of body 1 at t[0] as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
             callable.
         psi_0: hinge angle at t[0] [rad]. None if `hinge` is a callable.
@@ -251,9 +251,10 @@ def simulate(
         backend: as for `forward_kinematics`.
 
     Returns:
-        A `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. It is a `Trajectory` (or `PlanarTrajectory`:
-        `.t`, `.S1`, `.psi`, `.R2`, ...) that also has `.body1` (a BodyMotion), `.psid` [rad/s], `.psidd` [rad/s^2],
-        `.loads` (a dict of arrays by name), `.ended_by_event` (whether `until` ended the motion), `.energy()`,
+        A `SimulatedMotion`, which is a `Trajectory` with `.t`, `.S1`, `.psi`, `.R2` and so on. For a PlanarPair, a
+        `SimulatedPlanarMotion`, which is a `PlanarTrajectory` with `.t`, `.phi`, `.psi`, `.R2` and so on. Both also
+        have `.body1` (a BodyMotion), `.psid` [rad/s], `.psidd` [rad/s^2], `.loads` (a dict whose keys are names of
+        loads and whose values are arrays), `.ended_by_event` (whether `until` ended the motion), `.energy()`,
         `.momentum()` and `.energy_balance()`. `.error_estimate` is the estimated error of the attitude of body 1
         [rad]; the value is 0 if the base is fixed or a callable. `.psi_error_estimate` is the estimated error of psi
         [rad]. Both are computed at the first access, by a second run with a smaller tolerance.

@@ -184,8 +184,8 @@ def integrate(
     Args:
         pair: a HingePair, or a PlanarPair (E11). For a PlanarPair, omega1 and alpha1 have the same forms as psid and
             psidd, and R1, v1 and a1 have two components instead of three.
-        t: instants, increasing; shape (N,): seconds, datetime64 or integer nanoseconds since 1970. datetime64 and
-            integer nanoseconds are converted exactly to seconds since the first one.
+        t: instants, increasing; shape (N,): seconds (floats), datetime64, or nanoseconds since 1970 (integers).
+            datetime64 and integer nanoseconds are converted exactly to seconds since the first one.
         omega1: angular velocity of body 1 [rad/s].
         psid: hinge rate psi' [rad/s].
         R1: position of the reference point of body 1, world axes [m]: a constant (3,), an array (N, 3), or a callable

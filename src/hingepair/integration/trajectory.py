@@ -283,8 +283,8 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def S1(self) -> NDArray[Any]:
-        """Rotation matrices from the axes of body 1 to world axes; shape (..., N, 3, 3). They are computed from
-        `quat_wxyz`, unless the argument `outputs` of `integrate` names S1.
+        """Rotation matrices from the axes of body 1 to world axes; shape (..., N, 3, 3). If the argument `outputs`
+        of `integrate` names S1, they are stored; otherwise they are computed from `quat_wxyz` at each access.
         """
         S1 = self.state.S1
         if S1 is not None:

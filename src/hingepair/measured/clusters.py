@@ -28,9 +28,10 @@ class ClusterFit:
 
     Attributes:
         body: the motion of the body, a BodyMotion of shape (N,) with R and S. If `fit_cluster` was called with
-            `reference`, the body's reference point is the origin of the coordinates in `reference`. Otherwise, the
-            reference point is the mean of the places of all markers. R and S are NaN where fewer than three markers
-            are seen.
+            `reference`, the body's reference point and axes are the origin and the axes of the coordinates in
+            `reference`. Otherwise, the reference point is the mean of the places of all markers, and the axes are
+            parallel to the world axes at the sample that shows the most markers. R and S are NaN where fewer than
+            three markers are seen.
         reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
             the body's axes [m]; shape (M, 3).
         residuals: distance of each marker from its place at each sample [m]; shape (N, M). It is NaN where the marker

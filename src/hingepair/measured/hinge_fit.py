@@ -332,23 +332,22 @@ def fit(
     - `home` is the attitude of body 2 relative to body 1 at psi = 0. Let n2 be the components of the hinge axis in
       body 2's axes. `home` is the rotation by the smallest angle that turns n2 into n. If n2 and n are more than 154
       degrees apart, `home` consists of two rotations: first a half turn about the x, y or z axis of body 2, then the
-      rotation by the smallest angle that turns the result of the half turn into n. The axis of the half turn is the
-      first of the three for which the component of n with the same letter, in body 1's axes, is below 0.65 in
-      magnitude.
+      rotation by the smallest angle that turns the result of the half turn into n. The half turn is about the x axis
+      of body 2 if abs(nx) < 0.65, where n = (nx, ny, nz) in body 1's axes; otherwise about its y axis if abs(ny) <
+      0.65, and otherwise about its z axis.
 
     Args:
         body1: BodyMotion of body 1, with R and S; shape (N,), or one pose if body 1 does not move.
-        body2: BodyMotion of body 2 at the same instants, with R and S. If it has only R, body 2 is a point without
-            attitude that moves on a circle about the axis. Then `home` is the identity. At psi = 0, the
-            perpendicular from the axis to the point is parallel to the projection of a coordinate axis of body 1
-            onto the plane perpendicular to n. This coordinate axis is the first of x, y and z along which the
-            component of n is below 0.65 in magnitude.
+        body2: BodyMotion of body 2 with the same time stamps, with R and S. If it has only R, body 2 is a point
+            without attitude that moves on a circle about the axis. Then `home` is the identity. At psi = 0, the
+            vector from the centre of the circle to the point has the direction of a coordinate axis of body 1,
+            projected onto the plane perpendicular to n. This is the x axis if abs(nx) < 0.65, otherwise the y axis
+            if abs(ny) < 0.65, and otherwise the z axis.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
-            "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them. The residuals of the position and
-            the attitude of a sample enter the loss together.
-            With such a loss, the first estimate is the hinge with which most samples agree, and samples whose
-            residual exceeds thirty standard deviations of the noise are ignored. With "cauchy" and "arctan", outliers
-            have the least influence.
+            "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them. With one of these four, the first
+            estimate is the hinge with which most samples agree, and samples whose residual exceeds thirty standard
+            deviations of the noise are ignored. With "cauchy" and "arctan", outliers have the least influence. The
+            loss is applied once to each sample: to its position and attitude residuals together.
         gauge: "closest_to_R1" (the default): the hinge point is the point on the axis closest to R1, and u1 is
             perpendicular to n. "closest_to_R2": the hinge point is the point on the axis closest to R2, and u2 is
             perpendicular to the axis.

@@ -261,12 +261,12 @@ def fit_anchor(
     `gaps` is the longest time without samples across which angular velocities are smoothed [s]. Raise FitError if
     there are too few samples or neither body turns.
 
-    The axes of a body may be the axes of its sensor. The angular velocities are smoothed and differentiated with the
-    method of `smooth`. The specific forces are used as recorded. Each of the four records may have NaN where a sample
-    is missing. An instant is used only if all four records are finite there.
+    You may choose the axes of each sensor as the axes of its body. The angular velocities are smoothed and
+    differentiated with the method of `smooth`. The specific forces are used as recorded. Each of the four records may
+    have NaN where a sample is missing. An instant is used only if all four records are finite there.
 
     Args:
-        t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
+        t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,).
         omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3).
         f1_b1: specific force that accelerometer 1 measures, in body 1's axes [m/s^2]; shape (N, 3). The specific
             force is S1^T (a - g), where a is the acceleration of the sensor and g = (0, 0, -9.81) is the acceleration

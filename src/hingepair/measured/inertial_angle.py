@@ -90,18 +90,18 @@ def fit_angle(
     from the sensors to the hinge point; `fit_axis` and `fit_anchor` find them. `gaps` is the longest time without
     samples over which rates are integrated [s]. Raise FitError if there are too few samples.
 
-    Body 1's axes and body 2's axes are the axes in which the two sensors give their readings. Each sensor measures
-    the same two vectors, in the axes of its body: the specific force at the hinge point, and the part of the angular
-    velocity that is perpendicular to the hinge axis. At each instant, the direction of one of these vectors in body
-    1's axes and its direction in body 2's axes determine the hinge angle, unless the vector is parallel to the hinge
-    axis. The hinge rate is the difference of the two angular velocities along the axis. The integral of the hinge
-    rate connects the angles of different instants.
+    Body 1's axes and body 2's axes are the axes in which the two sensors give their readings. From the
+    readings of each sensor, the fit computes two vectors that are the same for both bodies, in the axes of the body:
+    the specific force at the hinge point, and the part of the angular velocity that is perpendicular to the hinge
+    axis. At each instant, the directions of such a vector in body 1's axes and in body 2's axes determine the hinge
+    angle, unless the vector is parallel to the hinge axis. The hinge rate is the difference of the two angular
+    velocities along the axis. The integral of the hinge rate connects the angles of different instants.
 
     Each of the four records may have NaN where a sample is missing. An instant is used if all four records are finite
     there, and if it belongs to a series of at least 8 such instants without a gap.
 
     Args:
-        t: instants, increasing: seconds, datetime64 or integer nanoseconds since 1970; shape (N,).
+        t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,).
         omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3).
         f1_b1: specific force that accelerometer 1 measures, in body 1's axes [m/s^2]; shape (N, 3). It is S1^T
             (a1 - g), where a1 is the acceleration of the sensor and g = (0, 0, -9.81), both in world axes.
@@ -116,7 +116,7 @@ def fit_angle(
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s];
             0 if the biases were subtracted from the data.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
-            [m/s^2]. The attribute `std` of the result includes the effect of these biases.
+            [m/s^2]. The attribute `std` of the result includes the effects of both kinds of biases.
 
     Returns:
         An AngleFit, with the hinge angle as `.psi` [rad], shape (N,), NaN at the instants that are not used. At psi =

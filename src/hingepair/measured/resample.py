@@ -47,7 +47,8 @@ def resample(
     quaternions. An ArgumentError is then raised if the sign of a quaternion changes from one sample to the next.
 
     Args:
-        t: instants of the recording, increasing: seconds, datetime64, or integer nanoseconds since 1970; shape (N,).
+        t: instants of the recording, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers);
+            shape (N,).
         values: numbers with time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), whose arrays are
             all resampled.
         to: the new instants, on the same clock and in the same form as t; shape (M,).

@@ -52,7 +52,8 @@ class SmoothedMotion(BodyMotion):
     gaps. It also has standard deviations, the bandwidth, and the correlation of the noise. Only `smooth` calls the
     constructor.
 
-    A gap is a time without samples that is longer than the argument `gaps` of `smooth`.
+    A sample that is not finite counts as missing. A gap is a time without samples that is longer than the argument
+    `gaps` of `smooth`. The results are NaN at missing samples in a gap; other missing samples are filled.
 
     Attributes:
         noise: dict with the keys "R", "v", "a", "S", "omega" and "alpha", whose values are numbers: standard
@@ -103,7 +104,8 @@ class SmoothedAngle(Frozen):
     their standard deviations, the bandwidth, and the correlation of the noise. `psi, psid, psidd = smoothed` unpacks
     the angle and its derivatives.
 
-    A gap is a time without samples that is longer than the argument `gaps` of `smooth`.
+    A sample that is not finite counts as missing. A gap is a time without samples that is longer than the argument
+    `gaps` of `smooth`. The results are NaN at missing samples in a gap; other missing samples are filled.
 
     Attributes:
         psi: the angle [rad], without the jumps by 2 pi that the samples may have; shape (N,).
@@ -163,8 +165,8 @@ def smooth(
     differentiated across a gap. Shorter times without a sample are filled.
 
     Args:
-        t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970;
-            shape (N,).
+        t: instants, increasing, not necessarily uniform: seconds (floats), datetime64, or nanoseconds since 1970
+            (integers); shape (N,).
         body: BodyMotion with R and S at these instants (its velocities and accelerations are not used); or angles
             [rad], shape (N,). Wrapped angles, which jump by nearly 2 pi, are unwrapped. Samples that were not
             recorded are NaN.

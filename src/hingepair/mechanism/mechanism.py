@@ -110,8 +110,8 @@ class Mechanism(MechanismMethods):
         Issue a DynamicsWarning if a joint is locked beyond its limits, or if the joint that a mimic joint follows
         does not exist.
 
-        Revolute and continuous joints become hinges, and prismatic joints become sliders. Links that fixed joints
-        connect become one body with their combined mass and inertia. A mimic joint has no coordinate in q: its
+        Revolute and continuous joints become hinges, and prismatic joints become sliders. Links connected by fixed
+        joints become one body with their combined mass and inertia. A mimic joint has no coordinate in q: its
         position is computed from the joint that it follows. If that joint does not exist, the mimic joint has a
         coordinate like any other joint. A link without <inertial> has no mass. Masses and inertias are used as they
         are written, even if no rigid body can have them; a `DynamicsWarning` names such bodies at the first

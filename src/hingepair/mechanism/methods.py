@@ -270,7 +270,8 @@ class MechanismMethods(Shown):
             outputs: names of results. By default, all outputs of `forward_kinematics` that the inputs allow. The
                 names are:
 
-                - R, S, d, v, omega, a and alpha, from `forward_kinematics`;
+                - R, S, d (the vector from the base's reference point to R), v, omega, a and alpha, from
+                  `forward_kinematics`;
                 - jacobian and acceleration_bias, only for the first frame in `frames`;
                 - tau, force1 and torque1, from `inverse_dynamics`;
                 - qdd, and for a free base a1 and alpha1, from `forward_dynamics`;
@@ -499,8 +500,9 @@ class MechanismMethods(Shown):
         Coriolis, centrifugal and gravity terms. For a fixed base, they are the torques [N m] and forces [N] of the
         joints. For a free base, they are (force1, torque1, tau): the force on the base at its reference point R1 [N]
         and the torque about R1 [N m], in world axes, then the torques and forces of the joints. For a free base, only
-        S and omega of `base_motion` are used. For a "fixed" base, S, omega, a and alpha are used. `gravity` is the
-        acceleration of free fall, world axes [m/s^2], shape (3,). `qd` are the time derivatives of q. The other
+        S and omega of `base_motion` are used. A base that is not free moves as `base_motion` prescribes and rests by
+        default; its S, omega, a and alpha are used. `gravity` is the acceleration of free fall, world axes [m/s^2],
+        shape (3,). `qd` are the time derivatives of q. The other
         arguments are the same as for `jacobian`.
 
         >>> import numpy as np

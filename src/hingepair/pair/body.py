@@ -50,8 +50,8 @@ class Box(Frozen):
     Raises:
         ArgumentError: a value is not finite or has the wrong shape, or a length of an edge is not above zero; the
             error names the argument.
-        RotationError: the matrix A = axes is not a rotation matrix to within 1e-9: an element of A A^T differs from
-            the same element of the identity by more than 2e-9, or the determinant of A is negative.
+        RotationError: an element of A A^T, with the matrix A = axes, differs from the same element of the identity
+            by more than 2e-9, or the determinant of A is negative.
 
     >>> import hingepair as hp
     >>> hp.Box(size=(1, 2, 3))
@@ -169,13 +169,14 @@ class Body(Frozen):
             All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
             1e-3 of the sum of all three, as from rounded data of a flat body, is accepted with a `DynamicsWarning`,
             and the inertia is used as given. If no inertia is given, the inertia of the shapes about their own centre
-            of mass is used, scaled to the mass, also if `center_of_mass` is another point. If there are no shapes
+            of mass is used, scaled to the mass, even if `center_of_mass` is another point. If there are no shapes
             either, a radius of gyration of 0.1 m is assumed, and the methods that compute dynamics issue a
             `DynamicsWarning`.
         shapes: Box, Cylinder and Sphere objects, which viewers draw. If no inertia is given, the shapes determine the
             inertia, and also the centre of mass unless `center_of_mass` is given. All shapes then have the same
             density, and the mass of a volume that two shapes share counts twice. By default, there are no shapes, and
             viewers draw the body as an arm that leads to the hinge, with one half of the hinge.
+        _computed: an internal argument that `dataclasses.replace` passes.
 
     `dataclasses.replace(body, mass=3)` returns a body with another mass. Values that were not given for `body`, such
     as an inertia that was computed from its shapes, are computed again for the new body. Values that were given stay.

@@ -263,7 +263,8 @@ class HingePair(Shown):
                 If `outputs` is not given, `given` determines the outputs. If a load is an input, they are a1, alpha1
                 and psidd. For the word "inverse_dynamics", they are force1, torque1 and hinge_torque. In all other
                 cases, they are R2, S2 and d; with qd or psid also v2 and omega2; with qdd or psidd also a2 and
-                alpha2. Unless q is an input, R2 needs R1, v2 needs v1, and a2 needs a1.
+                alpha2. Unless q is an input, R2 needs R1, v2 needs v1, and a2 needs a1; without them, an
+                ArgumentError is raised.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
             workers: number of threads; -1 for one thread per core.
@@ -275,8 +276,9 @@ class HingePair(Shown):
             and qdd; (..., 4) for quaternions; (..., 3, 3) for S1 and S2; (...,) for psi, psid, psidd and
             hinge_torque; and (..., 3) for all others. The inputs broadcast against each other. The optional argument
             `out` of a call is a dict whose keys are names of outputs and whose values are arrays, into which the
-            results are written. A call returns a `PairState`. Outputs that are not attributes of a PairState are read
-            like items of a dict, such as `state["gap"]`. The attributes `source` and `llvm` of the object are the
+            results are written. A call returns a `PairState`, from which each output is read by its name, such as
+            `state["R2"]` or `state["gap"]`. Outputs of `forward_kinematics` and jacobian are also attributes, such as
+            `state.R2`. The attributes `source` and `llvm` of the object are the
             generated Python code and the generated LLVM code, as text.
 
         Raises:
@@ -717,9 +719,10 @@ class HingePair(Shown):
         Returns:
             The `Residuals`. `.ok` is True if all residuals are within their tolerances, and `.verdict` says so in one
             line of text. `str()` gives a table, and `.to_json()` a JSON text. `.rows` is a tuple with a
-            `ResidualCheck` for each residual. The residuals at every sample are arrays such as `.gap` (..., 3) [m]
-            and `.tilt_angle` (...,) [rad]. `.psi` (...,) [rad] is the hinge angle. A residual that is not finite at a
-            sample is not compared there, and `.skipped` is the number of such samples.
+            `ResidualCheck` for each residual. The residuals at every sample are arrays such as `.gap` (..., 3) [m],
+            the vector R1 + S1 u1 - R2 - S2 u2 in world axes, and `.tilt_angle` (...,) [rad]. `.psi` (...,) [rad] is
+            the hinge angle; if the hinge axes are tilted against each other, it is the twist about them. A residual
+            that is not finite at a sample is not compared there, and `.skipped` is the number of such samples.
 
             If the motions hold Dask arrays, the result is a `LazyResiduals`. Its arrays, such as `.gap`, are Dask
             arrays. Its `.ratio` (...,) is, at each sample, the largest of the quotients residual / tolerance; NaN if

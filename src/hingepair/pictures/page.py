@@ -47,8 +47,9 @@ def view(
 
     A body is drawn with the boxes, cylinders and spheres that the URDF file or the pair defines for it. A body
     without such shapes is drawn with simple shapes: rods from joint to joint, a drum at a hinge, a prism at a
-    prismatic joint. For a motion, the page also has a time slider and shows the path of the frame that is selected on
-    the page. For the motion of a pair, it also shows the paths of both reference points and of the hinge point.
+    prismatic joint. For a motion, the page also has a time slider and shows the path of the coordinate frame that is
+    selected on the page. For the motion of a pair, it also shows the paths of both reference points and of the hinge
+    point.
 
     Args:
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair. For a pair, the

@@ -111,8 +111,8 @@ def angular_velocity_from_samples(
         8        1.2              6.8
 
     Args:
-        t: instants, increasing, not necessarily uniform: seconds, datetime64 or integer nanoseconds since 1970; shape
-            (N,) with N > order.
+        t: instants, increasing, not necessarily uniform: seconds (floats), datetime64, or nanoseconds since 1970
+            (integers); shape (N,) with N > order.
         S: rotation matrices, body to world, at the instants t; shape (..., N, 3, 3).
         order: power of the time step to which the error of omega is proportional: 2, 4, 6 (the default) or 8.
         with_alpha: whether to return the angular acceleration alpha too; False by default. If the time steps are

@@ -41,7 +41,7 @@ def _gimbal_lock_limit(array: NDArray[Any]) -> float:
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of Euler angles phi (..., 3) [rad] in one of 24 sequences such as
     "XYZ" (E10). The error of every component is at most 6 u, where u is 2^-53, or 2^-24 for angles in float32. Angles
-    that are not finite give NaN. Raise ArgumentError for angles of a wrong shape or an unknown sequence.
+    that are not finite give NaN. Raise ArgumentError for angles of the wrong shape or an unknown sequence.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -159,7 +159,7 @@ def _matrices_of_angles(
 ) -> FloatArray:
     """Return an array (..., 3, 3) of the matrices that the function `matrix_of_trig` computes for Euler angles phi.
     `matrix_of_trig` takes the Sequence and the flat tuple (sin, cos, sin, cos, sin, cos) of the three canonical
-    angles, and returns nine entries. Raise ArgumentError for angles of a wrong shape, or if `sequence` is not the
+    angles, and returns nine entries. Raise ArgumentError for angles of the wrong shape, or if `sequence` is not the
     name of a sequence.
     """
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
@@ -313,8 +313,8 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
     >>> state = pair.forward_kinematics((0, 0, 0, 0, 0.25, 0, 0.5), (0, 0, 0, 0, 0, 0, 2))
     >>> phi2 = hp.matrix_to_euler(state.S2)
-    >>> body2 = hp.euler_kinematics(phi2, hp.euler_rates(phi2, state.omega2))
-    >>> bool(abs(body2.J_inverse @ state.omega2 - (0, 0, 2)).max() < 1e-15)
+    >>> kinematics = hp.euler_kinematics(phi2)
+    >>> bool(abs(kinematics.J_inverse @ state.omega2 - (0, 0, 2)).max() < 1e-15)
     True
     """
     order = find_sequence(sequence)

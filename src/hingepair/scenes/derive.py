@@ -31,9 +31,9 @@ def derive(
     frame: str | None = None,
 ) -> Derivation | FrameForms:
     r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a Derivation with the
-    equations E1-E11 (docs/concepts/equations.md). A Mechanism gives the FrameForms of its link, joint or frame named
-    `frame`, by default of its only link without children. `symbolic` names the constants that stay symbols, such as
-    "u1". Raise an ArgumentError for arguments that cannot be used.
+    equations E1-E11 (docs/concepts/equations.md). A Mechanism gives the FrameForms of one link, joint or frame.
+    `frame` is its name; by default, it is the only link without children. `symbolic` names the constants that stay
+    symbols, such as "u1". Raise an ArgumentError for arguments that cannot be used.
 
     The coordinates of a HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). The coordinates of a PlanarPair are x(t), y(t), phi(t), psi(t). The coordinates of a Scene
@@ -87,7 +87,7 @@ def derive(
     \end{align*}
     <BLANKLINE>
 
-    In this example, the second link of the robot has the name of its joint, joint1:
+    In this example, the last link of the robot has the name of its joint, joint1:
 
     >>> pairs = [hp.HingePair(u1=(2 * k, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), name=f"joint{k}") for k in (0, 1)]
     >>> arm = hp.Mechanism(pairs).with_frame("hand", link="joint1", R=(1, 0, 0))
