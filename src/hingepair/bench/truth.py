@@ -15,7 +15,7 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.bounded import UNIT_ROUNDOFF
+from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
 from hingepair.pair.accuracy import euler_rate_sizes, output_scales
 
 Array: TypeAlias = NDArray[Any]
@@ -124,7 +124,9 @@ class ExactResults:
             with mpmath.workdps(TRUTH_DECIMAL_DIGITS):
                 for row, true, scale in zip(rows.tolist(), self.exact, scales, strict=True):
                     gap = max(abs(x - y) for x, y in zip(row, true[name], strict=True))
-                    worst = max(worst, float(gap / max(UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny)))
+                    worst = max(
+                        worst, float(gap / max(FLOAT64_UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny))
+                    )
         return worst
 
 

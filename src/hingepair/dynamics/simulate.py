@@ -37,7 +37,7 @@ SIMULATION_BASE_NAMES: Final = ("free", "pinned", "fixed")
 """Names of the bases."""
 _ALLOWED_STEP_TOLERANCE_RANGE_RAD: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
 # A start in the plane, in messages.
-_PLANAR_START_EXAMPLE_TEXT = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
+_PLANAR_BODY1_START_EXAMPLE_TEXT = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
 _MIN_REPORTED_STOP_OVERRUN_RAD = 0.02  # rad past a stop, from which on a warning or a note reports it
 # Tolerance of the second run, from which errors are estimated, divided by the tolerance of the first.
 _REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO = 1e-3
@@ -421,11 +421,11 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         return zero, np.eye(3), zero, zero, psi, psid
     check_choice("base", base, SIMULATION_BASE_NAMES)
     if not isinstance(body1, BodyMotion):
-        example = _PLANAR_START_EXAMPLE_TEXT if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
+        example = _PLANAR_BODY1_START_EXAMPLE_TEXT if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
         raise ArgumentError("body1", f"the start of body 1, a BodyMotion such as {example}", quoted(body1))
     motion_arrays("body1", body1, "S")
     if body1.shape != ():
-        example = _PLANAR_START_EXAMPLE_TEXT if is_planar else "BodyMotion(R=(0, 0, 0), S=np.eye(3))"
+        example = _PLANAR_BODY1_START_EXAMPLE_TEXT if is_planar else "BodyMotion(R=(0, 0, 0), S=np.eye(3))"
         expected = f"one start, such as {example}"
         raise ArgumentError("body1", expected, f"shape {body1.shape}")
     R, S, v, omega = (zero if x is None else x.astype(np.float64) for x in (body1.R, body1.S, body1.v, body1.omega))
@@ -434,9 +434,8 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         if name in zero_names and speed.any():
             raise ArgumentError(f"body1.{name}", f"None or zeros for base={base!r}", speed)
     if is_planar and (R[2] or v[2] or omega[:2].any() or S[2, 2] != 1):
-        expected = (
-            f"a start in the plane, R and v with z = 0, S and omega about z, such as {_PLANAR_START_EXAMPLE_TEXT}"
-        )
+        example = _PLANAR_BODY1_START_EXAMPLE_TEXT
+        expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {example}"
         raise ArgumentError("body1", expected, quoted(body1))
     return R, S, v, omega, psi, psid
 

@@ -31,7 +31,7 @@ from hingepair.integration.signals import CallableSignal, ConstantSignal, Sample
 from hingepair.integration.stepping import Steps, Subdivision, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
-from hingepair.numeric.bounded import UNIT_ROUNDOFF
+from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
 
 MAX_FULLY_MEASURED_STEP_COUNT: Final = 1 << 16
 """Steps whose errors are all measured; of more steps one is measured in each of about as many parts of the time."""
@@ -202,7 +202,7 @@ def rounding_error(integral: Integral, values: Array, step_sample: StepSample, r
     """
     size = float((rounding.rate_integral * step_sample.error_weights(0)).sum())
     if _is_rate_constant(integral.rate, step_sample):
-        return UNIT_ROUNDOFF * size + integral.rounding_at_instants(values, 0.0)
+        return FLOAT64_UNIT_ROUNDOFF * size + integral.rounding_at_instants(values, 0.0)
     noise = math.sqrt(float((rounding.noise**2 * step_sample.error_weights(1)).sum()))
     return noise + integral.rounding_at_instants(values, size)
 
@@ -401,11 +401,11 @@ def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
     h = stop - start
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))
-        return StepRounding(size, UNIT_ROUNDOFF * size)
+        return StepRounding(size, FLOAT64_UNIT_ROUNDOFF * size)
     rates = signal.values_at_nodes(start, h, _FIRST_AND_LAST_NODE_OF_MAGNUS6).reshape(len(h), 2, -1)
     size = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
     # As measured, nodes that are rounded by u t give a step an error of 0.4 u t times the change of the rate.
     node_noise = (
         0.0 if isinstance(signal, SampledSignal) else 0.4 * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
     )
-    return StepRounding(size, UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))
+    return StepRounding(size, FLOAT64_UNIT_ROUNDOFF * np.sqrt(size**2 + node_noise**2))

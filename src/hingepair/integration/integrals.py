@@ -19,7 +19,7 @@ from hingepair.integration.signals import ConstantSignal, Signal
 from hingepair.integration.stepping import HIGH_LOW_SUM_SCAN, ROTATION_SCAN, Steps, Subdivision
 from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.bounded import UNIT_ROUNDOFF
+from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
 from hingepair.numeric.twofold import HighLow, exact_sum, twofold_product, twofold_sum
 
 _QUATERNION_CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
@@ -104,13 +104,13 @@ class AngleIntegral(_RateIntegral):
         """Return the rounding errors [rad] of sums over intervals; `sizes` are the integrals of abs(rate) over the
         intervals [rad]. The second argument, the numbers of steps, is not used.
         """
-        return UNIT_ROUNDOFF * sizes
+        return FLOAT64_UNIT_ROUNDOFF * sizes
 
     def rounding_at_instants(self, values: Array, _: float) -> float:
         """Return the largest rounding error [rad] of the angles `values` at the instants, without the rounding of the
         steps. The second argument is not used.
         """
-        return UNIT_ROUNDOFF * float(np.abs(values).max())
+        return FLOAT64_UNIT_ROUNDOFF * float(np.abs(values).max())
 
     def errors_at_start(self, _: Array, errors: Array) -> Array:
         """Return `errors`, the errors of intervals, unchanged: errors of angles add up as they are. The first
@@ -203,13 +203,13 @@ class AttitudeIntegral(_RateIntegral):
         """Return the rounding errors [rad] of products of rotations over intervals, which grow as a random walk.
         `sizes` are the angles turned in the intervals [rad], `steps` their numbers of steps.
         """
-        return np.asarray(UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
+        return np.asarray(FLOAT64_UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
         """Return the largest rounding error [rad] of the attitudes `values` at the instants, a float, without the
         rounding of the steps; `size` is the angle [rad] that the steps turn in all.
         """
-        return UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
+        return FLOAT64_UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:
         """Rotate errors of intervals, rotation vectors (P, 3), to the axes of the first instant, and return them.

@@ -29,7 +29,7 @@ import numpy as np
 from hingepair.measured.hinge import Hinge, frame
 from hingepair.measured.relative_poses import RelativePoses
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.bounded import UNIT_ROUNDOFF
+from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
 from hingepair.rotations.matrices import rotation_exp
 
 NUM_HINGE_PARAMETERS = 9
@@ -661,15 +661,15 @@ def _estimate_noise(
             np.median(tilt[near]) / CHI2_MEDIAN_BY_DOF[2],
             np.median(gap[near]) / CHI2_MEDIAN_BY_DOF[3],
         )
-    attitude = max(float(attitude), (4 * UNIT_ROUNDOFF) ** 2)
+    attitude = max(float(attitude), (4 * FLOAT64_UNIT_ROUNDOFF) ** 2)
     lever = float(weights[near] @ spread[near] / weights[near].sum()) / 3
-    rounding = max((4 * UNIT_ROUNDOFF * poses.size) ** 2, 1e-300)
+    rounding = max((4 * FLOAT64_UNIT_ROUNDOFF * poses.size) ** 2, 1e-300)
     place = max(float(across) - attitude * lever, 1e-3 * float(across), rounding)
     noise = Noise(place, attitude)
     if loss is None:
         least = Noise(
             max(_MIN_POSITION_OR_ENCODER_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * float(across), rounding),
-            (4 * UNIT_ROUNDOFF) ** 2,
+            (4 * FLOAT64_UNIT_ROUNDOFF) ** 2,
         )
         noise, _ = variance_components(poses.thinned(_MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES), hinge, noise, least)
     read = np.isfinite(turn) & near
@@ -683,7 +683,7 @@ def _estimate_noise(
         encoder=max(
             total - noise.attitude,
             _MIN_POSITION_OR_ENCODER_NOISE_VARIANCE_TO_SQUARED_RESIDUAL * total,
-            (4 * UNIT_ROUNDOFF) ** 2,
+            (4 * FLOAT64_UNIT_ROUNDOFF) ** 2,
         )
     )
 

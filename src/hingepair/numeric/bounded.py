@@ -19,7 +19,7 @@ MAX_SINE_OR_COSINE_ERROR_ULPS = 1.5
 """What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
 1.48), the compiled ones within 1.4, for which their derivation allows 1.5."""
 
-UNIT_ROUNDOFF: Final = 2.0**-53
+FLOAT64_UNIT_ROUNDOFF: Final = 2.0**-53
 """Largest relative error u of a rounding to double precision."""
 
 
@@ -59,7 +59,7 @@ class Bounded:
         own arithmetic; infinite where the bound is NaN.
         """
         # A robot's longest recursion takes fewer than 2^16 operations, whose bounds are computed in float64.
-        bound = self.bound * (1 + max(2.0**10 * self.u, 2.0**16 * UNIT_ROUNDOFF))
+        bound = self.bound * (1 + max(2.0**10 * self.u, 2.0**16 * FLOAT64_UNIT_ROUNDOFF))
         return np.where(np.isnan(bound), np.inf, bound)
 
     def __add__(self, other: Self | float) -> Self:
@@ -171,7 +171,7 @@ class BoundedDouble(Bounded):
 
     __slots__ = ()
     dtype = np.float64
-    u, smallest, largest = UNIT_ROUNDOFF, 2.0**-1074, float(np.finfo(np.float64).max)
+    u, smallest, largest = FLOAT64_UNIT_ROUNDOFF, 2.0**-1074, float(np.finfo(np.float64).max)
 
 
 class BoundedSingle(Bounded):

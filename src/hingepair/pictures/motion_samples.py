@@ -22,7 +22,8 @@ Array: TypeAlias = NDArray[Any]
 MAX_SPREAD_SAMPLES: Final = 2000
 """Largest number of instants on a page, spread evenly over the motion; a plot uses all instants."""
 
-BODY2_RATE_OUTPUT_NAMES: Final = ("v2", "omega2", "a2", "alpha2")  # the rates of body 2, by increasing level
+# By increasing level of derivatives.
+BODY2_VELOCITY_AND_ACCELERATION_OUTPUT_NAMES: Final = ("v2", "omega2", "a2", "alpha2")
 
 MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
 
@@ -107,7 +108,9 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
     """Return the names of the outputs to evaluate, a tuple: `outputs` itself or, if `outputs` is None, psi and the
     rates of body 2 that the scene's motion has.
     """
-    return (*BODY2_RATE_OUTPUT_NAMES[: 2 * scene.motion.level], "psi") if outputs is None else outputs
+    if outputs is not None:
+        return outputs
+    return (*BODY2_VELOCITY_AND_ACCELERATION_OUTPUT_NAMES[: 2 * scene.motion.level], "psi")
 
 
 def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
@@ -158,7 +161,11 @@ def _recorded_motion(source: object) -> RecordedMotion:
 
 def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
     """Return a dict of the rates of body 2 among the given arrays, by name, as vectors in space; shape (N, 3)."""
-    return {name: _spatial_vectors(arrays[name]) for name in BODY2_RATE_OUTPUT_NAMES if name in arrays}
+    return {
+        name: _spatial_vectors(arrays[name])
+        for name in BODY2_VELOCITY_AND_ACCELERATION_OUTPUT_NAMES
+        if name in arrays
+    }
 
 
 def _spatial_vectors(vectors: Array) -> Array:
