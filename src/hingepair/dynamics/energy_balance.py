@@ -52,8 +52,8 @@ class EnergyBalance:
 
     @property
     def residual(self) -> Array:
-        """Change of the kinetic and potential energy since the first instant less the work of all loads [J], an array
-        (N,); 0 but for errors.
+        """Change of the kinetic and potential energy since the first instant minus the work of all loads [J], an
+        array (N,); 0 except for numerical errors.
         """
         total = self.kinetic + self.potential
         return np.asarray(total - total[:1] - sum(self.work.values()))

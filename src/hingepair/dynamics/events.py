@@ -41,9 +41,9 @@ _RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE: Final = 1e-12
 
 
 class HingeEvents:
-    """Events of a hinge: computes the distances from the next events, and applies an event to the state and to the
-    motion, a PairMotion of which it sets the torque branch `side` and `held`, at construction too. The user's event,
-    a callable or None, is one of them; an ArgumentError is raised if its `direction` is invalid.
+    """Events of a hinge: computes the distances from the next events, and applies an event to the state. It sets
+    `side`, the torque branch, and `held` of the PairMotion `motion`, also at construction. The user's event is a
+    callable or None; raise an ArgumentError at construction if its `direction` is invalid.
 
     Args:
         motion: the motion; its `side` and `held` are set here.
@@ -119,9 +119,8 @@ class HingeEvents:
         return distances, np.array([size for _, size in rows.values()])
 
     def apply(self, event_index: int, t: float, state: Array) -> Array | None:
-        """Apply an event, by its index in the last result of `distances`, to the torque branch and the hold of the
-        motion, in place. Return a copy of the state with the changes of the event, or None if the event ends the
-        motion.
+        """Apply an event, by its index in the last result of `distances`, to `side` and `held` of the motion, in
+        place. Return a copy of the state with the changes of the event, or None if the event ends the motion.
 
         Returns:
             The state after the event, a copy; None where the motion ends.

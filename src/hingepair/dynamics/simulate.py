@@ -570,8 +570,8 @@ def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecor
 
 
 def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
-    """Return text for an error: which load jumps at the present time and state of the Stepper, and what to do.
-    `start` is the instant [s] from which the stepper's time is counted.
+    """Return a text for the message of an error: which load jumps at the present time and state of the Stepper, and
+    what to do. `start` is the instant [s] from which the stepper's time is counted.
     """
     increments = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
     worst = (1e-3, "a load has no value, or the motion has no bound")

@@ -146,8 +146,8 @@ def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
-    """Return an array of elements of `then` where a < b, and of elements of `otherwise` elsewhere. At least one of a
-    and b is an array of a library other than NumPy; the other arguments may be numbers.
+    """Return an array that has the element of `then` if a < b and otherwise the element of `otherwise`, sample by
+    sample. At least one of a and b is an array of a library other than NumPy; the other arguments may be numbers.
     """
     return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
 

@@ -24,9 +24,9 @@ FLOAT64_UNIT_ROUNDOFF: Final = 2.0**-53
 
 
 class Bounded:
-    """A computed number `value` with a bound `bound` on its distance from the exact one, at one or many samples.
-    Sums, products and functions of such numbers are such numbers, with the errors of their arguments and of rounding
-    included.
+    """A computed number `value` with a bound `bound` on its distance from the exact number, at one or many samples.
+    Sums, products and functions of such numbers are again such numbers, whose bounds include the errors of their
+    arguments and of rounding.
 
     Attributes:
         value: result of one evaluation; that of any other evaluation differs by at most twice the bound.

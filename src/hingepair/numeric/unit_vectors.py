@@ -45,15 +45,15 @@ def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def direction(v: Components) -> Components:
-    """Return a vector, given as a tuple of components, scaled to unit length, each component rounded once. The
+    """Return the unit vector in the direction of v, both tuples of components, each component rounded once. The
     direction of zero is zero.
     """
     return tuple(unit.high for unit in polar(v)[0])
 
 
 def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
-    """Return (direction, length) of a vector, given as a tuple of components: the three components of the direction
-    and the length, each in twice the precision of a double (`Twofold`). The direction of zero is zero.
+    """Return (direction, length) of a vector v, a tuple of components: the tuple of the components of the direction,
+    and the length, each a number in twice the precision of a double (`Twofold`). The direction of zero is zero.
     """
     w, exponent = scaled_by_power_of_two(v)
     total: Component = 0.0

@@ -63,7 +63,8 @@ class ShownMotion(NamedTuple):
 
 def spread_samples(source: object) -> ShownMotion:
     """Return a `ShownMotion` of at most MAX_SPREAD_SAMPLES evenly spread samples of the motion of a scene or its
-    result, a trajectory or a pair, with the available rates of body 2. Raise an ArgumentError for any other source.
+    result, a trajectory or a pair, with the available velocities and accelerations of body 2. Raise an ArgumentError
+    for any other source.
 
     Raises:
         ArgumentError: the source has no motion in space to show.
@@ -82,8 +83,9 @@ def spread_rows(count: int) -> Rows:
 
 def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[ShownMotion]:
     """Yield all samples of the motion of a scene or its result, a trajectory or a pair, piece by piece, as
-    `ShownMotion` objects, with the outputs named in `outputs` or, if `outputs` is None, the rates of body 2. Raise an
-    ArgumentError for another source, and if `outputs` is a text, is empty or has an unknown name.
+    `ShownMotion` objects, with the outputs named in `outputs` or, if `outputs` is None, the velocities and
+    accelerations of body 2. Raise an ArgumentError for another source, and if `outputs` is a text, is empty or has an
+    unknown name.
 
     Args:
         source: a scene or its result, a trajectory in space or by `simulate`, or a pair in space.
@@ -106,7 +108,7 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
 
 def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
     """Return the names of the outputs to evaluate, a tuple: `outputs` itself or, if `outputs` is None, psi and the
-    rates of body 2 that the scene's motion has.
+    velocities and accelerations of body 2 that the scene's motion has.
     """
     if outputs is not None:
         return outputs
@@ -114,8 +116,8 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
 
 
 def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return a `ShownMotion` of one piece of a scene's result, with the outputs named in `outputs`, or with the rates
-    of body 2 if `outputs` is None.
+    """Return a `ShownMotion` of one piece of a scene's result, with the outputs named in `outputs`, or with the
+    velocities and accelerations of body 2 if `outputs` is None.
     """
     arrays, bodies = piece.requested_arrays(), piece.known.body_arrays(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
@@ -124,8 +126,8 @@ def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | 
 
 def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return a `ShownMotion` of a motion in memory at the instants that `rows`, indices or a slice, selects, with the
-    outputs named in `outputs`, or with the rates of body 2 if `outputs` is None. Raise an ArgumentError for an
-    unknown output.
+    outputs named in `outputs`, or with the velocities and accelerations of body 2 if `outputs` is None. Raise an
+    ArgumentError for an unknown output.
     """
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
@@ -160,7 +162,9 @@ def _recorded_motion(source: object) -> RecordedMotion:
 
 
 def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
-    """Return a dict of the rates of body 2 among the given arrays, by name, as vectors in space; shape (N, 3)."""
+    """Return a dict of the velocities and accelerations of body 2 among the given arrays, by name, as vectors in
+    space; shape (N, 3).
+    """
     return {
         name: _spatial_vectors(arrays[name])
         for name in BODY2_VELOCITY_AND_ACCELERATION_OUTPUT_NAMES

@@ -116,8 +116,8 @@ def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tupl
 
 def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
     """Return a dict of arrays by name, all that a figure shows without `outputs`, computed from samples of a pair's
-    motion: R2, S2, rates, psi, the paths of both bodies and of the hinge point in one array (N, 9), and the residual
-    of E1 with its rounding error, (N, 2).
+    motion: R2, S2, the velocities and accelerations of body 2, psi, the paths of both bodies and of the hinge point
+    in one array (N, 9), and the residual of E1 with its rounding error, (N, 2).
     """
     pair, (R1, R2, S2) = samples.pair, (samples.bodies[name] for name in ("R1", "R2", "S2"))
     scale = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
