@@ -124,9 +124,8 @@ class ExactResults:
             with mpmath.workdps(TRUTH_DECIMAL_DIGITS):
                 for row, true, scale in zip(rows.tolist(), self.exact, scales, strict=True):
                     gap = max(abs(x - y) for x, y in zip(row, true[name], strict=True))
-                    worst = max(
-                        worst, float(gap / max(FLOAT64_UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny))
-                    )
+                    rounding = max(FLOAT64_UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny)
+                    worst = max(worst, float(gap / rounding))
         return worst
 
 
