@@ -31,12 +31,14 @@ _MAX_NODE_ITERATIONS_PER_STEP: Final = 30  # of the states at the nodes; a step 
 _STEP_LENGTH_SAFETY_FACTOR = 0.8  # of the length that the estimate of the error allows
 _MIN_LENGTH_FACTOR, _MAX_LENGTH_FACTOR = 0.2, 3.0  # from the length of one step to that of the next
 # Factor of the length by which errors of velocities are scaled, with each shorter step.
-_RECENT_STEP_LENGTH_DECAY_FACTOR = 0.9
+_RECENT_STEP_LENGTH_DECAY_FACTOR_PER_STEP = 0.9
 # Iterations after which Newton's method computes the derivatives of psi'' again.
-_ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE = 4
-_ITERATIONS_PER_CONTRACTION_CHECK = 4  # iterations after which the convergence of fixed points is checked
-_MAX_FIXED_POINT_CONTRACTION_RATIO = 0.1  # factor of the change in an iteration: above it Newton's method is tried
-_MIN_STIFFNESS_FOR_NEWTON = 0.5  # of a step, without unit: below it fixed points converge without Newton's method
+_NEWTON_ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE = 4
+_FIXED_POINT_ITERATIONS_PER_CONTRACTION_CHECK = 4  # iterations after which the convergence of fixed points is checked
+# Factor of the change in an iteration: above it Newton's method is tried.
+_MAX_FIXED_POINT_CONTRACTION_RATIO_PER_ITERATION = 0.1
+# Of a step, without unit: below it fixed points converge without Newton's method.
+_MIN_STEP_STIFFNESS_FOR_NEWTON = 0.5
 _MAX_EVENTS_APPLIED_AT_ONE_INSTANT = 8  # events at one instant; if more follow each other, the last is ignored
 # Of the length of recent steps: in a step of at most this length the derivative jumps, and no step is better.
 _MAX_JUMP_STEP_TO_RECENT_STEP_LENGTH_RATIO = 1e-12
@@ -236,7 +238,7 @@ class Stepper:
             else:
                 end, expected_event = self.t + share * length, event
         piece = self._last_step = StepPolynomial(self.t, length, self.state, node_rates)
-        self._recent_step_length = max(length, _RECENT_STEP_LENGTH_DECAY_FACTOR * self._recent_step_length)
+        self._recent_step_length = max(length, _RECENT_STEP_LENGTH_DECAY_FACTOR_PER_STEP * self._recent_step_length)
         self.t = end if is_last else self.t + length
         self._advance(length * (NODE_QUADRATURE_WEIGHTS @ node_rates))
         self._pending_event = None if first_event is None else first_event[1]
@@ -327,7 +329,7 @@ class Stepper:
         """Compute the derivatives of the state at the nodes of a step of this length [s]; return an array (8, k), or
         None if no iteration converges. Newton's method is used if psi'' is stiff or fixed-point iteration fails.
         """
-        if self._stiffness(length) < _MIN_STIFFNESS_FOR_NEWTON:
+        if self._stiffness(length) < _MIN_STEP_STIFFNESS_FOR_NEWTON:
             self._hinge_derivatives = None
             node_rates = self._solve_nodes(length, use_newton=False)
             if node_rates is not None:
@@ -359,9 +361,9 @@ class Stepper:
         states = self.state + length * (_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX @ self._predict_rates(times))
         block = slice(self.psi_index, self.psi_index + 2)
         for iteration in range(_MAX_NODE_ITERATIONS_PER_STEP):
-            if use_newton and iteration % _ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE == 0:
+            if use_newton and iteration % _NEWTON_ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE == 0:
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
-                if not iteration and not self._stiffness(length) > _MIN_STIFFNESS_FOR_NEWTON:
+                if not iteration and not self._stiffness(length) > _MIN_STEP_STIFFNESS_FOR_NEWTON:
                     return None
                 inverse, by_angle = self._newton_matrices(length)
             node_rates = self.rates(times, states)
@@ -387,11 +389,11 @@ class Stepper:
             if (
                 not use_newton
                 and iteration
-                and iteration % _ITERATIONS_PER_CONTRACTION_CHECK == 0
-                and change > _MAX_FIXED_POINT_CONTRACTION_RATIO * last_change
+                and iteration % _FIXED_POINT_ITERATIONS_PER_CONTRACTION_CHECK == 0
+                and change > _MAX_FIXED_POINT_CONTRACTION_RATIO_PER_ITERATION * last_change
             ):
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
-                if self._stiffness(length) > _MIN_STIFFNESS_FOR_NEWTON:
+                if self._stiffness(length) > _MIN_STEP_STIFFNESS_FOR_NEWTON:
                     return None
                 self._hinge_derivatives = None
             last_change = change
