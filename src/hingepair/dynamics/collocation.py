@@ -253,8 +253,8 @@ class Stepper:
             self._pending_event = None
 
     def set_state(self, state: Array) -> None:
-        """Replace the present state by `state`, after an event or for coordinates that begin anew at every step. The
-        stored rounding residues of changed components become 0.
+        """Replace the present state by `state`, after an event or for coordinates that are reset after every step.
+        The stored rounding residues of changed components become 0.
         """
         self._rounding_residue = np.where(state == self.state, self._rounding_residue, 0.0)
         self.state = state
@@ -434,9 +434,9 @@ class Stepper:
         return errors
 
     def _predict_rates(self, times: Array) -> Array:
-        """Predict the derivatives at the nodes from the polynomial of the last step, evaluated at the instants
-        `times` of the nodes; return an array (8, k). For a much longer step, all rows are the value of the polynomial
-        at its end. Return zeros for the first step.
+        """Predict the derivatives at the nodes of a step from the polynomial of the last step, evaluated at the
+        instants `times` of the nodes; return an array (8, k). If the step is much longer than the last one, all rows
+        are the value of the polynomial at the end of the last step. Return zeros for the first step.
         """
         last_step = self._last_step
         if last_step is None:

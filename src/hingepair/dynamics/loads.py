@@ -23,8 +23,8 @@ KinkSide: TypeAlias = tuple[Array | float, Array | float]
 
 
 class MotionAtInstants(NamedTuple):
-    """Pose R1, S1 and velocities v1, omega1 of body 1, and hinge angle psi and rate psid, at n instants; arrays,
-    which loads and events get as their argument `now`.
+    """Pose R1, S1 and velocities v1, omega1 of body 1, and hinge angle psi and rate psid, arrays at n instants. Loads
+    and events that are callables get an object of this class as their argument `now`.
 
     Attributes:
         R1: reference point of body 1, world axes [m]; shape (n, 3).

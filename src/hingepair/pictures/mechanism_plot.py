@@ -71,8 +71,8 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
 
 
 def _columns_by_joint(piece: MechanismSceneResult, quantity: str) -> dict[str, Array]:
-    """Return a dict from the name of each moving joint to its q, qd or tau (`quantity`) in a piece of a result; shape
-    (N,) each.
+    """Return a dict from the name of each moving joint to an array (N,): its q, qd or tau, whichever `quantity`
+    names, in a piece of a result.
     """
     array = getattr(piece, quantity)
     moving = piece.scene.joint_motion.moving
@@ -135,8 +135,8 @@ def _draw_joint_panels(
 
 
 def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
-    """Return a list of groups of joints, each a list of joints for one row of panels. A group has one joint, or, of
-    more than 12 joints, several hinges or several sliders.
+    """Return a list of groups of joints, each a list of the joints in one row of panels. A group has one joint if
+    there are at most 12 joints, and several hinges or several sliders if there are more.
     """
     size = -(-len(joints) // 12)  # joints in a row
     if size <= 1:

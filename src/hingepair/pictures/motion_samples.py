@@ -142,8 +142,8 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 
 def _recorded_motion(source: object) -> RecordedMotion:
     """Return a tuple of t, the pair, the motion of body 1, psi and a dict of further recorded arrays of a trajectory.
-    A pair gives a motion that turns the hinge through its limits, or through a whole turn, in 6 s. Raise an
-    ArgumentError for another source.
+    For a pair, make a motion of 6 s that turns the hinge from the lower limit to the upper and back, or through a
+    whole turn if the pair has no limits. Raise an ArgumentError for another source.
     """
     if isinstance(source, Trajectory):
         recorded = source.recorded()  # refuses many motions
