@@ -45,7 +45,7 @@ class RotationError(ArgumentError):
 
 
 class ShapeError(ArgumentError):
-    """An array has a wrong shape. The attributes `name`, `expected` and `got` are those of `ArgumentError`:
+    """An array has the wrong shape. The attributes `name`, `expected` and `got` are those of `ArgumentError`:
     `expected` says which shape is accepted, and `got` says which shape the array has.
     """
 

@@ -366,7 +366,7 @@ def test_what_prepared_dynamics_lacks_is_named():
     with pytest.raises(hp.ArgumentError, match=r"pair\.body2: .* mass = 2\.0, got None"):
         none.hinge_wrench(rest, **still)
     assert bare.prepare("inverse_dynamics", outputs=("hinge_torque",)).outputs == ("hinge_torque",)
-    with pytest.raises(hp.ArgumentError, match="given: expected what output hinge_torque needs too: a1"):
+    with pytest.raises(hp.ArgumentError, match=r"given: expected names with a1.*, which output hinge_torque needs"):
         bare.prepare(("S1", "omega1", "alpha1", "psi", "psid", "psidd"), outputs=("hinge_torque",))
     needle = hp.Body(mass=1, inertia=(1, 1, 1e-30))
     thin = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1), body1=hp.Body(1, inertia=(1, 1, 1)), body2=needle)

@@ -170,11 +170,11 @@ def to_mjcf(
     "pinned" or "fixed". `hinge_torque` is a HingeLoad or None, and `body1` is the initial pose of body 1 or None.
     Warn if `hinge_torque` has properties that MJCF cannot hold.
 
-    The model has three bodies:
+    The model has three bodies, with these names:
 
-    - `body1` has the frame (R1, S1).
-    - `body2_at_hinge`, the child of `body1`, has its origin at the hinge point and is rotated by the joint `hinge`.
-    - `body2`, fixed to `body2_at_hinge`, has the frame (R2, S2).
+    - "body1" has the frame (R1, S1).
+    - "body2_at_hinge", the child of "body1", has its origin at the hinge point and is rotated by the joint "hinge".
+    - "body2", fixed to "body2_at_hinge", has the frame (R2, S2).
 
     With a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1, psi'). The bodies do not
     collide. If pair.body1 or pair.body2 is None, the mass 1 kg and the inertia 0.01 kg m^2 about each axis are

@@ -199,9 +199,10 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
         If rates are callables, the result of each integration step is compared with the result of steps of half its
         length or less. The estimate also allows for jumps and kinks between the times at which the callables were
-        evaluated, unless the values at these times rule them out. If there are more than 65,536 integration steps,
-        only some are compared: the steps over which values change most abruptly, and one step from each of many short
-        parts of the total time. A feature narrower than about 1/500 of the total time may be missed in any case.
+        evaluated, as large as the values at these times permit. If there are more than 65,536 integration
+        steps, only some are compared: the steps over which the values of the callables change most abruptly, and one
+        step from each of many short parts of the total time. Whatever the number of steps, a pulse of a callable that
+        is shorter than about 1/500 of the total time may be missed.
 
         If rates are samples, the estimate includes the error of interpolation, which is due to gaps, to motion that
         the samples hardly resolve, and to jumps and kinks anywhere between two samples. It also includes the error

@@ -30,8 +30,8 @@ class ClusterFit:
         body: the motion of the body, a BodyMotion of shape (N,) with R and S. If `fit_cluster` was called with
             `reference`, the body's reference point and axes are the origin and the axes of the coordinates in
             `reference`. Otherwise, the reference point is the mean of the places of all markers, and the axes are
-            parallel to the world axes at the sample that shows the most markers. R and S are NaN where fewer than
-            three markers are seen.
+            parallel to the world axes at the first of the samples that show the most markers. R and S are NaN where
+            fewer than three markers are seen.
         reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
             the body's axes [m]; shape (M, 3).
         residuals: distance of each marker from its place at each sample [m]; shape (N, M). It is NaN where the marker
@@ -61,8 +61,8 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
         markers: positions of the markers in world axes [m], NaN where a marker is not seen; shape (N, M, 3). There
             must be three markers or more that are not on a line.
         reference: places of the markers, from the body's reference point, in the body's axes [m]; shape (M, 3). If
-            `reference` is None, the body's axes are parallel to the world axes at the sample that shows the most
-            markers, and the body's reference point is the mean of the fitted places of all markers.
+            `reference` is None, the body's axes are parallel to the world axes at the first of the samples that
+            show the most markers, and the body's reference point is the mean of the fitted places of all markers.
 
     Returns:
         A ClusterFit. Its attribute `.body` is a BodyMotion of shape (N,) with R and S, which `fit` and `smooth`
@@ -71,7 +71,7 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     Raises:
         FitError: no sample shows three markers, or the markers are on a line. If `reference` is None, the places of
             the markers in the sample with the most markers are found first. The error is then also raised if another
-            marker is never seen together with three markers whose places are known.
+            marker is never seen together with three markers whose places have been found.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

@@ -117,10 +117,10 @@ class HingeFit(Shown):
         noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
             noise of both bodies. It is inaccurate if it is much smaller than `noise_angle` times the length of u1 or
             u2.
-        noise_angle: standard deviation of the measurement noise in the attitude of body 2 relative to body 1 [rad]:
-            of each component of the rotation vector from the exact to the recorded attitude. It includes the noise of
-            both bodies. Without an encoder, the noise of psi has the same standard deviation. It is NaN if body 2 is
-            a point.
+        noise_angle: standard deviation of the measurement noise in the attitude of body 2 relative to body 1 [rad],
+            for each component of the rotation vector from the exact to the recorded relative attitude. It includes
+            the noise of both bodies. Without an encoder, the noise of psi has the same standard deviation. It is NaN
+            if body 2 is a point.
         clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
             stamp s was taken at the instant s + clock_offset of body 1's clock. It is None if `fit` was called
             without `t`. If the motion does not determine the offset, `clock_offset` is 0 and its standard deviation
@@ -270,8 +270,8 @@ class HingeFit(Shown):
 
     def to_json(self) -> str:
         """Return a report as JSON text, a str. It holds one JSON object with the hinge, the standard deviations, the
-        rms residuals, the noise, the clock offset, the encoder, the range of psi, and the findings. Units are m, rad
-        and s. Numbers that are not finite become null.
+        rms residuals, the noise, the clock offset, the zero and scale of the encoder, the range of psi, and the
+        findings. Units are m, rad and s. Numbers that are not finite become null.
 
         The keys u1, u2, n and home hold the attributes of `pair`. The keys ok, samples, loss, gauge, std,
         rms_position, rms_angle, noise_position, noise_angle, clock_offset, encoder and findings hold the attributes

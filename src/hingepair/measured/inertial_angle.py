@@ -53,9 +53,10 @@ class AngleFit:
         std: standard deviation of psi [rad]; shape (N,), NaN where psi is NaN.
         drift: constant bias of the measured rate [rad/s].
         drift_std: standard deviation of `drift` [rad/s].
-        noise: median of the standard deviations of the hinge angles that follow from one vector at one instant [rad].
-            Each instant gives two such angles: one from the specific force at the hinge point, and one from the part
-            of the angular velocity that is perpendicular to the hinge axis. Vectors that are too short are left out.
+        noise: size of the error of a hinge angle that is found at one instant from one vector [rad]. Each instant
+            gives two such angles: one from the specific force at the hinge point, and one from the part of the
+            angular velocity that is perpendicular to the hinge axis. `noise` is the median of their estimated
+            standard deviations. Vectors that are too short are left out.
         ok: whether the measured vectors determine the angle and agree with the integral of the measured rate.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
@@ -90,12 +91,12 @@ def fit_angle(
     from the sensors to the hinge point; `fit_axis` and `fit_anchor` find them. `gaps` is the longest time without
     samples over which rates are integrated [s]. Raise FitError if there are too few samples.
 
-    Body 1's axes and body 2's axes are the axes in which the two sensors give their readings. From the
-    readings of each sensor, the fit computes two vectors that are the same for both bodies, in the axes of the body:
-    the specific force at the hinge point, and the part of the angular velocity that is perpendicular to the hinge
-    axis. At each instant, the directions of such a vector in body 1's axes and in body 2's axes determine the hinge
-    angle, unless the vector is parallel to the hinge axis. The hinge rate is the difference of the two angular
-    velocities along the axis. The integral of the hinge rate connects the angles of different instants.
+    Body 1's axes and body 2's axes are the axes in which the two sensors give their readings. Two vectors
+    are common to both bodies: the specific force at the hinge point, and the part of the angular velocity that is
+    perpendicular to the hinge axis. The fit computes each of them twice: from sensor 1 in body 1's axes, and from
+    sensor 2 in body 2's axes. At each instant, the two directions found for a vector determine the hinge angle,
+    unless the vector is parallel to the hinge axis. The hinge rate is the difference of the two angular velocities
+    along the axis. The integral of the hinge rate connects the angles of different instants.
 
     Each of the four records may have NaN where a sample is missing. An instant is used if all four records are finite
     there, and if it belongs to a series of at least 8 such instants without a gap.
@@ -126,7 +127,7 @@ def fit_angle(
         the numbers of the fit.
 
     Raises:
-        FitError: there are fewer than 8 consecutive samples without a gap.
+        FitError: no series of samples without a gap has 8 samples or more.
         ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """

@@ -224,10 +224,10 @@ class MechanismMethods(Shown):
 
         J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin [m/s^2],
         and alpha is the angular acceleration of the frame [rad/s^2]. a1 and alpha1 are the acceleration of the base's
-        reference point and the angular acceleration of the base. All four are in world axes. If the base is "fixed",
-        the bias includes the effect of the velocities and accelerations of `base_motion`. If the base is "free", only
-        S and omega of `base_motion` are used. `qd` are the time derivatives of q. The other arguments are the same as
-        for `jacobian`.
+        reference point and the angular acceleration of the base. All four are in world axes. A base that is not
+        free moves as `base_motion` prescribes and rests by default; the bias includes the effect of its velocities
+        and accelerations. For a free base, only S and omega of `base_motion` are used. `qd` are the time derivatives
+        of q. The other arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -419,8 +419,9 @@ class MechanismMethods(Shown):
             force1: force on a free base at its reference point R1, world axes [N]; shape (..., 3). It must be 0 for a
                 fixed base.
             torque1: torque on a free base about R1, world axes [N m]; shape (..., 3). It must be 0 for a fixed base.
-            base_motion: motion of the base. For a "free" base, only S and omega are used; for a "fixed" base, S,
-                omega, a and alpha. By default, the base is at rest, and S is the identity.
+            base_motion: motion of the base. For a free base, only S and omega are used. A base that is not free moves
+                as `base_motion` prescribes; its S, omega, a and alpha are used. By default, the base is at rest, and
+                S is the identity.
             outputs: names of the outputs to compute: qdd, and for a free base a1 and alpha1; by default all.
             out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
             workers: number of threads; -1 for one thread per core.
@@ -612,9 +613,10 @@ class MechanismMethods(Shown):
         DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
         J is the result of `centre_of_mass_jacobian`. a1 and alpha1 are the acceleration of the base's reference point
-        and the angular acceleration of the base. Vectors are in world axes. If the base is "fixed", the bias includes
-        the effect of the velocities and accelerations of `base_motion`. If the base is "free", only S and omega of
-        `base_motion` are used. The mass of a "fixed" base is not included. If all included masses are 0, the result
+        and the angular acceleration of the base. Vectors are in world axes. A base that is not free moves as
+        `base_motion` prescribes and rests by default; the bias includes the effect of its velocities and
+        accelerations. For a free base, only S and omega of `base_motion` are used. The mass of a base that is not
+        free is not included. If all included masses are 0, the result
         is NaN. `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
 
         >>> import numpy as np

@@ -144,8 +144,9 @@ class JointResults(Results):
     names: ClassVar[tuple[str, ...]] = ()
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each sample. The values of tau or qdd are in columns with the
-        names of the joints. The components of the base's vectors are in columns such as force1_x or a1_x.
+        """Return a pandas DataFrame with a row for each sample. The values of the joints (tau of
+        MechanismForces, qdd of MechanismAccelerations) are in columns with the names of the joints. The components of
+        the base's vectors are in columns such as force1_x or a1_x.
 
         The columns are in the order of the attribute `outputs`. If the result has only tau (`outputs=("tau",)`) or
         only qdd (`outputs=("qdd",)`), the methods of the robot accept the table as the argument `tau` or `qdd`.
@@ -217,7 +218,7 @@ class MechanismForces(JointResults):
     """Forces and torques that a motion of a robot requires. tau are the torques of hinges [N m] and the forces of
     sliders [N] in the order of q, shape (..., dof). force1 is the force [N] on the base at the base's reference point
     R1, and torque1 is the torque [N m] on the base about R1, in world axes, shape (..., 3) each. Outputs that were
-    not computed are None.
+    not computed are None. Only hingepair calls the constructor.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
@@ -235,7 +236,7 @@ class MechanismAccelerations(JointResults):
     """Accelerations of a robot under given torques and forces. qdd are the second time derivatives of q, shape
     (..., dof) [rad/s^2 for hinges, m/s^2 for sliders]. For a free base, a1 is the acceleration of the base's
     reference point [m/s^2], and alpha1 is the angular acceleration of the base [rad/s^2], in world axes, shape
-    (..., 3) each. For a fixed base, a1 and alpha1 are None.
+    (..., 3) each. If the base is not free, a1 and alpha1 are None. Only hingepair calls the constructor.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)

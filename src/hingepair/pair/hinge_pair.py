@@ -263,8 +263,8 @@ class HingePair(Shown):
                 If `outputs` is not given, `given` determines the outputs. If a load is an input, they are a1, alpha1
                 and psidd. For the word "inverse_dynamics", they are force1, torque1 and hinge_torque. In all other
                 cases, they are R2, S2 and d; with qd or psid also v2 and omega2; with qdd or psidd also a2 and
-                alpha2. Unless q is an input, R2 needs R1, v2 needs v1, and a2 needs a1; without them, an
-                ArgumentError is raised.
+                alpha2. Unless q is an input, R2 needs R1, v2 needs v1, and a2 needs a1. The default outputs need
+                them too: for `given` = ("S1", "psi"), give `outputs` without R2.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
             workers: number of threads; -1 for one thread per core.
@@ -276,10 +276,10 @@ class HingePair(Shown):
             and qdd; (..., 4) for quaternions; (..., 3, 3) for S1 and S2; (...,) for psi, psid, psidd and
             hinge_torque; and (..., 3) for all others. The inputs broadcast against each other. The optional argument
             `out` of a call is a dict whose keys are names of outputs and whose values are arrays, into which the
-            results are written. A call returns a `PairState`, from which each output is read by its name, such as
-            `state["R2"]` or `state["gap"]`. Outputs of `forward_kinematics` and jacobian are also attributes, such as
-            `state.R2`. The attributes `source` and `llvm` of the object are the
-            generated Python code and the generated LLVM code, as text.
+            results are written. A call returns a `PairState`. Each output can be read by its name, such as
+            `state["gap"]`. Outputs that are attributes of a PairState can also be read as attributes, such as
+            `state.R2` or `state.force1`. The attributes `source` and `llvm` of the object are the generated Python
+            code and the generated LLVM code, as text.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an input or the mass of a body that is not given. The
@@ -920,8 +920,8 @@ class HingePair(Shown):
             (..., 3), and the covariances R2 [m^2] and attitude [rad^2], shape (..., 3, 3), in world axes. The error
             of the attitude is the rotation vector, in world axes, from the nominal to the actual attitude of body 2.
             The method contributions() returns the variances of the six components of the pose [m^2, rad^2] that each
-            tolerance alone causes, as a dict of arrays (..., 6). The keys are "u1_x" to "u2_z", "axis", and "home_x"
-            to "home_z".
+            tolerance alone causes, as a dict of arrays (..., 6). The keys are "u1_x" to "u2_z", "axis" (all
+            components of n together), and "home_x" to "home_z". The correlations of different keys are ignored.
 
         Raises:
             ArgumentError: an argument cannot be used, a covariance and standard deviations are both given, or all
@@ -945,12 +945,12 @@ class HingePair(Shown):
 
         Solvers of differential-algebraic equations need G. The five constraints are gap = 0 and tilt = 0. gap is the
         vector R1 + S1 u1 - R2 - S2 u2, with three components in world axes [m]. tilt has two components, without
-        unit. Let h1 = S1 n and h2 = S2 C^-1 n be the directions of the hinge axis that follow from each body, in
-        world axes, where C is `home`. The components of tilt are (h1 x h2) . (S1 e1) and (h1 x h2) . (S1 e2). e1 and
-        e2 are fixed in body 1 and form an orthonormal basis with n. e1 is a coordinate axis of body 1, projected onto
-        the plane perpendicular to n and scaled to unit length. This coordinate axis is the one along which n has the
-        component of smallest magnitude; if there are several, it is the first of them. e2 is n x e1. The Jacobian is
-        exact even if a motion violates the constraints.
+        unit. Let h1 = S1 n and h2 = S2 C^-1 n be the directions of the hinge axis as fixed in body 1 and as fixed in
+        body 2, in world axes, where C is `home`. The components of tilt are (h1 x h2) . (S1 e1) and (h1 x h2) . (S1
+        e2). e1 and e2 are fixed in body 1 and form an orthonormal basis with n. e1 is a coordinate axis of body 1,
+        projected onto the plane perpendicular to n and scaled to unit length. This coordinate axis is the one along
+        which n has the component of smallest magnitude; if there are several, it is the first of them. e2 is n x e1.
+        The Jacobian is exact even if a motion violates the constraints.
 
         Args:
             body1: the motion of body 1; only S is used.

@@ -182,7 +182,7 @@ class PlanarPair(Shown):
         whose keys are the names of the outputs and whose values are arrays (...,) of bounds. The bound at a sample
         holds for each component of the output.
 
-        The inputs, u1 and u2 are taken as exact. The bounds are rigorous for the backends "numpy" and "compiled" if
+        q, qd, qdd, u1 and u2 are taken as exact. The bounds are rigorous for the backends "numpy" and "compiled" if
         sines and cosines are accurate to 1.5 units in the last place.
 
         Args:
@@ -296,7 +296,7 @@ class PlanarPair(Shown):
             The Forces, with the attributes force1, torque1 and hinge_torque. force1, world axes [N], shape (..., 2),
             is the force that must act on body 1 at R1. torque1 [N m], shape (...,), is the torque about R1 that
             must act on body 1. hinge_torque [N m], shape (...,), is the torque that body 1 must exert on body 2
-            about the pin.
+            about the hinge axis.
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -335,9 +335,9 @@ class PlanarPair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
-            The HingeWrench, with the attributes force, world axes [N], shape (..., 2), and torque, about the pin
-            [N m], shape (...,). Its attribute hinge_torque is equal to torque, and its attribute bearing_torque is 0;
-            both have shape (...,).
+            The HingeWrench, with the attributes force, world axes [N], shape (..., 2), and torque, about the hinge
+            axis [N m], shape (...,). Its attribute hinge_torque is equal to torque, and its attribute bearing_torque
+            is 0; both have shape (...,).
 
         Raises:
             ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
@@ -378,7 +378,7 @@ class PlanarPair(Shown):
             qd: time derivatives of q [m/s, rad/s], in the same form.
             force1: force on body 1 at R1, world axes [N]; shape (..., 2), or the number 0 (the default).
             torque1: torque on body 1 about R1 [N m]; shape (...,); 0 by default.
-            hinge_torque: torque that body 1 exerts on body 2 about the pin [N m]; shape (...,); 0 by default.
+            hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]; shape (...,); 0 by default.
             force2: force on body 2 at R2, world axes [N]; shape (..., 2), or the number 0 (the default).
             torque2: torque on body 2 about R2 [N m]; shape (...,); 0 by default.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.

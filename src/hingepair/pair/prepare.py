@@ -182,8 +182,9 @@ def prepare(
     for name in output_names:
         of_both = names if forward or name not in _TWO_BODY_OUTPUT_NAMES else (*names, "S2")
         missing = sorted(plan_of((name,), given_names=of_both).inputs - known_names - ADDED_HINGE_FRAME_VECTOR_NAMES)
-        if missing:
-            raise ArgumentError("given", f"what output {name} needs too: {', '.join(missing)}", ", ".join(names))
+        if missing:  # a plan without q takes the results of coordinates as inputs
+            needed = ", ".join("q" if one == name else one for one in missing)
+            raise ArgumentError("given", f"names with {needed}, which output {name} needs", ", ".join(names))
     call = cached_call(constants, plan, names, execution.backend)
     if execution.backend == "auto":
         call.compile()

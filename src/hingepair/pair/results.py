@@ -64,7 +64,7 @@ class Result(Shown):
 
     def unit(self, name: str) -> str:
         """Return the unit of an output, such as "R2", or of one component of an output, such as "R2_x", as a string.
-        For both of these names, the string is "m". For a rotation matrix or an unknown name, it is "1".
+        For both of these names, the string is "m". For a quantity without a unit or an unknown name, it is "1".
         """
         return unit_of(name)
 
@@ -97,12 +97,12 @@ class Result(Shown):
 
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with a row for each instant, a column t, and a column for each component of the
-        recorded arrays, such as the position R2 and the hinge angle psi.
+        arrays of the motion, such as the position R2 and the hinge angle psi.
 
-        The components of a vector have columns such as R2_x and R2_y, and the elements of a matrix have columns such
-        as S2_xy. An array with one number per instant, such as psi, has one column of its name. `attrs["units"]` of
-        the DataFrame is a dict whose keys are the names of the arrays, such as "R2", and whose values are their
-        units.
+        The components of a vector have columns such as R2_x and R2_y. The elements of a matrix, which only motions in
+        space have, are in columns such as S2_xy. An array with one number per instant, such as psi, has one column of
+        its name. `attrs["units"]` of the DataFrame is a dict whose keys are the names of the arrays, such as "R2",
+        and whose values are their units.
 
         Raises:
             ArgumentError: the result is a trajectory that holds many motions or Dask arrays.

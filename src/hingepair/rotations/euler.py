@@ -264,7 +264,7 @@ class EulerKinematics(Frozen):
 
     Attributes:
         J: shape (..., 3, 3).
-        J_inverse: shape (..., 3, 3); NaN at gimbal lock as `euler_rates` defines it.
+        J_inverse: shape (..., 3, 3). It is NaN at gimbal lock; `euler_rates` says which angles count as gimbal lock.
         J_dot: time derivative of J [1/s]; shape (..., 3, 3); None if phid was not given.
         condition: condition number of J in the 2-norm; shape (...,). It is the largest factor by which a relative
             error of omega grows in phi'. It is at least 1, and very large or inf at gimbal lock.
@@ -296,8 +296,8 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
 
     Returns:
         The `EulerKinematics`, with the attributes J, J_inverse and J_dot, each of shape (..., 3, 3), and condition
-        and lock_distance [rad], each of shape (...,). J_inverse is NaN at gimbal lock, as `euler_rates` defines it.
-        J_dot is None without phid.
+        and lock_distance [rad], each of shape (...,). J_inverse is NaN at gimbal lock; `euler_rates` says which
+        angles count as gimbal lock. J_dot is None without phid.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.

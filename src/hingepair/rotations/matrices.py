@@ -165,8 +165,8 @@ def rotation_log(S: ArrayLike) -> FloatArray:
     rotation.
 
     If S is a rotation to within rounding errors, the error is at most 6 u times the angle, where u = 2^-53. For a
-    rotation vector `rotvec` shorter than pi, `rotation_log(rotation_exp(rotvec))` equals rotvec to within this error.
-    If S is not finite, the result is NaN.
+    rotation vector `rotvec` shorter than pi by more than 2e-15, `rotation_log(rotation_exp(rotvec))` equals rotvec to
+    within this error. If S is not finite, the result is NaN.
 
     Args:
         S: rotation matrices; shape (..., 3, 3).
