@@ -62,8 +62,8 @@ def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any)
 
 def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Array]:
     """Convert q, v, a, or the first one or two of these, from Pinocchio's conventions to MuJoCo's; return a list of
-    as many arrays. For v and for a, a further argument gives the linear rates in world axes, shape (N, 3), which
-    replace the first three columns.
+    as many arrays. For each of v and a, a further positional argument holds the linear rates in world axes, shape (N,
+    3), which replace the first three columns.
 
     MuJoCo's quaternions are wxyz, its linear rates are in world axes, its accelerations are classical.
 
@@ -77,10 +77,10 @@ def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Ar
 
 
 def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, with_dynamics: bool = False) -> Job:
-    """Compile Pinocchio's C++ loop over a pair, for dynamics if `with_dynamics`, otherwise for kinematics, and return
-    a job that calls the loop with the pair and `arguments`, of which arrays are passed by address. The job returns
-    `results`: the array or dict of arrays among the arguments that the loop fills. Raise a MissingDependencyError if
-    the loop cannot be compiled.
+    """Compile Pinocchio's C++ loop over a pair, for dynamics if `with_dynamics`, otherwise for kinematics. Return a
+    job that calls the loop with the pair and with `arguments`, of which arrays are passed by address, and that
+    returns `results`: the array or dict of arrays among the arguments that the loop fills. Raise a
+    MissingDependencyError if the loop cannot be compiled.
 
     Args:
         pair: the pair.
@@ -113,9 +113,9 @@ def _address(value: Any) -> Any:
 
 @functools.cache
 def compile_library(source_name: str, *flags: str) -> Any:
-    """Compile the C++ file `source_name` of this folder with further compiler flags, which takes up to two minutes;
-    return it as a ctypes library. The libraries are cached. Raise a MissingDependencyError if the compiler or a
-    header is missing.
+    """Compile a C++ file of the folder `bench`, named `source_name`, with further compiler flags, which takes up to
+    two minutes; return it as a ctypes library. The libraries are cached. Raise a MissingDependencyError if the
+    compiler or a header is missing.
 
     Args:
         source_name: name of the file.
@@ -171,7 +171,7 @@ def compile_pair_loop(*, with_dynamics: bool = False) -> Any:
 
 
 def cpp_missing_reason(is_requested: bool, source_name: str = PAIR_LOOP_SOURCE, *flags: str) -> str | None:
-    """Compile a C++ file if `is_requested`. Return None if this succeeds; otherwise return a text that says why the
+    """Compile a C++ file if `is_requested`. Return None if this succeeds; otherwise return a string that says why the
     loops of the file cannot be measured (not requested, or no compiler or header).
 
     Args:

@@ -106,7 +106,7 @@ class FittedHinge(NamedTuple):
 
 def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
     """Measure run times and errors of fits of a hinge to poses, and of fits of a hinge axis to gyroscopes, by
-    hingepair and other packages; return the Report. `sizes` are the numbers of samples of the recordings; each fit is
+    hingepair and other packages; return the Report. `sizes` are the numbers of samples of the recordings. Each fit is
     timed `repeats` times.
     """
     rows = _measure_pose_fits(sizes, repeats)
@@ -115,9 +115,9 @@ def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
 
 
 def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
-    """Measure run times and errors of fits of a hinge to simulated poses, with noise alone and with outliers too;
-    return a list of table rows. `sizes` are the numbers of samples of the recordings; each fit is timed `repeats`
-    times.
+    """Measure run times and errors of fits of a hinge to simulated poses, once with noise alone and once with noise
+    and outliers; return a list of table rows. `sizes` are the numbers of samples of the recordings. Each fit is timed
+    `repeats` times.
     """
     rows: list[Row] = []
     for count in sizes:
@@ -145,9 +145,10 @@ def _measure_pose_fits(sizes: Sequence[int], repeats: int) -> list[Row]:
 
 
 def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], list[str]]:
-    """Measure run times and errors of fits of the hinge axis to simulated gyroscopes, without and with biases; return
-    a list of table rows, and a list of notes on the methods left out. `sizes` are the numbers of samples of the
-    recordings. A method is left out for sizes that are too large for it; each fit is timed `repeats` times.
+    """Measure run times and errors of fits of the hinge axis to simulated gyroscopes, without and with biases. Return
+    a tuple of a list of table rows, and a list of notes on the methods whose package is not installed. `sizes` are
+    the numbers of samples of the recordings; a method has no row for sizes that are too large for it. Each fit is
+    timed `repeats` times.
     """
     methods, notes = available_methods(
         (
@@ -237,30 +238,33 @@ def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialR
 
 
 def axis_by_hingepair(recording: InertialRecording, bias_std: float) -> tuple[Array, Array]:
-    """Return a tuple (n1, n2) of the hinge axis in the axes of body 1 and of body 2, as `hingepair.fit_axis` fits it
-    to the gyroscopes. `bias_std` is the standard deviation of the gyroscopes' biases [rad/s].
+    """Return the hinge axis as a tuple (n1, n2) of unit vectors, shape (3,), in the axes of body 1 and of body 2, as
+    `hingepair.fit_axis` fits it to the gyroscopes. `bias_std` is the standard deviation of the gyroscopes' biases
+    [rad/s].
     """
     axis_fit = fit_axis(recording.omega1, recording.omega2, bias_std)
     return axis_fit.n1, axis_fit.n2
 
 
 def axis_by_qmt_gyroscopes(recording: InertialRecording, _: float) -> tuple[Array, Array]:
-    """Return a tuple (n1, n2) of the hinge axis in the axes of body 1 and of body 2, as the package qmt fits it to
-    the gyroscopes alone, which do not determine the sign of n2. The second argument is ignored.
+    """Return the hinge axis as a tuple (n1, n2) of unit vectors, shape (3,), in the axes of body 1 and of body 2, as
+    the package qmt fits it to the gyroscopes alone, which do not determine the sign of n2. The second argument is
+    ignored.
     """
     return _axis_by_qmt(recording, {"residuals": [1]})
 
 
 def axis_by_qmt(recording: InertialRecording, _: float) -> tuple[Array, Array]:
-    """Return a tuple (n1, n2) of the hinge axis in the axes of body 1 and of body 2, as the package qmt fits it to
-    gyroscopes and accelerometers with its default settings. The second argument is ignored.
+    """Return the hinge axis as a tuple (n1, n2) of unit vectors, shape (3,), in the axes of body 1 and of body 2, as
+    the package qmt fits it to gyroscopes and accelerometers with its default settings. The second argument is
+    ignored.
     """
     return _axis_by_qmt(recording, None)
 
 
 def _axis_by_qmt(recording: InertialRecording, settings: dict[str, Any] | None) -> tuple[Array, Array]:
-    """Return a tuple (n1, n2) of the hinge axis in the axes of body 1 and of body 2, shape (3,) each, as the package
-    qmt fits it to a recording. `settings` is a dict of options of qmt, or None for the defaults of qmt.
+    """Return the hinge axis as a tuple (n1, n2) of unit vectors, shape (3,), in the axes of body 1 and of body 2, as
+    the package qmt fits it to a recording. `settings` is a dict of options of qmt, or None for the defaults of qmt.
     """
     import qmt
 
@@ -320,9 +324,9 @@ def fit_by_hingepair(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return, as a FittedHinge, the hinge that SciPy's least_squares fits to the conditions that both bodies share
-    the hinge point (E1) and the hinge axis, with the loss function named `loss`, from a start about 0.2 from the true
-    hinge. The axes are normalised.
+    """Fit a hinge by SciPy's least_squares, with the loss function named `loss`, to the conditions that both bodies
+    share the hinge point (E1) and the hinge axis; return it as a FittedHinge. The start is about 0.2 from the true
+    hinge, and the axes are normalised.
     """
     from scipy.optimize import least_squares
 
@@ -341,9 +345,9 @@ def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 
 def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
-    """Return, as a FittedHinge, the hinge that SciPy's least_squares fits to the equations of position (E1) and
-    attitude (E5) of body 2, with the loss function named `loss`. psi of every sample is an unknown, and the start is
-    about 0.2 from the true hinge.
+    """Fit a hinge by SciPy's least_squares, with the loss function named `loss`, to the equations of position (E1)
+    and attitude (E5) of body 2; return it as a FittedHinge. The values of psi at all samples are unknowns too, and
+    the start is about 0.2 from the true hinge.
     """
     from scipy.optimize import least_squares
     from scipy.sparse import lil_matrix

@@ -285,8 +285,9 @@ def times_to_target_error(rows: Sequence[Row], case: str) -> dict[str, float]:
 
 
 def make_target_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return a list of new table rows, with the run time of each method at the error TARGET_ATTITUDE_ERROR_RAD for
-    each motion, interpolated between the measured rows.
+    """Return a list of new table rows with the run time of each method at the error TARGET_ATTITUDE_ERROR_RAD,
+    interpolated between the measured rows of a motion. There is a row for each motion and each method that reaches
+    the error.
     """
     target_rows = []
     for motion in ROTATION_CASES:
@@ -298,8 +299,8 @@ def make_target_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def make_convergence_panels(rows: Sequence[Row]) -> list[list[Panel]]:
-    """Return the picture's panels as a list of lists, one for each motion: a panel of error against step, and one of
-    error against run time. `rows` are the measured table rows.
+    """Return the picture's panels as a list of rows, one for each motion. Each row is a list of two panels, one of
+    error against step and one of error against run time. `rows` are the measured table rows.
     """
     return [
         [

@@ -67,9 +67,9 @@ class Method(NamedTuple):
 def available_methods(
     methods: Iterable[Method], exclusion_reasons: Mapping[str, str | None]
 ) -> tuple[list[Method], list[str]]:
-    """Return a list of the methods that can be measured, and a list of sentences that say why each other method is
-    left out. A method cannot be measured if its package is not installed or if `exclusion_reasons`, which maps names
-    of methods to texts or None, gives a reason.
+    """Return a list of the methods that can be measured, and a list of notes, one for each other method, that say why
+    it is left out. A method cannot be measured if its package is not installed, or if `exclusion_reasons`, a mapping
+    from names of methods to strings or None, holds a reason.
 
     Args:
         methods: all methods.
@@ -91,8 +91,8 @@ def available_methods(
 @dataclass(frozen=True, slots=True)
 class Row:
     """A row of a report's table: run times and error of one method on one case. The fields are case, method, the
-    number of samples, median and minimum time of a call [s], the ratio to the first method, the error, and a mapping
-    of further values by column heading.
+    number of samples, median and minimum time of a call [s], the time per sample divided by the first method's, the
+    error, and a mapping of further values by column heading.
     """
 
     case: str  # what all methods of the case compute
@@ -114,7 +114,9 @@ class Row:
 
 
 class Report(NamedTuple):
-    """The result of a benchmark: the rows of its table, the notes below it, and the panels of its picture."""
+    """The result of a benchmark: the rows of its table, the heading of the errors, the notes below the table, and the
+    rows of panels of its picture.
+    """
 
     rows: Sequence[Row]  # the rows of a case stand together
     error_label: str = ""  # heading of the column of errors, with their unit
@@ -163,8 +165,9 @@ def measure_methods(
 ) -> list[Row]:
     """Measure the run times of the methods for a batch of `size` samples, `repeats` times in alternation; return a
     list of the table rows of the case. A method is left out if `size` is below its `min_samples`, and computes at
-    most its `max_samples`. `make_task` returns the task of a number of samples. By the method's name, `errors` maps
-    to a number and `extra_columns` to a mapping of further values by column heading; both may be None.
+    most its `max_samples`. `make_task` is a function from a number of samples to a task. `errors` maps names of
+    methods to errors, and `extra_columns` maps them to mappings of further values by column heading; both may be
+    None.
 
     Args:
         case: name of the case.
@@ -190,8 +193,8 @@ def make_rows(
 ) -> list[Row]:
     """Return a list of the table rows of a case, computed from `repeat_seconds`, which maps each method's name to the
     run times [s] of a call, one for each repeat. Ratios refer to the first method. `sample_counts` is the number of
-    samples of a call for all methods, or a mapping by the method's name. By the method's name, `errors` maps to a
-    number and `extra_columns` to a mapping of further values by column heading; both may be None.
+    samples of a call, or a mapping of these numbers by the method's name. `errors` maps names of methods to errors,
+    and `extra_columns` maps them to mappings of further values by column heading; both may be None.
 
     Args:
         case: name of the case.
@@ -213,8 +216,9 @@ def make_rows(
 
 def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
     """Call all jobs in turn, `repeats` times; return a dict from a job's name to a list of run times of one call [s],
-    one for each repeat. `jobs` maps names to functions without arguments. Each job is also called without being
-    timed, and a short job is called several times in a repeat.
+    one for each repeat. `jobs` maps names to functions without arguments. Before a job is timed, wait until other
+    threads are idle. Each job is also called without being timed, and a short job is called several times in a
+    repeat.
 
     Every repeat runs all jobs, one after the other, so that disturbances affect all of them alike. Before a job is
     timed, the other threads of the process must be idle: JAX frees its memory after a call has returned, which delays

@@ -186,8 +186,8 @@ def pinocchio_cpp_kinematics_job(task: KinematicsTask) -> Job:
 
 
 def mujoco_kinematics_job(task: KinematicsTask) -> Job:
-    """Return a job that calls the stages of MuJoCo that the outputs need, for each sample of the task in a Python
-    loop. The job writes the outputs into the task's buffers and returns these, a dict by name.
+    """Return a job that calls the functions of MuJoCo that compute the task's outputs, for each sample of the task in
+    a Python loop. The job writes the outputs into the task's buffers and returns these, a dict by name.
     """
     import mujoco as mj
 
@@ -300,8 +300,8 @@ def _stacked_rotation(xp: Any, axis_index: int, angle: Any) -> Any:
 
 def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: Any, S2: Any) -> OutputArrays:
     """Return a dict of R2, S2, v2, omega2, a2 and alpha2 by name, computed from the attitudes S1, S2, shape (N, 3,
-    3), by `xp`, which is numpy or jax.numpy. `motion` is one of the tuples (q,), (q, qd) and (q, qd, qdd). Without qd
-    there are no rates, and without qdd no accelerations in the dict.
+    3), by `xp`, which is numpy or jax.numpy. `motion` is one of the tuples (q,), (q, qd) and (q, qd, qdd). The dict
+    has no rates without qd, and no accelerations without qdd.
     """
     q = motion[0]
     r1, r2 = S1 @ pair.u1, S2 @ pair.u2
@@ -328,8 +328,9 @@ def _body2_from_stacks(xp: Any, pair: HingePair, motion: tuple[Any, ...], S1: An
 
 @contextmanager
 def _restrict_to_one_core() -> Iterator[None]:
-    """Return a context manager that restricts the calling thread, and the threads that it starts, to one core until
-    it exits. It does nothing if the system has no such call; Linux has one.
+    """Return a context manager whose block runs on one core: it restricts the calling thread and the threads that the
+    block starts. At the end, the calling thread may use its former cores again. Do nothing on a system that cannot
+    restrict threads.
 
     JAX then makes one thread when it first lists its devices.
     """

@@ -120,8 +120,8 @@ class ExactRobot:
         return 1 + [joint.name for joint in self._tree.joints].index(name)
 
     def _joint_values(self, values: Array) -> Array:
-        """Convert values of the coordinates to values of all joints, mimic joints included but without their offsets;
-        return an array of mpmath numbers.
+        """Convert values of the coordinates to values of all joints in the order of the joints, with the multipliers
+        but without the offsets of mimic joints; return an array of mpmath numbers.
         """
         joint_values: Array = _to_mpf(np.asarray(values, float))[self._columns] * np.array(self._ratios, dtype=object)
         return joint_values
@@ -156,7 +156,8 @@ class ExactRobot:
 
 def _required_wrench(joint: Joint, body: _BodyState) -> tuple[Array, Array]:
     """Return the force [N] that the motion of a joint's body requires, gravity included, and the torque about the
-    joint's point [N m], as a tuple of two arrays of mpmath numbers, shape (3,) each.
+    joint's point [N m], in world axes, as a tuple of two arrays of mpmath numbers, shape (3,) each. `body` is the
+    _BodyState of the joint's body.
     """
     c = body.S @ _to_mpf(joint.body.center_of_mass)
     inertia = body.S @ _to_mpf(joint.body.inertia) @ body.S.T

@@ -155,8 +155,8 @@ def _robot_errors(methods: Sequence[Method], make_task: Callable[[int], RobotTas
 
 
 def _run_time_panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
-    """Return the picture's panels, one for each workload, as a list of lists. A panel has a line for each robot and
-    shows, along x, the run times per state of batches of `size` states by each method.
+    """Return the picture's panels, one for each workload, as a list of two rows of two panels. A panel has a line for
+    each robot and shows, along x, the run times per state of batches of `size` states by each method.
 
     The legend shows the largest error of each engine.
     """

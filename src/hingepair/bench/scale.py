@@ -97,8 +97,9 @@ _SCENE_OUTPUT_AND_VARIED_KEY_BY_CASE_NAME: Final = {
 
 def measure_scaling(samples: int, reduction_samples: int, threads: int, repeats: int) -> Report:
     """Measure run times of calls on NumPy and on Dask arrays of `samples` samples, with one thread and with
-    `threads`, and of sweeps, and run time and peak memory of a Dask reduction; return the Report. No reduction is
-    measured if `reduction_samples` is 0. Raise a MissingDependencyError if Dask is not installed.
+    `threads`, `repeats` times. Measure once the run times of sweeps, and the run time and peak memory of a Dask
+    reduction of `reduction_samples` samples, unless `reduction_samples` is 0. Return the Report. Raise a
+    MissingDependencyError if Dask is not installed.
 
     Args:
         samples: number of samples of the calls that are compared.
@@ -186,9 +187,9 @@ def _measure_beside_dask(
     threads: int,
     repeats: int,
 ) -> list[Row]:
-    """Measure run times of a plain call and of the same call on Dask arrays, with one thread and with `threads`;
-    return a list of the table rows of the case. `make_plain_job` returns the plain call's job for a number of
-    threads; `compute_lazily` takes the Dask arrays and returns a list of lazy results.
+    """Measure run times of a plain call and of the same call on Dask arrays, with one thread and with `threads`,
+    `repeats` times; return a list of the table rows of the case. `make_plain_job` is a function from a number of
+    threads to a job of the plain call; `compute_lazily` takes the Dask arrays and returns a list of lazy results.
 
     Args:
         case: name of the case.

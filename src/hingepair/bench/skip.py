@@ -19,9 +19,9 @@ OPERATION_COUNT_COLUMN_HEADING = "operations"  # heading of a column of the tabl
 
 
 class FoldingCase(NamedTuple):
-    """A call of `forward_kinematics` of which something is known before: constants of the pair, constant coordinates,
-    or outputs that are not needed. `motion` is the tuple (q,) or (q, qd), each an array or a tuple of components;
-    `outputs` is a tuple of names.
+    """A call of `forward_kinematics` about which something is known in advance: constants of the pair, constant
+    coordinates, or outputs that are not needed. `motion` is the tuple (q,) or (q, qd), each an array or a tuple of
+    components; `outputs` is a tuple of names.
     """
 
     pair: HingePair | PlanarPair
@@ -54,8 +54,8 @@ class FoldingCase(NamedTuple):
 
 
 def measure_folding(samples: int, repeats: int) -> Report:
-    """Measure run times of velocities of `samples` samples in cases with known inputs and in a case without known
-    inputs, by each backend, `repeats` times; return the Report.
+    """Measure run times of velocities of `samples` samples by each backend, `repeats` times, in cases with known
+    inputs and in a case without known inputs. Return the Report, whose table also has the numbers of operations.
     """
     rows, folding_cases = [], make_folding_cases(samples)
     extra_columns = {

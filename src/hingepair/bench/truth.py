@@ -95,8 +95,8 @@ def skew_vector(W: Any) -> Any:
 
 
 class ExactResults:
-    """Exact results of a batch of states, computed at construction, and the scales of their rounding errors. The
-    method `largest_error` compares the results of a computation with them.
+    """Exact results of a batch of states, computed at construction for the outputs that it names, and the scales of
+    their rounding errors. The method `largest_error` compares the results of a computation with them.
 
     Args:
         pair: u1, u2, n, home: the arguments of the pair.
@@ -111,9 +111,9 @@ class ExactResults:
         self.exact = [compute_exact_outputs(pair, *state) for state in zip(*self.motion, strict=True)]
 
     def largest_error(self, results: Mapping[str, Array]) -> float:
-        """Return the largest error of any output of `results`, a mapping of arrays by output name, against the exact
-        results, as a float in units of u * scale, the unit roundoff times the scale of the output. It is inf if a
-        result is not finite.
+        """Return the largest error of the outputs that the constructor names, as a float in units of u * scale, the
+        unit roundoff times the scale of the output. `results` is a mapping of arrays by output name, which must hold
+        these outputs; others are ignored. The error is inf if a result is not finite.
         """
         worst = 0.0
         for name in self.outputs:

@@ -81,7 +81,7 @@ def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
 
 
 def _parse_sizes(sizes: str) -> list[int]:
-    """Return the batch sizes in a text, which are integers separated by commas, as a list of ints. Raise an
+    """Parse batch sizes, a string of integers separated by commas, and return them as a list of ints. Raise an
     ArgumentError unless each integer is from 1 to 10 million.
     """
     counts = [int(part) if part.strip().isdecimal() else 0 for part in sizes.split(",")]

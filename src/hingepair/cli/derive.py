@@ -123,7 +123,7 @@ def _derive_pair(
     a simulated Scene. `scene_file` is the path of a pair's file, from which exact values are read, or None. `symbols`
     are the names of the constants that stay symbols. `outputs` are the names of outputs; None stands for the outputs
     of the scene or the default. `output_format` is "text", "latex", "python" or "json". Repeated terms are
-    abbreviated if `short` is True, or if it is None and lines are long.
+    abbreviated if `short` is True, or if `short` is None and lines are long.
     """
     from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms

@@ -254,7 +254,7 @@ def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Pa
 
 
 def _save_text(path: Path, text: str, inputs: list[Path]) -> None:
-    """Write a text to the file `path`, completely or not at all. Raise an ArgumentError if `path` is one of the files
+    """Write text to the file `path`, completely or not at all. Raise an ArgumentError if `path` is one of the files
     `inputs` or cannot be written.
     """
     with whole_file(path, inputs) as file:

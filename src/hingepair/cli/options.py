@@ -55,8 +55,8 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _typed_arguments(command: Callable[..., None], values: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the values of a command's positional arguments as texts, such as paths and names of robots. `values` is a
-    dict of all arguments by parameter name. If a value is a list, yield each of its entries; if it is None, yield
+    """Yield the values of a command's positional arguments as strings, such as paths and names of robots. `values` is
+    a dict of all arguments by parameter name. If a value is a list, yield each of its entries; if it is None, yield
     nothing.
     """
     for name, hint in typing.get_type_hints(command, include_extras=True).items():

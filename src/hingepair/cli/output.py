@@ -57,7 +57,7 @@ def make_console() -> Console:
 
 
 def print_component_table(screen: Console, lines: Sequence[Sequence[str]]) -> None:
-    """Print a table of components on a console, with an empty line below each vector. `lines` are rows of texts,
+    """Print a table of components on a console, with an empty line below each vector. `lines` are rows of strings,
     headings first; the first two columns are names and units.
     """
     spaced = [row for line in lines for row in ((line, ()) if line[0].endswith(("_z", "_zz")) else (line,))]
@@ -100,7 +100,7 @@ def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Pie
 @contextlib.contextmanager
 def report_if_stopped(out: Path) -> Iterator[None]:
     """Return a context manager for a block that writes the file `out`. If the block is left by a SystemExit, which a
-    signal raises, print that `out` is not written, and raise the SystemExit again.
+    signal raises, print a message to standard error that `out` was not written, and raise the SystemExit again.
     """
     try:
         yield
@@ -110,8 +110,8 @@ def report_if_stopped(out: Path) -> Iterator[None]:
 
 
 def split_names(option: str, text: str | None) -> list[str] | None:
-    """Return the names in `text`, the value of an option, as a list, split at commas; return None if `text` is None.
-    Raise an ArgumentError that names `option` if there is no name in the text.
+    """Return the names in the string `text`, the value of an option, as a list, split at commas; return None if
+    `text` is None. Raise an ArgumentError that names `option` if there is no name in the string.
     """
     names = None if text is None else [name.strip() for name in text.split(",") if name.strip()]
     if names == []:
@@ -120,8 +120,8 @@ def split_names(option: str, text: str | None) -> list[str] | None:
 
 
 def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
-    """Write a text to the file `out`, completely or not at all, and print that it is written; if `out` is None, write
-    the text to standard output. Raise an ArgumentError if `out` is one of `inputs` or cannot be written.
+    """Write text to the file `out`, completely or not at all, and print a message that it was written; if `out` is
+    None, write the text to standard output. Raise an ArgumentError if `out` is one of `inputs` or cannot be written.
     """
     if out is None:
         sys.stdout.flush()

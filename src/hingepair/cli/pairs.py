@@ -108,8 +108,9 @@ def load_named_scene(path: Path) -> Scene | MechanismScene:
 
 
 def _check_robot_name(source: str) -> None:
-    """Raise an ArgumentError if a text without folder and suffix is neither a file nor a robot's name; the message
-    suggests similar robots. Accept every other text. Raise a MissingDependencyError if the robots are not installed.
+    """Raise an ArgumentError if a string without folder and suffix is neither a file nor a robot's name; the message
+    suggests similar robots. Accept every other string. Raise a MissingDependencyError if the robots are not
+    installed.
     """
     if os.path.exists(source) or Path(source).name != source or Path(source).suffix:
         return

@@ -184,7 +184,7 @@ def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
 
 
 def _joint_cells(row: dict[str, Any]) -> list[str]:
-    """Return the cells of the row of one joint in the table of joints, a list of texts, from the joint's dict `row`
+    """Return the cells of one joint's row in the table of joints, a list of strings, from the dict `row` of the joint
     in the report.
     """
     index_text = "" if row["index"] is None else str(row["index"])

@@ -230,8 +230,8 @@ def _print_gravity(screen: Console, gravity: tuple[float, ...]) -> None:
 def _component_rows(
     ranges_by_component: dict[str, dict[str, float]], with_noise: bool = False
 ) -> list[tuple[str, ...]]:
-    """Return the rows of a table of components as tuples of texts, headings first. `ranges_by_component` is the dict
-    that `_component_ranges` returns. `with_noise` says whether its ranges have the noise, for which a heading is
+    """Return the rows of a table of components as tuples of strings, headings first. `ranges_by_component` is the
+    dict that `_component_ranges` returns. `with_noise` says whether its ranges have the noise, for which a heading is
     added.
     """
     headings = (
@@ -264,9 +264,9 @@ def _component_ranges(
     t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, NDArray[Any]] | None = None
 ) -> dict[str, dict[str, float]]:
     """Return a dict from the name of each component of `arrays`, a dict of outputs by name at the instants t, to a
-    dict of floats: the first, smallest, largest and rms value, the time of the largest absolute value [s] and, if
-    `noise`, a dict of arrays with the same names, is given, the noise. Values that are not finite are ignored; a
-    component without a finite value has NaN.
+    dict of floats: the first, smallest, largest and rms value, and the time of the largest absolute value [s]. If
+    `noise`, a dict of arrays with the same names, is not None, the dict of floats also has the noise. Values that are
+    not finite are ignored; the floats of a component without a finite value are NaN.
     """
     v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
     v = np.where(np.isfinite(v), v, np.nan)

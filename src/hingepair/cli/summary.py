@@ -108,7 +108,7 @@ class RunSummary:
         return self._coincident or {}
 
     def table(self) -> list[tuple[str, ...]]:
-        """Return the rows of a table as tuples of texts, headings first: for each component its unit, its values at
+        """Return the rows of a table as tuples of strings, headings first: for each component its unit, its values at
         the first, middle and last instant, and its smallest and largest value. Leave out the `coincident_frames`.
         """
         columns = [

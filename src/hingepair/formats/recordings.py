@@ -253,7 +253,7 @@ def _read_columns(
 
 def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
     """Return an array (3,) or (3, 3) of the column names of the components of a vector or a matrix called `name`.
-    `sample_shape` is the shape of one sample; for other shapes than (3,) and (3, 3), return `name`.
+    `sample_shape` is the shape of one sample; if it is neither (3,) nor (3, 3), return `name`, a string.
     """
     if sample_shape not in {(3,), (3, 3)}:
         return name

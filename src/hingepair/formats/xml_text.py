@@ -19,7 +19,8 @@ _INVALID_XML_CHARACTER_PATTERN_TEXT = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010
 
 
 def check_xml_text(argument: str, text: str) -> None:
-    """Raise an ArgumentError for the argument named `argument` if a text holds a character that XML cannot hold.
+    """Raise an ArgumentError for the argument named `argument` if the string `text` holds a character that XML cannot
+    hold.
 
     Raises:
         ArgumentError: there is such a character; the error names the argument.
@@ -29,8 +30,8 @@ def check_xml_text(argument: str, text: str) -> None:
 
 
 def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Element:
-    """Add a child with a tag to an XML element, and return the child. Its attributes, given by keyword, are texts,
-    numbers or arrays of numbers, which are converted to text.
+    """Add a child with a tag to an XML element, and return the child. Its attributes, given by keyword, are strings,
+    numbers or arrays of numbers, which are converted to strings.
 
     Numbers are written with all their digits (repr does not depend on the locale), and -0 as 0.
     """

@@ -40,7 +40,7 @@ class Curve(NamedTuple):
 
 class CurveCollector:
     """Collects a figure's curves from consecutive pieces of a motion: `add_piece` adds a piece, and `curves` returns
-    a dict of the curves by name, of which long ones are thinned. Attitudes become Euler angles XYZ [rad].
+    a dict of the curves by name. Long curves are thinned, and attitudes become Euler angles XYZ [rad].
     """
 
     def __init__(self) -> None:
@@ -48,9 +48,9 @@ class CurveCollector:
         self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
 
     def add_piece(self, t: Array, num_instants: int, arrays_by_name: Mapping[str, Array]) -> None:
-        """Append the arrays of one piece of the motion, a dict by name, to the curves of the same names, thinned to
-        the samples that are visible among `num_instants` instants of all pieces. Rotation matrices become Euler
-        angles without jumps.
+        """Append the arrays of one piece of the motion, a dict by name, to the curves of the same names. The arrays
+        are thinned as for a motion of `num_instants` instants, so that the curve looks the same, and rotation
+        matrices become Euler angles without jumps.
 
         Args:
             t: instants of the piece [s]; shape (N,).

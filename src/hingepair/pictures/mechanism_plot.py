@@ -80,8 +80,8 @@ def _columns_by_joint(piece: MechanismSceneResult, quantity: str) -> dict[str, A
 
 
 def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, str]:
-    """Return the title of a panel and the unit of the output called `name` of a scene, a tuple of texts. Attitudes
-    are drawn as Euler angles.
+    """Return the title of the panel of the output called `name` of a scene, and the unit of the output, as a tuple of
+    strings. Attitudes are drawn as Euler angles.
     """
     if name.startswith("S_") and scene.unit(name) == "1":
         return f"{name}, Euler angles XYZ", "rad"
@@ -135,8 +135,8 @@ def _draw_joint_panels(
 
 
 def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
-    """Return a list of groups of joints, each a list of the joints in one row of panels. A group has one joint if
-    there are at most 12 joints, and several hinges or several sliders if there are more.
+    """Return a list of lists of joints; each list holds the joints of one row of panels. It holds one joint if there
+    are at most 12 joints, and otherwise several hinges or several sliders.
     """
     size = -(-len(joints) // 12)  # joints in a row
     if size <= 1:

@@ -32,8 +32,9 @@ RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str,
 
 
 class ShownMotion(NamedTuple):
-    """Samples of a pair's motion, or of a piece of it: instants t, poses of both bodies by name (`bodies`), psi, and
-    further outputs by name. `samples` is the number of instants of the whole motion.
+    """Samples of the motion of a pair (`pair`), or of a piece of it: instants t, the poses of both bodies as a dict
+    of the arrays R1, S1, R2 and S2 by name (`bodies`), psi, further outputs by name, and a title. `samples` is the
+    number of instants of the whole motion.
 
     Attributes:
         pair: the pair that moves.
@@ -84,8 +85,8 @@ def spread_rows(count: int) -> Rows:
 def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[ShownMotion]:
     """Yield all samples of the motion of a scene or its result, a trajectory or a pair, piece by piece, as
     `ShownMotion` objects, with the outputs named in `outputs` or, if `outputs` is None, the velocities and
-    accelerations of body 2. Raise an ArgumentError for another source, and if `outputs` is a text, is empty or has an
-    unknown name.
+    accelerations of body 2. Raise an ArgumentError for another source, and if `outputs` is a string, is empty or has
+    an unknown name.
 
     Args:
         source: a scene or its result, a trajectory in space or by `simulate`, or a pair in space.

@@ -117,8 +117,9 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
 
 
 def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageModel:
-    """Return the page model of a robot, with the shapes of its URDF or its pairs, or else simple shapes. `frame`
-    names the frame shown first; None stands for the last link of the longest chain.
+    """Return the page model of a robot. Its bodies have the shapes of the URDF or of the pairs, and simple shapes are
+    added to a body that these do not draw completely. `frame` names the frame shown first; None stands for the last
+    link of the longest chain.
 
     Args:
         robot: the robot.
@@ -244,8 +245,8 @@ def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple_body: SimpleBo
 
 
 def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
-    """Return a list of the unbranched chains of a robot's joints, each a pair of the chain's name and a list of the
-    numbers of its joints, from 1.
+    """Return a list of the unbranched chains of a robot's joints. A chain is a tuple of its name and a list of the
+    numbers of its joints, counted from 1.
     """
     carried = [0] * (len(tree.joints) + 1)
     for joint in tree.joints:

@@ -130,7 +130,7 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
 
 
 def _title_and_unit(name: str) -> tuple[str, str]:
-    """Return the title of the panel of the output called `name`, and its unit, a tuple of texts."""
+    """Return the title of the panel of the output called `name`, and the unit of the output, as two strings."""
     return _PANEL_TITLE_BY_OUTPUT_NAME.get(
         name, name
     ), "rad" if name in _OUTPUT_NAMES_DRAWN_AS_EULER_ANGLES else unit_of(name)

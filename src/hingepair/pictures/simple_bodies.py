@@ -120,9 +120,9 @@ def axes_along(axis: Any) -> Float64Array:
 
 
 def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
-    """Return a list of the ends of the rods of the body with the number `body_number`, which carries no joints, in
-    the axes of that body [m]; empty if they are too near to its reference point. `size` is the length of the robot
-    [m].
+    """Return a list of the ends of the rods of the body with the number `body_number`, which must carry no joints, in
+    the axes of that body [m]. The list is empty if the ends are too near to the body's reference point. `size` is the
+    length of the robot [m].
 
     They are its tip links or, if these are too near, the point twice as far as its centre of mass.
     """

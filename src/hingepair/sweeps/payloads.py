@@ -37,8 +37,9 @@ from hingepair.scenes.tables import Table
 
 
 class _VariedProperty(NamedTuple):
-    """Mass property of a payload that is varied: its `name` (mass, center_of_mass or inertia), the index of its
-    `component`, and the `column` of its values in the array of the varied numbers.
+    """Mass property of a payload that is varied: its `name` (mass, center_of_mass or inertia), the index (0 to 2) of
+    its `component` or principal moment (0 for the mass), and the `column` of its values in the array of the varied
+    numbers.
     """
 
     column: int
@@ -47,8 +48,9 @@ class _VariedProperty(NamedTuple):
 
 
 class _VariedPayload(NamedTuple):
-    """Payload with varied mass properties: a tuple `varied` of them, whether the inertia is proportional to the mass
-    (`inertia_per_mass`), and the `body` that the scene file describes, with a mass of 1 kg if `inertia_per_mass`.
+    """Payload with varied mass properties: the tuple `varied` of _VariedProperty records, whether the inertia is
+    proportional to the mass (`inertia_per_mass`), and the Body `body` that the scene file describes. Its inertia is
+    for a mass of 1 kg if `inertia_per_mass`.
 
     Attributes:
         body: mass properties of the payload in the scene file; its inertia is that of 1 kg where `inertia_per_mass`.
@@ -79,8 +81,8 @@ class _VariedPayload(NamedTuple):
 
     def is_clearly_valid(self, numbers: Float64Array) -> bool:
         """Return True if all mass properties of all variants are below 1e100 in SI units, all masses are positive,
-        and varied principal inertias are such as a body can have. Otherwise return False: some may be invalid.
-        `numbers` are the values of the varied numbers; shape (variants, numbers).
+        and varied principal moments of inertia are possible for a rigid body. Otherwise return False: some may be
+        invalid. `numbers` are the values of the varied numbers; shape (variants, numbers).
         """
         mass, centre, inertia = self.mass_properties(numbers)
         sizes = (np.abs(part).max(initial=0.0) for part in (mass, centre, inertia))
@@ -92,9 +94,9 @@ class _VariedPayload(NamedTuple):
         return bool(((moments > 0) & (2 * moments <= moments.sum(axis=1, keepdims=True))).all())
 
     def mass_moments(self, numbers: Float64Array) -> list[Twofold]:
-        """Return the payload's ten mass moments about the origin of its link (mass, 3 first and 6 second moments) as
-        a list of arrays (variants,) in twice the precision of doubles. `numbers` are the values of the varied
-        numbers; shape (variants, numbers).
+        """Return the payload's ten mass moments about the origin of its link (the mass, 3 first and 6 second moments)
+        as a list of Twofold numbers, pairs of arrays (variants,) with twice the precision of doubles. `numbers` are
+        the values of the varied numbers; shape (variants, numbers).
         """
         mass, centre, inertia = self.mass_properties(numbers)
         first = [Twofold(*exact_product(mass, centre[:, i])) for i in range(3)]
@@ -108,8 +110,8 @@ class _VariedPayload(NamedTuple):
 
 
 class PayloadVariantComputer:
-    """Computer of the outputs of a robot's scene for many variants in one call. The variants differ in mass
-    properties of payloads only.
+    """Computer of the outputs of a robot's scene for many variants in one call of the method `compute`. The variants
+    differ in mass properties of payloads only.
 
     Args:
         scene: scene as its file describes it.
@@ -202,7 +204,7 @@ class _PayloadForceProgram:
         self._call = self._problem.call(arguments, result.scene.gravity, result.scene.backend)
 
     def _with_payload_parameters(self, constants: RobotConstants) -> RobotConstants:
-        """Return a copy of the RobotConstants of a program, in which each number that depends on a payload is an
+        """Return a copy of the RobotConstants `constants` in which each number that depends on a payload is an
         argument of the program instead of a constant.
         """
         parameters = tuple(self._numbers[self._parameters].tolist())
@@ -215,7 +217,7 @@ class _PayloadForceProgram:
 
     def compute(self, mass_moments: Sequence[Twofold]) -> MechanismForces:
         """Return the MechanismForces of all variants, arrays (variants, samples, ...). `mass_moments` is a list of
-        ten arrays (variants,) in twice the precision of doubles for each payload, one payload after the other.
+        the ten moments of each payload, one payload after the other, as Twofold numbers: pairs of arrays (variants,).
         """
         numbers = np.tile(self._numbers, (len(mass_moments[0].high), 1))
         for column, exact, slopes in zip(self._varied, self._exact, self._slopes, strict=True):

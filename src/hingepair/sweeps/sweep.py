@@ -46,7 +46,7 @@ Progress = Callable[[int, int], None]
 class Sweep:
     """Sweep that a file describes: its title, the `task` (scene, varied keys, outputs and reductions), the varied
     `numbers`, an array (variants, numbers), their `keys`, and `chunk`, the number of variants in a chunk. `identity`
-    is a text of all that the results depend on, and `files` are the files that were read.
+    is JSON text that holds all that the results depend on, and `files` are the paths of the files that were read.
 
     Attributes:
         title: title in a sentence.

@@ -35,9 +35,9 @@ _HALF_WIDTH_OF_95_PERCENT_BAND_IN_STD: Final = 1.96
 
 
 class Band(NamedTuple):
-    """Deviations of one component of the pose of body 2 at the instant `t` [s]: the `component` by name, its `unit`,
-    the standard deviations `first_order_std` and `sampled_std`, and the ends `low` and `high` of the middle 95 % of
-    the sampled pairs.
+    """Deviations of one component of the pose of body 2 at the instant `t` [s]: the `component` by name, the `unit`
+    of the deviations, the standard deviations `first_order_std` and `sampled_std`, and the ends `low` and `high` of
+    the middle 95 % of the deviations of the sampled pairs.
 
     Attributes:
         component: one of `BODY2_POSE_COMPONENT_NAMES`.
@@ -58,16 +58,16 @@ class Band(NamedTuple):
     t: float
 
     def cells(self) -> tuple[str, ...]:
-        """Return the cells of the band's printed row, a tuple of texts."""
+        """Return the cells of the band's printed row, a tuple of strings."""
         return self.component, self.unit, *(f"{size:.4g}" for size in self[2:6]), instant_text(self.t)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToleranceStudy(Frozen, Shown):
     """Deviations of the pose of body 2 along a scene under tolerances: at each instant of `t` the standard deviations
-    to first order (`std`) and of sampled pairs (`sampled_std`), the ends of the middle 95 % of the sampled deviations
-    (`band`), and, in a dict by dimension, the variance that each dimension causes (`contributions`). The columns are
-    the components in `BODY2_POSE_COMPONENT_NAMES`.
+    to first order (`std`) and of sampled pairs (`sampled_std`), the lower and upper end of the middle 95 % of the
+    sampled deviations (`band`), and, in a dict by the dimension's name, the variance that each dimension causes alone
+    (`contributions`). The columns are the components in `BODY2_POSE_COMPONENT_NAMES`.
 
     Attributes:
         title: title of the scene.
@@ -105,8 +105,8 @@ class ToleranceStudy(Frozen, Shown):
         return dict(sorted(shares.items(), key=lambda item: -max(item[1])))
 
     def bands(self) -> list[Band]:
-        """Return a list with the `Band` of each pose component at the instant of its largest first-order standard
-        deviation.
+        """Return a list of six `Band` records, one for each pose component, at the instant of the component's largest
+        first-order standard deviation.
         """
         rows = []
         for k, name in enumerate(BODY2_POSE_COMPONENT_NAMES):
@@ -117,8 +117,8 @@ class ToleranceStudy(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """Sentence that names the dimension with the largest share in the variance of R2, and the dimension with the
-        largest share in the variance of the attitude.
+        """Text that names the dimension with the largest share in the variance of R2 and the dimension with the
+        largest share in the variance of the attitude. A dimension whose share is zero is not named.
         """
         shares = self.shares()
         leaders = [max(shares, key=lambda name: shares[name][k]) for k in (0, 1)]
@@ -190,7 +190,7 @@ class ToleranceStudy(Frozen, Shown):
         return Sheet(f"tolerances of {self.title}: {self.samples} pairs", bands, (self.verdict,))
 
     def tables(self) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
-        """Return (bands, shares), the results of the methods `bands` and `shares` as two tables of texts. Each is a
+        """Return (bands, shares), the results of the methods `bands` and `shares` as two tables of strings. Each is a
         list of rows of cells; the first row has the headings.
         """
         heading = ("", "unit", "std, first order", "std, sampled", "2.5 %", "97.5 %", "at t")

@@ -55,7 +55,8 @@ class CachedMotion:
 
     def part(self, rows: Any, order: int) -> Any:
         """Return the motion at the instants with the indices `rows`, a slice or an array, with derivatives up to
-        `order`. If `rows` is a slice, cache the result and return the same object in later calls.
+        `order`, as the `part` of the original motion returns it. If `rows` is a slice, cache the result and return
+        the same object in later calls.
         """
         key = (rows.start, rows.stop, rows.step, order) if isinstance(rows, slice) else None
         if key is None or key not in self._parts:
@@ -100,8 +101,8 @@ def check_number_path(table: Table, values: Mapping[str, Any], steps: Sequence[s
 
 
 class VariantComputer:
-    """Computer of the outputs of a scene for any values of the varied numbers: the method `compute` for one variant,
-    `compute_together` for many. What the varied numbers do not change is computed once and kept.
+    """Computer of the outputs of a scene for any values of the varied numbers: the method `compute` computes one
+    variant, and `compute_together` many. What does not depend on the varied numbers is computed once and kept.
 
     Args:
         path: path of the scene file.

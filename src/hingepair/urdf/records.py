@@ -225,7 +225,8 @@ class JointRecord:
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotRecord:
     """Record of a URDF: the name of the robot, its links by name (a list for each name), its joints in the order of
-    the file, and, by the name of each link, the joints of which the link is parent or child.
+    the file, and `joints_at`, a mapping from the name of each link to all joints at this link, whether it is their
+    parent or their child.
 
     Attributes:
         name: name of the robot.
@@ -362,7 +363,7 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
 def _numbers(element: ET.Element | None, key: str, label: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return a tuple of the numbers of the attribute `key` of an XML element, as many as the tuple `default` has. If
     the attribute is missing, or the element is None, return `default`. Raise a URDFError, whose message begins with
-    the text `label`, for a text that is not that many finite numbers.
+    the string `label`, if the attribute is not that many finite numbers.
     """
     text = None if element is None else element.get(key)
     if text is None:
