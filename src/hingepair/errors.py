@@ -57,15 +57,16 @@ class DtypeError(ArgumentError, TypeError):
 
 
 class GimbalLockError(ArgumentError):
-    """The rates of Euler angles do not exist at an attitude, or cannot be integrated near it (E4). The
-    attributes `name`, `expected` and `got` are those of `ArgumentError`.
+    """An attitude is at gimbal lock, where the rates of its Euler angles do not exist, or a motion comes so near to
+    gimbal lock that these rates cannot be integrated (E4). The attributes `name`, `expected` and `got` are those of
+    `ArgumentError`.
     """
 
 
 class FitError(ArgumentError):
     """Recorded data do not determine the quantities to be fitted, such as a hinge, or the attitude of a body with
-    markers. The attributes `name`, `expected` and `got` are those of `ArgumentError`; `name` is the name of the
-    argument with these data.
+    markers. The attributes `name`, `expected` and `got` are those of `ArgumentError`; `name` holds the names of the
+    arguments with these data.
     """
 
 

@@ -36,9 +36,10 @@ class ClusterFit:
             the body's axes [m]; shape (M, 3).
         residuals: distance of each marker from its place at each sample [m]; shape (N, M). It is NaN where the marker
             is not seen, and where fewer than three markers are seen.
-        rms: root mean square of each marker's residuals [m]; shape (M,).
+        rms: root mean square of each marker's residuals [m]; shape (M,). It is 0 for a marker that is never seen.
         noise: standard deviation of the measurement noise in each coordinate of a marker's position [m].
-        ok: whether the cluster is rigid. Three markers are too few for this check: `ok` is then True.
+        ok: whether the cluster is rigid, that is, whether no marker moved relative to the others. A cluster of three
+            markers is not checked, and `ok` is True.
         findings: sentences that say which marker moved relative to the others. If `ok` is True, there are none.
     """
 

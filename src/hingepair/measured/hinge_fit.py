@@ -72,12 +72,12 @@ class EncoderFit:
     the noise of the encoder and the standard deviations of zero and scale.
 
     Attributes:
-        zero: hinge angle psi at which the encoder reads 0 [rad].
-        scale: psi per unit of the reading: 1 for an encoder in radians whose reading grows with psi, and -1 if its
-            reading falls as psi grows.
+        zero: hinge angle psi at which the encoder reads 0, in [-pi, pi] [rad].
+        scale: change of psi per unit of the reading [rad per unit]. It is close to 1 for an encoder in radians whose
+            reading grows with psi, and close to -1 for one whose reading falls as psi grows.
         noise: standard deviation of the encoder's measurement noise, converted to a hinge angle [rad]. It is
             inaccurate if it is smaller than the noise of the attitudes, `HingeFit.noise_angle`.
-        std: dict of standard deviations with the keys "zero" [rad] and "scale".
+        std: dict of standard deviations with the keys "zero" [rad] and "scale" [rad per unit].
     """
 
     zero: float
@@ -92,13 +92,13 @@ class HingeFit(Shown):
     sample, standard deviations, the clock offset, whether the hinge is reliable (`ok`), and findings.
 
     `fit` does not use a sample if a pose is missing, if the given weight of the sample is 0, or if the clock offset
-    is not 0 and no sample of body 2 is near enough in time. A body 2 whose S was not given to `fit` is called a
-    point.
+    is not 0 and no sample of body 2 is near enough in time. Below, "body 2 is a point" means that the S of body 2 was
+    not given to `fit`.
 
     Attributes:
         pair: the hinge, a HingePair.
-        psi: hinge angle [rad]; shape (N,), NaN at samples that are not used. The first finite angle is in [-pi, pi],
-            and there are no jumps of 2 pi between samples.
+        psi: hinge angle [rad]; shape (N,), NaN at samples that are not used. There are no jumps of 2 pi between
+            samples. The first angle that is not the angle of an outlier (see `psi_range`) is in [-pi, pi].
         psi_range: pair of the smallest and the largest psi of the samples that are not outliers [rad]. A sample is an
             outlier if its residuals are far larger than those of most samples, or if the loss reduces its weight to
             less than a tenth.
@@ -107,7 +107,8 @@ class HingeFit(Shown):
             [rad]; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The actual home is
             exp(r) @ home, where exp(r) is the rotation matrix of r. The covariance matrix has rank 9, because
             conventions fix three things: the length of n, the position of the hinge point along the axis, and the
-            rotation of home about the axis.
+            rotation of home about the axis. If body 2 is a point, home is exactly the identity, the rows and columns
+            of r are 0, and the rank is 6.
         std: dict of standard deviations. The values for the keys "u1" [m], "u2" [m], "n" (no unit) and "home" [rad]
             have shape (3,) and are the square roots of the diagonal of `covariance`; "home" stands for r. The values
             for the keys "noise_position" [m], "noise_angle" [rad] and "clock_offset" [s] are numbers. The two keys of
@@ -116,15 +117,16 @@ class HingeFit(Shown):
         rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN if body 2 is a point.
         noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
             noise of both bodies. It is inaccurate if it is much smaller than `noise_angle` times the length of u1 or
-            u2.
+            u2. If `fit` was called with `noise1` and `noise2`, `noise_position` and `noise_angle` are root mean
+            squares over the samples.
         noise_angle: standard deviation of the measurement noise in the attitude of body 2 relative to body 1 [rad],
             for each component of the rotation vector from the exact to the recorded relative attitude. It includes
             the noise of both bodies. Without an encoder, the noise of psi has the same standard deviation. It is NaN
             if body 2 is a point.
         clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
             stamp s was taken at the instant s + clock_offset of body 1's clock. It is None if `fit` was called
-            without `t`. If the motion does not determine the offset, `clock_offset` is 0 and its standard deviation
-            is inf.
+            without `t`. If the offset was given to `fit`, `clock_offset` is this value and its standard deviation is
+            0. If the motion does not determine the offset, `clock_offset` is 0 and its standard deviation is inf.
         encoder: the EncoderFit of the encoder; None if `fit` was called without encoder readings.
         ok: whether the recorded motion agrees with a hinge and determines this hinge.
         findings: sentences that say what the motion does not determine, why the motion does not agree with a hinge,
@@ -168,10 +170,13 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """`Residuals` of the fitted pair and the two motions, as `HingePair.residuals` returns them. The tolerance of
-        the gap is five times `rms_position`, and the tolerance of the tilt is five times `rms_angle`. If `ok` is
-        False, the tolerances are the defaults, which allow for rounding errors only. Raise ArgumentError if the S of
-        body 2 was not given to `fit`.
+        """Gap and tilt between the two recorded motions at every sample, compared with tolerances, as the `Residuals`
+        that `pair.residuals` returns. Raise ArgumentError if the S of body 2 was not given to `fit`.
+
+        The attribute `gap` of the Residuals is a vector, world axes [m], shape (N, 3). Its length is `HingeFit.gap`.
+        The attribute `tilt_angle` is an angle [rad], shape (N,); it equals `HingeFit.tilt`. The tolerance of the gap
+        is five times `rms_position`, and the tolerance of the tilt is five times `rms_angle`. If `ok` is False, the
+        tolerances are the defaults, which allow for rounding errors only.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
         limits = {name: _RESIDUAL_TOLERANCE_TO_RMS_RESIDUAL * max(rms, 1e-300) for name, rms in rms_by_name.items()}
@@ -275,8 +280,8 @@ class HingeFit(Shown):
 
         The keys u1, u2, n and home hold the attributes of `pair`. The keys ok, samples, loss, gauge, std,
         rms_position, rms_angle, noise_position, noise_angle, clock_offset, encoder and findings hold the attributes
-        of the HingeFit. The key psi holds `psi_range`, and the key missing holds the number of samples that were not
-        used.
+        of the HingeFit; encoder is null, or an object with the keys zero, scale, noise and std. The key psi holds
+        `psi_range`, and the key missing holds the number of samples that were not used.
         """
         import json
 

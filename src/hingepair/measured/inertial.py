@@ -65,19 +65,20 @@ class AxisFit:
     deviations, the rms residual, whether the axis is reliable (`ok`), and findings.
 
     Attributes:
-        n1: hinge axis in body 1's axes, unit vector; shape (3,). It is the argument `n` of a HingePair.
-        n2: hinge axis in body 2's axes, unit vector; shape (3,). For a HingePair, n2 = home^T n1.
-        std: standard deviations of the directions of n1 and n2 [rad]; shape (2,). An element is inf if the motion
-            does not determine that direction.
+        n1: hinge axis in body 1's axes, unit vector; shape (3,). It is the argument `n` of a HingePair. The page of
+            `fit_axis` says which sign n1 has.
+        n2: the same vector in body 2's axes; shape (3,). For a HingePair, n2 = home^T n1.
+        std: standard deviations of n1 and n2 [rad]; shape (2,). Each is the standard deviation of the angle by which
+            the vector deviates in its least certain direction. It is inf if the motion does not determine the vector.
         bias1: bias of gyroscope 1 in body 1's axes [rad/s]; shape (3,).
         bias2: bias of gyroscope 2 in body 2's axes [rad/s]; shape (3,).
         bias_std: standard deviations of bias1 (first row) and bias2 (second row) [rad/s]; shape (2, 3). In directions
             that the motion does not determine, both biases stay near 0, and their standard deviations are close to
             the argument `gyroscope_bias` of `fit_axis`.
-        rms: root mean square of the residuals of all samples [rad/s]. The residual of a sample is the length of
-            omega1 x n1 minus the length of omega2 x n2. omega1 and omega2 are the recorded angular velocities, each
-            in its body's axes, minus the biases.
-        ok: whether the bodies turn about one common axis and the motion determines it.
+        rms: root mean square of the residuals [rad/s], over the samples at which both angular velocities are finite.
+            The residual of a sample is the length of omega1 x n1 minus the length of omega2 x n2. omega1 and omega2
+            are the recorded angular velocities, each in its body's axes, minus the biases.
+        ok: whether the recorded angular velocities agree with a hinge and determine n1 and n2.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 
@@ -110,10 +111,11 @@ class AnchorFit:
         bias_std: standard deviations of bias1 (first row) and bias2 (second row) [m/s^2]; shape (2, 3). In directions
             that the motion does not determine, both biases stay near 0, and their standard deviations are close to
             the argument `accelerometer_bias` of `fit_anchor`.
-        rms: root mean square of the residuals of all samples [m/s^2]. The magnitude of the specific force at the
-            hinge point is computed from sensor 1 and from sensor 2; the residual is the difference of the two values.
-        ok: whether the records agree with a point that is fixed in both bodies, and the motion determines this point
-            except for its position along the hinge axis.
+        rms: root mean square of the residuals [m/s^2], over the samples that `fit_anchor` uses. The magnitude of the
+            specific force at the hinge point is computed from sensor 1 and from sensor 2; the residual is the
+            difference of the two values.
+        ok: whether the recorded data agree with a point that is fixed in both bodies, and the motion determines this
+            point except for its position along the hinge axis.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 

@@ -41,22 +41,23 @@ class AngleFit:
     standard deviations, whether the angle is reliable (`ok`), and findings.
 
     Attributes:
-        psi: hinge angle [rad]; shape (N,). It is NaN where one of the four records is not finite, and in series of
-            fewer than 8 samples between two gaps (see `fit_angle`). The first finite angle is in [-pi, pi], and there
-            are no jumps of 2 pi between samples. At psi = 0, the attitude of body 2 relative to body 1 is the
-            rotation by the smallest angle that turns n2 into n1; n1 and n2 are the arguments of `fit_angle`. If n1
-            and n2 are more than 154 degrees apart, another rule applies: the rule for `home` on the page of `fit`,
-            where n is n1.
+        psi: hinge angle [rad]; shape (N,). It is NaN at instants that `fit_angle` does not use: where an angular
+            velocity or a specific force is not finite, and in series of fewer than 8 samples without a gap. The first
+            finite angle is in [-pi, pi], and there are no jumps of 2 pi between samples. At psi = 0, the attitude of
+            body 2 relative to body 1 is the rotation by the smallest angle that turns n2 into n1; n1 and n2 are the
+            arguments of `fit_angle`. If n1 and n2 are more than 154 degrees apart, the attitude at psi = 0 is the
+            rotation `home` that the page of `fit` defines, with n = n1.
         psid: rate of psi [rad/s]; shape (N,), NaN where psi is NaN. It is the measured rate minus `drift`. The
             measured rate is the component of body 2's angular velocity along n2, minus the component of body 1's
             angular velocity along n1.
         std: standard deviation of psi [rad]; shape (N,), NaN where psi is NaN.
         drift: constant bias of the measured rate [rad/s].
         drift_std: standard deviation of `drift` [rad/s].
-        noise: size of the error of a hinge angle that is found at one instant from one vector [rad]. Each instant
-            gives two such angles: one from the specific force at the hinge point, and one from the part of the
-            angular velocity that is perpendicular to the hinge axis. `noise` is the median of their estimated
-            standard deviations. Vectors that are too short are left out.
+        noise: typical standard deviation of a hinge angle that is found at one instant from one vector [rad]. Each
+            instant gives two such angles: one from the specific force at the hinge point, and one from the angular
+            velocity. Each angle has an estimated standard deviation, and `noise` is their median over all instants.
+            An angle is left out if the part of its vector that is perpendicular to the hinge axis is too short.
+            `noise` is inf if all angles are left out.
         ok: whether the measured vectors determine the angle and agree with the integral of the measured rate.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """

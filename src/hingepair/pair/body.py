@@ -170,8 +170,8 @@ class Body(Frozen):
             1e-3 of the sum of all three, as from rounded data of a flat body, is accepted with a `DynamicsWarning`,
             and the inertia is used as given. If no inertia is given, the inertia of the shapes about their own centre
             of mass is used, scaled to the mass, even if `center_of_mass` is another point. If there are no shapes
-            either, a radius of gyration of 0.1 m is assumed, and the methods that compute dynamics issue a
-            `DynamicsWarning`.
+            either, a radius of gyration of 0.1 m about every axis through the centre of mass is assumed, and the
+            methods that compute dynamics issue a `DynamicsWarning`.
         shapes: Box, Cylinder and Sphere objects, which viewers draw. If no inertia is given, the shapes determine the
             inertia, and also the centre of mass unless `center_of_mass` is given. All shapes then have the same
             density, and the mass of a volume that two shapes share counts twice. By default, there are no shapes, and

@@ -46,8 +46,9 @@ class BodyMotion(Frozen):
         shape: the common leading shape of the arrays; () for one sample.
 
     Raises:
-        RotationError: a finite S is not a rotation matrix: an element of S S^T differs from the same element of the
-            identity by more than 2e-9 (2e-5 in float32), or the determinant of S is negative.
+        RotationError: a matrix S is not a rotation matrix: an element of S S^T differs from the same element of the
+            identity by more than 2e-9 (2e-5 in float32), or the determinant of S is negative. Matrices with an
+            element that is NaN or infinite are accepted.
         ShapeError, DtypeError: an array has the wrong shape, or its dtype is not a real number type.
 
     >>> import hingepair as hp
@@ -177,6 +178,7 @@ class BodyMotion(Frozen):
         other arguments are the same as for BodyMotion.
 
         In double precision, the rounding error of each element of S is at most 6 * 2^-53 for angles up to 1e15 rad.
+        If a rotation vector is not finite, its S is NaN.
 
         Args:
             R: position of the body's reference point [m]; shape (..., 3).

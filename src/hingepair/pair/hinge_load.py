@@ -28,9 +28,10 @@ class HingeLoad:
     `hinge_torque` of `simulate`. A HingeLoad is a callable that takes t, psi and psid (numbers or arrays) and returns
     the torque [N m].
 
-    Without stops, torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). If psi is beyond a
-    stop by the angle delta, with the time derivative delta', the stop adds a torque that pushes back. Its magnitude
-    is stop_stiffness delta (1 + stop_damping delta'), or 0 if this value is negative (the contact model of Hunt and
+    Without stops, torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). Stops are springs
+    unless `stop_restitution` is given. If psi is beyond such a stop by the angle delta, with the time derivative
+    delta', the stop adds a torque that pushes back. The magnitude of this torque is
+    stop_stiffness delta (1 + stop_damping delta'), or 0 if this value is negative (the contact model of Hunt and
     Crossley). If psi' = 0, `simulate` keeps the hinge at rest as long as this needs a friction torque of at most
     `friction`.
 
@@ -48,8 +49,8 @@ class HingeLoad:
         stop_damping: damping of the stops, if they are springs [s/rad]. With 0, the hinge leaves a stop as fast as it
             arrived; for other values, the method `restitution` computes how fast it leaves.
         stop_restitution: None, or a number from 0 to 1. With None, the stops are springs. With a number, the stops
-            are rigid in `simulate`: the hinge leaves a stop with this fraction of the rate at which it arrived. The
-            torque that a call of the HingeLoad returns does not include impacts on rigid stops.
+            are rigid in `simulate`: the hinge leaves a stop with this fraction of the rate at which it arrived. Rigid
+            stops add nothing to the torque that a call of the HingeLoad returns.
         motor: torque of the motor [N m]: a number; a callable that takes arrays (t, psi, psid) and returns an array;
             or another HingeLoad, whose torque is added.
 
@@ -159,12 +160,14 @@ class HingeLoad:
 
     def restitution(self, rate: float) -> float:
         """Return the ratio w / v, from 0 to 1, where v is the magnitude of the hinge rate before an impact on a stop
-        and w is its magnitude after the impact. It is assumed that no other torque acts during the impact.
+        and w is the magnitude of the hinge rate after the impact. It is assumed that no other torque acts during the
+        impact.
 
-        For rigid stops, the ratio is stop_restitution. Other stops are springs with damping: at a deflection delta,
-        the torque is stop_stiffness * delta * (1 + c * delta'), where c is stop_damping [s/rad]. For c = 0, the ratio
-        is 1. For c > 0, it decreases as v grows, and w is the solution of
-        c v - ln(1 + c v) = -c w - ln(1 - c w). The ratio does not depend on the stiffness or the inertia.
+        For rigid stops, the ratio is stop_restitution. Other stops are springs: at a deflection delta, the torque is
+        stop_stiffness * delta * (1 + c * delta'), where c is stop_damping [s/rad]. For c = 0, the ratio is 1. For
+        c > 0, it decreases as v grows, and w is the solution of c v - ln(1 + c v) = -c w - ln(1 - c w). The ratio
+        does not depend on the stiffness or the inertia. It is the ratio of the stops of this load. If the `motor` of
+        this load is another HingeLoad, that load has its own method `restitution` for its stops.
 
         Args:
             rate: hinge rate before the impact [rad/s]; its sign does not matter.
@@ -218,9 +221,9 @@ class HingeLoad:
         return sum(self._terms(side, t, psi, psid).values())
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
-        """Compute the parts of the torque [N m]. Return a dict with the key "motor", and with the keys "spring",
-        "damper", "friction" and "stop" for the parts that this load has. The pair `side` = (angle, rate) decides
-        which stop acts and in which direction dry friction acts, as for `smooth`; by default, it is (psi, psid).
+        """Compute the terms of the torque [N m]: those of the motor, the spring, the damper, friction and the stops.
+        Return a dict of torques by name. The pair `side` = (angle, rate) decides which stop acts and in which
+        direction dry friction acts, as for `smooth`; by default, it is (psi, psid).
 
         Args:
             t: instants [s]; shape (...,).
@@ -229,9 +232,10 @@ class HingeLoad:
             side: pair of a hinge angle [rad] and a hinge rate [rad/s], as for `smooth`; by default (psi, psid).
 
         Returns:
-            A dict whose keys are the names of the parts, and whose values are torques [N m], numbers or arrays
-            (...,). Their sum is the torque of this load. If the `motor` of this load is another HingeLoad, each part
-            of that load is added to the part of the same name.
+            A dict whose values are torques [N m], numbers or arrays (...,). Their sum is the torque of this load. The
+            key "motor" is always present. The keys "spring", "damper" and "friction" are present if the stiffness,
+            the damping or the friction is not 0, and "stop" if there are stops. If the `motor` of this load is
+            another HingeLoad, the terms of that load are added under the same keys.
 
         >>> import hingepair as hp
         >>> hp.HingeLoad(stiffness=10, damping=0.5, motor=3).parts(0.0, psi=0.2, psid=1.0)

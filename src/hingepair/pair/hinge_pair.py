@@ -63,7 +63,8 @@ class HingePair(Shown):
             `hinge_torque` has stops there: `HingeLoad(stops=pair.limits)`.
         body1: mass properties and shapes of body 1, a `Body`, for dynamics, exports and pictures. Without it, methods
             that need the mass of body 1 raise an ArgumentError.
-        body2: mass properties and shapes of body 2, as for `body1`.
+        body2: mass properties and shapes of body 2, a `Body`, for dynamics, exports and pictures. Without it, methods
+            that need the mass of body 2 raise an ArgumentError.
         torque_limit: largest torque of the hinge's motor [N m], for exports; by default, no limit. URDF calls it
             effort.
         rate_limit: largest hinge rate [rad/s], for exports; by default, no limit. URDF calls it velocity.
@@ -73,7 +74,8 @@ class HingePair(Shown):
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; the error names the argument.
         AxisError: n is zero or not finite.
-        RotationError: home is not a rotation matrix to within 1e-9.
+        RotationError: home is not a rotation matrix: an element of C C^T, with the matrix C = home, differs from the
+            same element of the identity by more than 2e-9, or the determinant of C is negative.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -487,7 +489,7 @@ class HingePair(Shown):
         Returns:
             The Forces. Its attributes force1 [N] and torque1 [N m] are the force at R1 and the torque about R1 that
             must act on body 1; world axes, shape (..., 3). Its attribute hinge_torque [N m] is the torque that body 1
-            must exert on body 2 about the hinge axis; shape (...,).
+            must exert on body 2 about the hinge axis; shape (...,). Gravity acts in addition to these forces.
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
@@ -815,7 +817,8 @@ class HingePair(Shown):
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
 
         Returns:
-            The Jacobian Jq; shape (..., 6, 7). Its rows give v2 and omega2 in world axes.
+            The Jacobian Jq; shape (..., 6, 7). Its first three rows give v2, and its last three rows give omega2, in
+            world axes.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -839,7 +842,8 @@ class HingePair(Shown):
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
 
         Returns:
-            The time derivative Jq'; shape (..., 6, 7). Its rows belong to a2 and alpha2 in world axes.
+            The time derivative Jq'; shape (..., 6, 7). Its first three rows contribute to a2, and its last three rows
+            contribute to alpha2, in world axes.
 
         >>> import numpy as np
         >>> import hingepair as hp
