@@ -343,7 +343,9 @@ def probable_mistakes(body_poses: BodyPoses) -> list[str]:
 
 
 def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
-    """Yield pairs of a text on a common mistake in recorded poses and the poses with the mistake corrected."""
+    """Yield a pair for each common mistake in recorded poses: a sentence that names the mistake, and the BodyPoses
+    with the mistake corrected.
+    """
     for digit in "12":
         name = f"body{digit}"
         for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2)):

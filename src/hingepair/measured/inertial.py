@@ -496,10 +496,11 @@ def _derivatives_without_biases(
     prior: Float64Array,
     bias_stds: float | Float64Array,
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return a tuple of the derivatives of the residuals of the samples (N, k) and of the priors (b, k) with respect
-    to the k = `num_parameters` parameters, without the part that a change of the b biases could explain, and of the
-    standard deviations of the biases (b,). `prior` holds the weights of the priors and `bias_stds` the expected sizes
-    of the biases. If all weights are 0, the derivatives and `bias_stds` are returned unchanged.
+    """Return (derivatives of the samples' residuals (N, k), derivatives of the priors' residuals (b, k), standard
+    deviations of the biases (b,)). The derivatives are with respect to the k = `num_parameters` parameters, without
+    the part that a change of the b biases could explain. `prior` holds the weights of the priors and `bias_stds` the
+    expected sizes of the biases. If all weights are 0, the derivatives of the samples and `bias_stds` are returned
+    unchanged, with no derivatives of priors.
 
     Args:
         derivatives: of the residuals by the k parameters and b biases, priors of biases last; (N + b, k + b), or
@@ -664,10 +665,10 @@ def acceleration_matrices(omega: Float64Array, alpha: Float64Array) -> Float64Ar
 def _fit_from_starts(
     linearise_few: Linearise, linearise: Linearise, move: Move, starts: Iterable[Float64Array]
 ) -> tuple[Float64Array, Float64Array]:
-    """Return a tuple of the least-squares solution that the best of several starts leads to and the residuals there.
-    `linearise` is a function of the unknowns that returns residuals and derivatives. `linearise_few` is such a
-    function for fewer samples, by which the starts are compared. `move` is a function that returns the unknowns after
-    a step.
+    """Return (solution, residuals): the least-squares solution that is reached from the best of several starts, and
+    the residuals at the solution. `linearise` is a function of the unknowns that returns residuals and derivatives.
+    `linearise_few` is such a function for fewer samples, by which the starts are compared. `move` is a function that
+    returns the unknowns after a step.
     """
     tried = [_levenberg_marquardt(linearise_few, move, start, max_steps=12) for start in starts]
     return _levenberg_marquardt(linearise, move, min(tried, key=lambda solution: float(solution[1] @ solution[1]))[0])
@@ -676,9 +677,10 @@ def _fit_from_starts(
 def _levenberg_marquardt(
     linearise: Linearise, move: Move, start: Float64Array, max_steps: int = 60
 ) -> tuple[Float64Array, Float64Array]:
-    """Return a tuple of the least-squares solution that the Levenberg-Marquardt method reaches from a start in at
-    most `max_steps` steps and the residuals there. `linearise` is a function of the unknowns that returns residuals
-    and derivatives; `move` is a function that returns the unknowns after a step.
+    """Return (solution, residuals): the least-squares solution that the Levenberg-Marquardt method reaches from
+    `start` in at most `max_steps` steps, and the residuals at the solution. `linearise` is a function of the unknowns
+    that returns residuals and derivatives; `move` is a function that returns the unknowns after a step. A solution
+    that has not converged is returned without a warning.
     """
     unknowns, (residuals, derivatives) = start, linearise(start)
     cost, damping = float(residuals @ residuals), 1e-3

@@ -400,9 +400,9 @@ def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, 
 
 def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Estimate, loss: Loss | None) -> bool:
     """Return whether the motion determines the clock offset beside all other parameters: whether the derivatives of
-    `poses` with respect to the offset inform far more on the offset than those of `noise_poses`, which are noise
-    alone, and the offset is certain enough. `estimate` is the Estimate of the hinge; `loss` is a function that
-    returns derivatives of the loss, or None for least squares.
+    `poses` with respect to the offset contain far more information about the offset than the derivatives of
+    `noise_poses`, which are noise alone, and the offset is certain enough. `estimate` is the Estimate of the hinge;
+    `loss` is a function that returns derivatives of the loss, or None for least squares.
     """
     normals = [
         _normal_equations(each, estimate.hinge, estimate.noise, loss, estimate.line)[0]

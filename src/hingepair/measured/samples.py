@@ -80,8 +80,9 @@ def checked_samples(
     noise1: tuple[ArrayLike, ArrayLike] | None,
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
-    """Check the arguments of `fit`, which have the same names, and return them as Samples, arrays of one length.
-    Raise an ArgumentError that names the first argument that cannot be used.
+    """Check the arguments of `fit`, which have the same names, and return a Samples object made of them: arrays of
+    one length, with `noise1` and `noise2` merged into `relative_noise` and `mean_noise`, and marks of the usable
+    samples. `clock_offset` is only checked. Raise an ArgumentError that names the first argument that cannot be used.
     """
     arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R")
     is_point = body2.S is None

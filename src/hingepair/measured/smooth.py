@@ -224,10 +224,10 @@ def smooth(
 def _smooth_body(
     t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedMotion:
-    """Smooth the positions and attitudes of a BodyMotion and return a SmoothedMotion. A bandwidth of None is chosen
-    from the samples, and with `loss`, a function, outliers count little. Warn if noise, outliers or earlier filtering
-    make the result doubtful. Raise ArgumentError for a body without attitudes, or if no piece between gaps is long
-    enough.
+    """Smooth the positions and attitudes of a BodyMotion and return a SmoothedMotion. A bandwidth [Hz] of None is
+    chosen from the samples; `gaps` is the longest time without samples that is filled [s]. With `loss`, a function,
+    outliers count little. Warn if noise, outliers or earlier filtering make the result doubtful. Raise ArgumentError
+    for a body without attitudes, or if no piece between gaps is long enough.
     """
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     if body.S is None:
@@ -280,9 +280,10 @@ def _smooth_attitudes(
     bandwidth: float | None,
     loss: Loss | None,
 ) -> tuple[dict[str, Float64Array], SmoothedColumns]:
-    """Smooth attitudes S (N, 3, 3) in each of `pieces`, the index arrays of the samples between gaps. Return a dict
-    of the arrays S, omega and alpha, and the SmoothedColumns, which hold the bandwidth and standard deviations. A
-    bandwidth of None is chosen from the samples; with `loss`, a function, outliers count little.
+    """Smooth attitudes S (N, 3, 3) in each piece of the record, given by its index array in `pieces`. Return a dict
+    of the arrays S, omega and alpha, which are NaN between the pieces, and the SmoothedColumns, which hold the
+    bandwidth and standard deviations. `gaps` is the longest time without samples that is filled [s]. A bandwidth [Hz]
+    of None is chosen from the samples; with `loss`, a function, outliers count little.
     """
     piece_slices = [slice(piece[0], piece[-1] + 1) for piece in pieces]
     base = interpolated(t, S, t, gaps, rotations=True)
@@ -332,9 +333,9 @@ def _smooth_angle(
     t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedAngle:
     """Smooth a recorded angle psi (N,) [rad] and return a SmoothedAngle. Wrapped angles are unwrapped first. A
-    bandwidth of None is chosen from the samples; with `loss`, a function, outliers count little. Warn if noise,
-    outliers or earlier filtering make the result doubtful. Raise ArgumentError if no piece between gaps is long
-    enough.
+    bandwidth [Hz] of None is chosen from the samples; `gaps` is the longest time without samples that is filled [s].
+    With `loss`, a function, outliers count little. Warn if noise, outliers or earlier filtering make the result
+    doubtful. Raise ArgumentError if no piece between gaps is long enough.
     """
     pieces = _smoothable_pieces("body", t, psi, gaps)
     smoothed = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], pieces, bandwidth, loss)

@@ -112,10 +112,10 @@ def smooth_columns(
     bandwidth: float | None,
     loss: Loss | None = None,
 ) -> SmoothedColumns:
-    """Smooth columns (N, k) with a smoothing spline in each of `pieces` (index arrays), and return SmoothedColumns
-    with first and second derivatives. A bandwidth [Hz] of None is chosen by cross validation. With `loss`, a
-    function, outliers count little; all columns of a sample have the same weight. Raise MissingDependencyError
-    without SciPy.
+    """Smooth columns (N, k) with a smoothing spline in each piece of the record, given by its index array in
+    `pieces`. Return SmoothedColumns with first and second derivatives, which are NaN between the pieces. A bandwidth
+    [Hz] of None is chosen by cross validation. With `loss`, a function, outliers count little; all columns of a
+    sample have the same weight. Raise MissingDependencyError if SciPy is not installed.
 
     A piece has at least MIN_SAMPLES_PER_SMOOTHED_PIECE samples, all of them finite.
     """
@@ -250,8 +250,8 @@ def _cross_validated_model(
 
 
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Return a list of index arrays, into which a piece, itself an index array, is split wherever samples are
-    missing. A spectrum needs even steps.
+    """Split a piece of a record, given as an index array, wherever samples are missing, and return a list of the
+    index arrays of its parts. Samples within a part have nearly even time steps, as a spectrum needs.
     """
     steps = np.diff(t[piece])
     return np.split(
@@ -385,8 +385,8 @@ class SmoothingSpline:
         return np.asarray(self.basis @ coefficients)
 
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the curves with the given B-spline coefficients, or their derivatives if `order` is above 0, at
-        instants t [s] in the piece with index `piece`.
+        """Return the values (order 0) or the derivatives of the given `order` of the curves with the given B-spline
+        coefficients, at instants t [s] in the piece with index `piece`; shape (N, k).
         """
         from scipy.interpolate import BSpline
 
@@ -403,8 +403,8 @@ class SmoothingSpline:
         return inverse_bands(self._matrix, _SPLINE_DEGREE + 1)
 
     def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the variances (N,) of the curve, or of the derivative of the curve if `order` is above 0, at
-        instants t [s] in the piece with index `piece`. The noise of the samples is taken to have variance 1. The
+        """Return the variances (N,) of the values (order 0) or of the derivatives of the given `order` of the curve
+        at instants t [s] in the piece with index `piece`. The noise of the samples is taken to have variance 1. The
         first call computes and caches covariances.
         """
         from scipy.interpolate import BSpline
@@ -424,8 +424,8 @@ class SmoothingSpline:
         return np.asarray(np.maximum(total, 0.0) / width ** (2 * order))
 
     def freedom(self) -> float:
-        """Return an estimate of the effective degrees of freedom, the trace of the smoother matrix, from random
-        vectors of signs (fixed seed).
+        """Return an estimate of the effective degrees of freedom, a float: the trace of the smoother matrix,
+        estimated by random vectors of signs (fixed seed).
         """
         size = int(self.ends[-1])
         probes = np.zeros((size, min(_NUM_PROBE_VECTORS_FOR_DEGREES_OF_FREEDOM, size)))

@@ -119,10 +119,10 @@ def common_library(arguments: Mapping[str, Any]) -> Library | None:
 def read_coordinates(
     name: str, value: Any, joint_names: tuple[str, ...], library: Library | None
 ) -> tuple[Any, tuple[int, ...]]:
-    """Check a value (an array, a table, or a dict by joint) of the argument `name`: q, qd, qdd or tau. Return
-    (values, shape of the sample axes); the values are an array with one column for each joint, or a tuple with one
-    component for each joint. Raise an ArgumentError if the value cannot be used. `library` is None or the library of
-    the arrays that are not NumPy arrays.
+    """Check a value (an array, a table such as a DataFrame, or a dict by joint) of the argument `name`: q, qd, qdd or
+    tau. Return (values, shape of the sample axes); the values are an array with one column for each joint, or a tuple
+    with one component for each joint. Raise an ArgumentError if the value cannot be used. `library` is None or the
+    library of the arrays that are not NumPy arrays.
 
     Args:
         name: name of the argument: q, qd, qdd or tau.

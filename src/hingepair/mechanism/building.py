@@ -30,9 +30,9 @@ BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
 def tree_of_pairs(
     pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None, base: str, name: str | None
 ) -> Tree:
-    """Return the Tree of a robot that is given as HingePairs and Sliders. `parents` are the numbers of the pairs'
-    first bodies (None for a chain), and `base` is "fixed" or "free". Raise an ArgumentError if the pairs do not form
-    a tree, or are not in the order of q.
+    """Return the Tree of a robot that is given as HingePairs and Sliders. `parents` holds the number of body 1 of
+    each pair (0 is the base); for None, body 1 of each pair is body 2 of the pair before it. `base` is "fixed" or
+    "free". Raise an ArgumentError if the pairs do not form a tree, or are not in the order of q.
 
     Raises:
         ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.

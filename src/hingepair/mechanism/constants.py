@@ -186,8 +186,8 @@ def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
-    """Return a list with a rotation matrix (3, 3) for every body of a Tree, the base first. It rotates from the
-    program's axes to the body's own axes.
+    """Return a list of rotation matrices (3, 3), one for every body of a Tree, the base first. Each rotates from the
+    axes in which the generated programs compute, whose third axis is the joint axis, to the body's own axes.
     """
     return [np.eye(3), *(_axes_along(joint.n) for joint in tree.joints)]
 
@@ -239,8 +239,9 @@ class _MassMoments:
 
 
 def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMoments:
-    """Return the exact `_MassMoments` of a body in the program's axes from its MassProperties, which are in the
-    body's own axes. `axes` is the rotation matrix from the program's axes to the body's own axes.
+    """Return the exact `_MassMoments` of a body from its MassProperties, which are in the body's own axes. The
+    moments are in the axes in which the generated programs compute, whose third axis is the joint axis; `axes` is the
+    rotation matrix from these to the body's own axes.
     """
     c, inertia, P = (_exact(array) for array in (body.center_of_mass, body.inertia, axes))
     m = Fraction(body.mass)
@@ -252,9 +253,9 @@ def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMo
 
 
 def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> list[_MassMoments]:
-    """Return a list of the exact `_MassMoments` of every body of a Tree in the program's axes, the base first; the
-    moments of the base are 0 unless the base is `free`. `axes` holds, for each body, the rotation from the program's
-    axes to the body's own axes.
+    """Return a list of the exact `_MassMoments` of every body of a Tree, the base first. The moments are in the axes
+    in which the generated programs compute, and `axes` holds, for each body, the rotation from these to the body's
+    own axes. The moments of the base are 0 unless the base is `free`.
     """
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
@@ -262,9 +263,10 @@ def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bo
 
 
 def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:
-    """Return the exact `_MassMoments` of a payload in the program's axes from its ten mass properties (mass, first
-    and second moment) in a frame. R and S are the position and rotation of this frame in the body's axes, and `axes`
-    is the rotation from the program's axes to the body's axes. All arguments are flat lists of Fractions.
+    """Return the exact `_MassMoments` of a payload from its ten mass properties (mass, first and second moment) in a
+    frame. R and S are the position and rotation of this frame in the body's axes. The moments are in the axes in
+    which the generated programs compute, and `axes` is the rotation from these to the body's axes. All arguments are
+    flat lists of Fractions.
     """
     m, h = properties[0], _matrix_times_vector(S, properties[1:4])
     xx, xy, xz, yy, yz, zz = properties[4:]
@@ -281,7 +283,7 @@ def _shift_to_parents(
 ) -> list[_MassMoments]:
     """Move those components of each body's moments that do not depend on the position of its joint to the parent body
     (T9). The list `moments` of `_MassMoments` is changed in place and returned. `axes` holds, for each body, the
-    rotation from the program's axes to the body's own axes.
+    rotation from the axes in which the generated programs compute to the body's own axes.
     """
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments = tree.joints[k - 1], moments[k]
@@ -355,7 +357,7 @@ def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
 
 def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
     """Return a list of bounds on the rounding errors of the ten mass numbers of a body. The bounds are larger if
-    `oblique`, that is, if any axes of the program are rounded.
+    `oblique` is True, that is, if a joint axis is not along x, y or z, so that products with axes are rounded.
     """
     size = _OBLIQUE_AXES_ERROR_PER_LARGEST_ENTRY * max(map(abs, numbers)) if oblique else 0.0
     return [float(np.spacing(abs(number))) / 2 + size for number in numbers]
@@ -363,8 +365,9 @@ def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
     """Return a list of numbers, the first for the base (0) and one for every joint of a Tree. A joint's number is the
-    size below which its pivot in forward dynamics, D in (T5), is only rounding error, or 0 if the pivot cannot be
-    that small. `axes` holds, for each body, the rotation from the program's axes to the body's own axes.
+    size below which its pivot in forward dynamics (D in equation T5) is only rounding error, or 0 if the pivot cannot
+    be that small. `axes` holds, for each body, the rotation from the axes in which the generated programs compute to
+    the body's own axes.
 
     The inertia that resists a joint is at most that of all bodies beyond it, stretched out, and at least that of its
     own body and rotor.

@@ -291,7 +291,7 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
 
 def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
     """Return a sentence that names the links of a body whose mass properties no rigid body can have; return an empty
-    text if a rigid body can have them. `inertias` is a dict of Inertia records by link name.
+    string if a rigid body can have them. `inertias` is a dict of Inertia records by link name.
     """
     reason = unphysical_reason(mass_properties(inertias))
     links = ", ".join(repr(link) for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any())
@@ -301,8 +301,8 @@ def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
 
 
 def unphysical_reason(masses: MassProperties) -> str:
-    """Return a text that says why no rigid body can have the MassProperties `masses`; return an empty text if a rigid
-    body can have them, or if they are all 0.
+    """Return a string that says why no rigid body can have the MassProperties `masses`; return an empty string if a
+    rigid body can have them, or if they are all 0.
     """
     if not masses.mass and not masses.inertia.any():
         return ""

@@ -1072,8 +1072,8 @@ class MechanismMethods(Shown):
         return self._run(computation, values, base_motion, out, workers, backend, gravity, labelled_loads)
 
     def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
-        """Return a tuple of the names of those columns of a table that hold the argument `name` (q, qd, qdd or tau),
-        in the order of q. Raise an ArgumentError if columns are missing.
+        """Return a tuple of the names of those columns of a table, such as a DataFrame, that hold the argument `name`
+        (q, qd, qdd or tau), in the order of q. Raise an ArgumentError if columns are missing.
         """
         return tuple(coordinate_columns(name, table, self._constants.names))
 

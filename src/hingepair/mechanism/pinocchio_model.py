@@ -78,7 +78,7 @@ def _carriers(model: Any, joint: int) -> set[int]:
 
 def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentError:
     """Return, without raising it, an ArgumentError for a joint of a Pinocchio model, given by its number. Its message
-    says what was expected (`expected`, a text) and the type of the joint.
+    says what was expected (the string `expected`) and the type of the joint.
     """
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 

@@ -85,8 +85,8 @@ def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> 
 
 def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
     """Convert HingePairs and Sliders that share bodies to a list of JointParts: the base, then the pairs in order.
-    `parents` are the numbers of the pairs' first bodies (0 is the base), or None for a chain. Raise an ArgumentError
-    if the pairs do not form a tree, or are not in the order of q.
+    `parents` holds the number of body 1 of each pair (0 is the base); for None, body 1 of each pair is body 2 of the
+    pair before it. Raise an ArgumentError if the pairs do not form a tree, or are not in the order of q.
 
     Args:
         pairs: joints, by name depth-first with siblings by name.

@@ -27,7 +27,7 @@ class DynamicsWarning(UserWarning):
 
 
 def warn_of_dynamics(message: str) -> None:
-    """Issue a DynamicsWarning with the text `message`. The warning shows the line of code that called the package."""
+    """Issue a DynamicsWarning with the given message. The warning shows the line of code that called the package."""
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
         frame, level = frame.f_back, level + 1
@@ -336,8 +336,8 @@ def _set_frozen_attributes(instance: object, **attributes: Any) -> None:
 
 
 def _constructor_text(instance: object, *names: str) -> str:
-    """Return the call that makes an object, such as "Sphere(radius=1.0)", as a text. Its arguments are the attributes
-    of the object whose names follow `instance`.
+    """Return the call that makes an object, such as "Sphere(radius=1.0)", as a string. Its arguments are the
+    attributes of the object whose names follow `instance`.
     """
     values = ((name, getattr(instance, name)) for name in names)
     arguments = (f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}" for name, value in values)

@@ -228,7 +228,7 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
 
 
 def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
-    """Return a value as an array of a motion: a read-only view of a NumPy array, a list or a table; an array of
+    """Return a value as an array of a motion: a read-only view of a NumPy array, a list or a data frame; an array of
     another library, or a Dask array, is returned as it is. Raise ShapeError, which names the argument `name`, if the
     last axes do not have the shape that the further arguments give, such as 3, 3. Raise DtypeError unless the array
     holds real numbers.

@@ -98,7 +98,7 @@ def _outputs_from_both_bodies(
     pair: Constants, name: str, body1: BodyMotion, body2: BodyMotion, *letters: str
 ) -> FloatArray:
     """Compute one output `name` of a pair from two BodyMotions and return it as an array. The further arguments are
-    the letters of the arrays of both bodies to use, such as "S". Raise ArgumentError if one of these arrays is
+    the letters of the arrays to use, such as "S", from both motions. Raise ArgumentError if one of these arrays is
     missing.
     """
     values = {**motion_arrays("body1", body1, *letters), **motion_arrays("body2", body2, *letters)}

@@ -46,7 +46,7 @@ MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO = 64 * 2.0**-53
 
 
 def _one_line_repr(self: Any) -> str:
-    """Return the `repr` of a named tuple of arrays as a text in one line. It shows the numbers of each field, or only
+    """Return the `repr` of a named tuple of arrays as one line of text. It shows the numbers of each field, or only
     the shape if the field has more than nine numbers.
     """
     shapes = {n: getattr(v, "shape", ()) for n, v in self._asdict().items()}

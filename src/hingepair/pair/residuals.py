@@ -72,7 +72,7 @@ class ResidualCheck(NamedTuple):
         return self.samples > 0 and self.ratio <= 1
 
     def _cells(self) -> tuple[str, ...]:
-        """Return the texts of the cells of this residual's row in the printed table, as a tuple."""
+        """Return the cells of this residual's row in the printed table, a tuple of strings."""
         if self.worst_sample is None:
             return self.residual, self.label, "-", "-", "-", self.unit, "-", "-", "-", "-", "0", "nothing compared"
         where = ",".join(map(str, self.worst_sample)) or "-"
@@ -139,8 +139,8 @@ class Residuals(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """The result as a text of one line, which begins with PASSED, FAILED or NOTHING COMPARED and names the
-        residuals concerned and the number of samples that were left out.
+        """The result in one line, a string that begins with PASSED, FAILED or NOTHING COMPARED. It names the
+        residuals that failed or could not be compared, and says how many samples, if any, were left out.
         """
         samples = math.prod(self.shape)
         beside = left_out_remark(self.skipped, samples)
@@ -208,8 +208,8 @@ sqrt(3) times that.
 
 class ResidualKind(NamedTuple):
     """Properties of a kind of residual, as a named tuple: the `label` of the equation, the `unit`, the `letters` of
-    the velocities and accelerations that both motions must have, the `scale` of the rounding errors as a formula in a
-    text, and `size`, the name of the array whose norm is the size of the residual.
+    the velocities and accelerations that both motions must have, the formula of the `scale` of the rounding errors as
+    a string, and `size`, the name of the array whose norm is the size of the residual.
 
     Attributes:
         label: label of the equation, with a prime for each time derivative.
@@ -382,7 +382,7 @@ def _summarize_chunk(
     sizes_and_tolerances: Mapping[str, tuple[Float64Array, Float64Array]], basis_by_kind: Mapping[str, str]
 ) -> _ResidualSummary:
     """Return the _ResidualSummary of the samples of one chunk. By kind of residual, `sizes_and_tolerances` holds a
-    pair of arrays (sizes, tolerances), and `basis_by_kind` holds a text on the origin of the tolerance.
+    pair of arrays (sizes, tolerances), and `basis_by_kind` holds a string that names the origin of the tolerance.
     """
     comparison_by_kind = {}
     for kind, (sizes, tolerance) in sizes_and_tolerances.items():
@@ -469,7 +469,7 @@ def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays:
 
 
 def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
-    """Return the instant in the array `t` at the index `sample`: a number, or a text if the array holds datetime64.
+    """Return the instant in the array `t` at the index `sample`: a number, or a string if the array holds datetime64.
     Return None if either argument is None.
     """
     if t is None or sample is None:
@@ -509,8 +509,8 @@ def residual_arrays(
 
 class _ResidualComparison(NamedTuple):
     """Comparison of a residual with its tolerance at every sample, as a named tuple: arrays (...,) of the `sizes` of
-    the residual, of the `tolerance`, of the `ratio` size / tolerance, and of `is_finite`, and the text `basis` on the
-    origin of the tolerance. Sizes and ratios are -inf at samples where the motion is not finite.
+    the residual, of the `tolerance`, of the `ratio` size / tolerance, and of `is_finite`, and the string `basis`,
+    which names the origin of the tolerance. Sizes and ratios are -inf at samples where the motion is not finite.
 
     Attributes:
         sizes: sizes of the residual; inf where a size overflows.
@@ -596,16 +596,16 @@ def _compare_residual(
 
 
 def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
-    """Return a text on the origin of the tolerance of a kind of residual: "given" if `tolerance_by_kind` has it, and
-    otherwise the formula of the default tolerance.
+    """Return a string that names the origin of the tolerance of a kind of residual: "given" if `tolerance_by_kind`
+    has it, and otherwise the formula of the default tolerance.
     """
     formula = f"{DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
     return "given" if kind in tolerance_by_kind else formula
 
 
 def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> _ResidualComparison:
-    """Return the _ResidualComparison of the arrays `sizes` and `tolerance`, sample by sample, with the text `basis`
-    on the origin of the tolerances. Sizes must be -inf at samples where the motion is not finite.
+    """Return the _ResidualComparison of the arrays `sizes` and `tolerance`, sample by sample, with the string
+    `basis`, which names the origin of the tolerances. Sizes must be -inf at samples where the motion is not finite.
     """
     is_finite = sizes != -np.inf
     with np.errstate(all="ignore"):

@@ -292,7 +292,7 @@ def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
 
 def _component_suffixes(sample_shape: tuple[int, ...]) -> list[str]:
     """Return a list of the suffixes of the components' names for an array with the given shape of one sample, such as
-    "_x" for the shape (3,) and "_xy" for (3, 3). For the shape (), the only suffix is an empty text.
+    "_x" for the shape (3,) and "_xy" for (3, 3). For the shape (), the only suffix is an empty string.
     """
     letters = ["".join(_COMPONENT_LETTERS[i] for i in index) for index in np.ndindex(sample_shape)]
     return [f"_{c}" if c else "" for c in letters]
@@ -388,8 +388,8 @@ def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
 
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
-    """Write a dict of arrays, including t, to an open binary file in the format .nc. The instants t are removed from
-    the dict. Raise MissingDependencyError if xarray or SciPy is not installed.
+    """Write a dict of arrays, including t, to an open binary file in the netCDF format (.nc). The instants t are
+    removed from the dict. Raise MissingDependencyError if xarray or SciPy is not installed.
     """
     import_data_package("scipy", "save")
     file.write(Record(arrays.pop("t"), arrays, described, (), unit).to_xarray().to_netcdf(engine="scipy"))

@@ -56,8 +56,8 @@ def exact_angle(value: float) -> Expr:
 
 
 def value_without_nested_roots(function: Callable[..., Expr], *arguments: Expr) -> Expr:
-    """Return the value of a SymPy function at `arguments`, expressions without symbols. If the value has nested
-    roots, return the unevaluated call instead.
+    """Return the value of a SymPy function at the further arguments, which are expressions without symbols. If the
+    value has nested roots, return the unevaluated call instead.
 
     >>> value_without_nested_roots(sympy.cos, sympy.pi / 6), value_without_nested_roots(sympy.cos, sympy.pi / 60)
     (sqrt(3)/2, cos(pi/60))

@@ -110,9 +110,9 @@ _MISSING_OPERATOR_PATTERN = re.compile(
 def parse_expression(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Parse a text in t and return its SymPy expression. Names in the dict `constants` are replaced by their values,
-    and names in `symbols` stay symbols. Raise an ArgumentError, whose message names the expression by `name`, if the
-    text is not an allowed expression.
+    """Parse an expression in t, the string `text`, and return it as a SymPy expression. Names in the dict `constants`
+    are replaced by their values, and names in `symbols` stay symbols. Raise an ArgumentError, whose message names the
+    expression by `name`, if the string is not an allowed expression.
 
     The text may hold numbers, `+ - * / **`, parentheses, t, pi, tau, e, the given constants and the functions of
     FUNCTION_SIGNATURE_BY_NAME; decimal numbers are exact.
@@ -144,9 +144,9 @@ def parse_expression(
 def parse_constant(
     name: str, text: str, constants: Mapping[str, Number] | None = None, symbols: Collection[str] = ()
 ) -> Expr:
-    """Parse a text without t, such as `pi/6`, and return its SymPy expression. Names in the dict `constants` are
-    replaced by their values, and names in `symbols` stay symbols. Raise an ArgumentError, whose message names the
-    constant by `name`, if the text depends on t or cannot be parsed.
+    """Parse an expression without t, the string `text`, such as `pi/6`, and return it as a SymPy expression. Names in
+    the dict `constants` are replaced by their values, and names in `symbols` stay symbols. Raise an ArgumentError,
+    whose message names the constant by `name`, if the string depends on t or cannot be parsed.
 
     Raises:
         ArgumentError: as for `parse_expression`, or the text depends on t.
@@ -158,7 +158,7 @@ def parse_constant(
 
 
 def constant_name_fault(name: str) -> str | None:
-    """Return None if `name` can be the name of a constant; otherwise return a text that describes the allowed
+    """Return None if `name` can be the name of a constant; otherwise return a string that describes the allowed
     names.
     """
     if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
@@ -206,8 +206,9 @@ class _ParsedSubexpression(NamedTuple):
 
 
 class _ExpressionBuilder:
-    """Converter of one text to a SymPy expression: `syntax` returns the text's syntax tree, and `build` converts a
-    syntax node to a _ParsedSubexpression. Its errors name the expression and show the text with a caret.
+    """Converter of one expression, given as a string, to a SymPy expression: `syntax` returns the syntax tree of the
+    string, and `build` converts a syntax node to a _ParsedSubexpression. Its errors name the expression and show the
+    string with a caret.
     """
 
     def __init__(self, name: str, text: str, constants: Mapping[str, Number], symbols: Collection[str]) -> None:
@@ -223,8 +224,8 @@ class _ExpressionBuilder:
         self.nodes = 0
 
     def syntax(self) -> ast.expr:
-        """Return the syntax tree of the text; line breaks count as spaces. Raise an ArgumentError if the text is too
-        long, contains a forbidden character, or has invalid syntax.
+        """Return the syntax tree of the string that is converted; line breaks count as spaces. Raise an ArgumentError
+        if the string is too long, contains a forbidden character, or has invalid syntax.
         """
         if len(self.line) > MAX_EXPRESSION_CHARACTERS:
             self._fail(f"at most {MAX_EXPRESSION_CHARACTERS} characters", f"{len(self.line)}")
@@ -391,9 +392,10 @@ class _ExpressionBuilder:
     def _apply(
         self, node: ast.expr, operate_exactly: _Function, operate_on_floats: _Function, *parts: _ParsedSubexpression
     ) -> _ParsedSubexpression:
-        """Apply a function to parsed subexpressions and return the result as a _ParsedSubexpression.
-        `operate_exactly` is applied to their expressions, and `operate_on_floats` to their floats if all have one.
-        Raise an ArgumentError that points to the syntax node if the result is not finite or too large.
+        """Apply a function to parsed subexpressions, the further arguments, and return the result as a
+        _ParsedSubexpression. The function `operate_exactly` is applied to their expressions, and `operate_on_floats`
+        to their floats if all have one. Raise an ArgumentError that points to the syntax node if the result is not
+        finite or too large.
         """
         exprs, values = zip(*parts, strict=True)
         try:
@@ -445,8 +447,8 @@ class _ExpressionBuilder:
         return self.text[node.col_offset : node.end_col_offset]
 
     def _syntax_hint(self) -> str:
-        """Return a hint for the message on invalid syntax, such as a missing * or a missing parenthesis, as a text
-        that begins with "; "; return an empty text if there is no hint.
+        """Return a hint for the message on invalid syntax, such as a missing * or a missing parenthesis, as a string
+        that begins with "; "; return an empty string if there is no hint.
         """
         match = _MISSING_OPERATOR_PATTERN.search(self.text)
         if match and match[1] in FUNCTION_SIGNATURE_BY_NAME:

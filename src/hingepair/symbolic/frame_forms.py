@@ -217,7 +217,7 @@ class FrameForms:
         return checked
 
     def _legend(self) -> str:
-        """Return a text that says which joint each coordinate q_1, q_2, ... belongs to."""
+        """Return a string that says which joint each coordinate q_1, q_2, ... belongs to."""
         joints = (
             f"{symbol} {joint.name}{' [m]' * (joint.kind == 'slider')}"
             for symbol, joint in self._program.joints.items()

@@ -25,8 +25,8 @@ def wrap_equation(line: str, width: int) -> str:
 
 
 def _break_line(line: str, marked_breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
-    """Return a list of the lines that wrapping a line to `width` characters gives. Each pair in `marked_breaks` is a
-    text at which a break is possible, and a copy of this text with a null character at the place of the break.
+    """Wrap a line to `width` characters, and return a list of the resulting lines. Each pair in `marked_breaks` holds
+    a string at which a break is possible, and a copy of this string with a null character at the place of the break.
     """
     fixed = line.lstrip()
     for text, marked_text in marked_breaks:
@@ -73,7 +73,7 @@ def title_suffix(title: str) -> str:
 
 
 def docstring_text(text: str) -> str:
-    """Return a text as one line that a docstring or a comment can contain. Quotes, backslashes and unprintable
+    """Return a string as one line that a docstring or a comment can contain. Quotes, backslashes and unprintable
     characters are dropped.
     """
     return "".join(sign for sign in " ".join(text.split()) if sign.isprintable() and sign not in '"\\')

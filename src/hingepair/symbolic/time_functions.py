@@ -33,8 +33,8 @@ _SAMPLES_PER_EVALUATION_BLOCK = 2048  # samples that are computed at a time; int
 
 
 class TimeFunctions:
-    """Expressions in t, compiled to NumPy functions that compute their values and their exact first and second
-    derivatives.
+    """Expressions in t, compiled to NumPy functions: the method `derivatives` computes their values and their exact
+    first and second derivatives, and `values` their values alone, also at values of further symbols.
 
     Args:
         expressions: SymPy expressions in `time_symbol()`.
