@@ -32,7 +32,7 @@ _CLOCK_OFFSET_SCAN_STEP_TO_BODY2_TIME_SCALE = 0.1  # of body 2's motion
 _MAX_CLOCK_OFFSET_TRIALS_PER_SIDE_OF_ZERO = 60  # offsets that are tried, on either side of 0
 _MIN_MENTIONED_CLOCK_OFFSET_IN_MEDIAN_TIME_STEPS = 0.05  # of the usual step
 # By which the misfit, a negative log-likelihood per sample, of a far offset must be below the local minimum near 0.
-_MIN_MISFIT_DECREASE_OF_DISTANT_CLOCK_OFFSET = 0.5
+_MIN_LOG_LIKELIHOOD_GAIN_PER_SAMPLE_OF_DISTANT_CLOCK_OFFSET = 0.5
 
 
 class ClockedPoses:
@@ -193,9 +193,8 @@ class ClockedPoses:
                 break
             place = best
         far = int(np.argmin(costs))
-        return float(
-            offsets[far if costs[far] < costs[place] - _MIN_MISFIT_DECREASE_OF_DISTANT_CLOCK_OFFSET else place]
-        )
+        is_far_better = costs[far] < costs[place] - _MIN_LOG_LIKELIHOOD_GAIN_PER_SAMPLE_OF_DISTANT_CLOCK_OFFSET
+        return float(offsets[far if is_far_better else place])
 
 
 def negative_log_likelihood_per_sample(poses: RelativePoses, known_hinge: Hinge | None) -> float:

@@ -38,13 +38,13 @@ _MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES = 4096  # samples that the variance com
 # Least noise of positions, or of the encoder, to the mean squared residual.
 _MIN_POSITION_OR_ENCODER_NOISE_VARIANCE_TO_SQUARED_RESIDUAL = 1e-3
 # [rad/s]: converts a step of the clock offset to a rotation, to judge the length of the step.
-_ROTATION_PER_CLOCK_OFFSET_STEP_IN_RADIANS_PER_SECOND = 5.0
+_EQUIVALENT_ROTATION_OF_CLOCK_OFFSET_STEP_IN_RADIANS_PER_SECOND = 5.0
 _EFFICIENCY_OF_MEDIAN_TO_MEAN_SQUARE_VARIANCE_ESTIMATE = 0.37  # beside variances by squares
 _NUM_SAMPLES_PER_RESIDUAL_BLOCK = 2048  # samples, that fit the caches
 MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS = 16384  # samples that the first steps are taken with
 # About so many samples, in stretches of blocks, give the covariance.
 _APPROXIMATE_NUM_SAMPLES_FOR_COVARIANCE = 131072
-_MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES = 40  # sums of neighbouring scores that the covariance is taken from, at least
+_MIN_NUM_SCORE_SUMS_FOR_COVARIANCE = 40  # sums of neighbouring scores that the covariance is taken from, at least
 # A fit of many samples makes two passes: with thinned samples, then with all.
 _MAX_GAUSS_NEWTON_STEPS_PER_HINGE_FIT_PASS = 40
 _MAX_ROTATION_PER_GAUSS_NEWTON_STEP_IN_RADIANS = 0.3  # [rad]; longer steps are shortened
@@ -272,7 +272,8 @@ def most_likely_hinge(
             step = -solve_semidefinite(normal, gradient)
             delay = float(step[NUM_HINGE_PARAMETERS]) if some.offset_derivatives is not None else 0.0
             rotation = max(
-                float(np.abs(step[:4]).max()), _ROTATION_PER_CLOCK_OFFSET_STEP_IN_RADIANS_PER_SECOND * abs(delay)
+                float(np.abs(step[:4]).max()),
+                _EQUIVALENT_ROTATION_OF_CLOCK_OFFSET_STEP_IN_RADIANS_PER_SECOND * abs(delay),
             )
             if rotation > _MAX_ROTATION_PER_GAUSS_NEWTON_STEP_IN_RADIANS:
                 step *= _MAX_ROTATION_PER_GAUSS_NEWTON_STEP_IN_RADIANS / rotation
@@ -533,16 +534,14 @@ def num_neighbours_to_sum_and_unresolved_lag(scores: Float64Array) -> tuple[int,
     are still correlated.
 
     Sums go over four times the lag at which scores are hardly correlated, but there are at least
-    _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES of them.
+    _MIN_NUM_SCORE_SUMS_FOR_COVARIANCE of them.
     """
     count, lag = scores.shape[1], 1
     uncorrelated = max(0.1, 3 / np.sqrt(count))
-    while 4 * lag * _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES <= count and _lag_correlation(scores, lag) > uncorrelated:
+    while 4 * lag * _MIN_NUM_SCORE_SUMS_FOR_COVARIANCE <= count and _lag_correlation(scores, lag) > uncorrelated:
         lag *= 2
-    together = 1 if lag == 1 else min(4 * lag, count // _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES)
-    unresolved = (
-        4 * lag * _MIN_NUM_SUMS_OF_NEIGHBOURING_SCORES > count and _lag_correlation(scores, lag) > uncorrelated
-    )
+    together = 1 if lag == 1 else min(4 * lag, count // _MIN_NUM_SCORE_SUMS_FOR_COVARIANCE)
+    unresolved = 4 * lag * _MIN_NUM_SCORE_SUMS_FOR_COVARIANCE > count and _lag_correlation(scores, lag) > uncorrelated
     return together, lag if unresolved else 0
 
 

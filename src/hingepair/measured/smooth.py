@@ -39,7 +39,7 @@ _NUM_ATTITUDE_SMOOTHING_ROUNDS = 2  # of smoothing attitudes; the second starts 
 _ACCURACY_ORDER_OF_ANGULAR_VELOCITY_DIFFERENCES = 6
 # Names of a smoothed quantity and its derivatives.
 _QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
-_MESSAGE_NAME_BY_POSE_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
+_NAME_IN_MESSAGES_BY_POSE_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
 # Above, a warning says so.
 _MAX_UNREPORTED_NEIGHBOUR_CORRELATION_OF_RESIDUALS = 0.2
 _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE = 1e-11  # noise, in parts of the largest sample, that is rounding
@@ -239,7 +239,7 @@ def _smooth_body(
     rates: tuple[str, ...] = ()
     for letter, samples in (("R", R), ("S", S)):
         if not _noise_is_rounding(samples, parts[letter]):
-            sentences += _residual_suspicions(_MESSAGE_NAME_BY_POSE_LETTER[letter], samples, parts[letter], loss)
+            sentences += _residual_suspicions(_NAME_IN_MESSAGES_BY_POSE_LETTER[letter], samples, parts[letter], loss)
             rates += _QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion

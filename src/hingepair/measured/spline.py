@@ -43,7 +43,7 @@ _PENALISED_DERIVATIVE_ORDER = 5  # of the derivative whose square is penalised
 _SPLINE_KNOTS_PER_BANDWIDTH_PERIOD = 4.0  # in a period of the bandwidth
 # How often generalised cross validation counts each degree of freedom.
 _CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM = 1.4
-_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH = 1.1
+_RATIO_OF_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH = 1.1
 """Factor on the bandwidth of the least cross-validation score: derivatives near the ends gain more by it than those
 in the middle lose."""
 _CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES = np.concatenate(
@@ -245,7 +245,7 @@ def _cross_validated_model(
                 best_logarithm, lowest = x, value
         width /= 2
     return SmoothingModel(
-        _CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH * float(np.exp(best_logarithm)), correlation, is_limited
+        _RATIO_OF_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH * float(np.exp(best_logarithm)), correlation, is_limited
     )
 
 

@@ -22,7 +22,7 @@ from hingepair.plans.trees import Form
 Exact: TypeAlias = list[Fraction]
 
 _FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
-_OBLIQUE_AXES_ERROR_PER_LARGEST_ENTRY: Final = 16 * 2.0**-53
+_OBLIQUE_AXES_ROUNDING_BOUND_TO_LARGEST_NUMBER: Final = 16 * 2.0**-53
 """Largest rounding error of oblique axes and of products with them, divided by the largest entry."""
 # The axes x, y and z of a program in the body's axes, by the components' sizes of a joint axis along x, y or z.
 _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
@@ -81,7 +81,9 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
         pose, masses = [*S.ravel().tolist(), *u.tolist()], _rounded_numbers(moments[k])
         numbers += [*pose, *masses, joint.armature, multiplier, offset, thresholds[k]]
         turned = oblique[k] or oblique[joint.parent]
-        pose_bound = _OBLIQUE_AXES_ERROR_PER_LARGEST_ENTRY * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0
+        pose_bound = (
+            _OBLIQUE_AXES_ROUNDING_BOUND_TO_LARGEST_NUMBER * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0
+        )
         bounds += [pose_bound] * len(pose)
         bounds += [*_mass_bounds(masses, any(oblique)), 0.0, 0.0, 0.0, 0.0]
     folded, parameters = split_numbers(numbers)
@@ -359,7 +361,7 @@ def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
     """Return a list of bounds on the rounding errors of the ten mass numbers of a body. The bounds are larger if
     `oblique` is True, that is, if a joint axis is not along x, y or z, so that products with axes are rounded.
     """
-    size = _OBLIQUE_AXES_ERROR_PER_LARGEST_ENTRY * max(map(abs, numbers)) if oblique else 0.0
+    size = _OBLIQUE_AXES_ROUNDING_BOUND_TO_LARGEST_NUMBER * max(map(abs, numbers)) if oblique else 0.0
     return [float(np.spacing(abs(number))) / 2 + size for number in numbers]
 
 

@@ -16,8 +16,8 @@ from hingepair.numeric.arrays import Frozen, finite_number, one_constant, read_o
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation
 
-_DEFAULT_MASS: Final = 1.0  # kg, of a body whose mass is not given
-_DEFAULT_GYRATION_RADIUS_SQUARED = 0.01  # m^2, of a body whose inertia is not given
+_DEFAULT_BODY_MASS_IN_KILOGRAMS: Final = 1.0  # kg, of a body whose mass is not given
+_DEFAULT_SQUARED_GYRATION_RADIUS_IN_SQUARE_METRES = 0.01  # m^2, of a body whose inertia is not given
 
 
 class DynamicsWarning(UserWarning):
@@ -214,7 +214,7 @@ class Body(Frozen):
         mass = None if mass is earlier.get("mass") else mass
         center_of_mass = None if center_of_mass is earlier.get("center_of_mass") else center_of_mass
         inertia = None if inertia is earlier.get("inertia") else inertia
-        mass_value = _DEFAULT_MASS if mass is None else _positive_number("mass", mass)
+        mass_value = _DEFAULT_BODY_MASS_IN_KILOGRAMS if mass is None else _positive_number("mass", mass)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
         shape_tuple = tuple(shapes)
@@ -256,7 +256,7 @@ def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], 
     shapes, return zeros and the default inertia.
     """
     if not shapes:
-        return read_only(np.zeros(3)), _DEFAULT_GYRATION_RADIUS_SQUARED * np.eye(3)
+        return read_only(np.zeros(3)), _DEFAULT_SQUARED_GYRATION_RADIUS_IN_SQUARE_METRES * np.eye(3)
     volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
     weights, centers = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
     center_of_mass = weights @ centers

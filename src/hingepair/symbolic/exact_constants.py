@@ -14,9 +14,9 @@ from hingepair.symbolic.kinks import Expr
 
 MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT: Final = 1_000
 """Largest denominator of the fraction whose square root an entry of a rotation or a unit vector is recognised as."""
-_EXACT_ROTATION_ENTRY_TOLERANCE: Final = 4 * 2.0**-53
+_MAX_ERROR_OF_RECOGNISED_ROTATION_ENTRY: Final = 4 * 2.0**-53
 """Largest difference of an entry of a rotation from an exact number that it is taken for; relative to a root."""
-_EXACT_ANGLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
+_MAX_ERROR_OF_RECOGNISED_ANGLE_RAD: Final = 4 * 2.0**-53
 """Largest difference [rad] of an angle from an exact number that it is taken for."""
 
 
@@ -34,11 +34,11 @@ def exact_entry(value: float) -> Expr:
     (0, sqrt(2)/2, -1/4)
     """
     nearest = float(round(value))
-    if abs(value - nearest) <= _EXACT_ROTATION_ENTRY_TOLERANCE:
+    if abs(value - nearest) <= _MAX_ERROR_OF_RECOGNISED_ROTATION_ENTRY:
         return sympy.Integer(int(nearest))
     square = Fraction(value * value).limit_denominator(MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
-    return root if abs(float(root) - value) <= _EXACT_ROTATION_ENTRY_TOLERANCE * abs(value) else exact(value)
+    return root if abs(float(root) - value) <= _MAX_ERROR_OF_RECOGNISED_ROTATION_ENTRY * abs(value) else exact(value)
 
 
 def exact_angle(value: float) -> Expr:
@@ -49,10 +49,10 @@ def exact_angle(value: float) -> Expr:
     (pi/4, 3/10)
     """
     step = math.pi / 12
-    if abs(value - round(value / step) * step) <= _EXACT_ANGLE_TOLERANCE_RAD:
+    if abs(value - round(value / step) * step) <= _MAX_ERROR_OF_RECOGNISED_ANGLE_RAD:
         return sympy.pi * sympy.Rational(round(value / step), 12)
     roundings = (round(value, decimals) for decimals in range(18))  # 17 decimals are closer than the tolerance
-    return exact(next(number for number in roundings if abs(number - value) <= _EXACT_ANGLE_TOLERANCE_RAD))
+    return exact(next(number for number in roundings if abs(number - value) <= _MAX_ERROR_OF_RECOGNISED_ANGLE_RAD))
 
 
 def value_without_nested_roots(function: Callable[..., Expr], *arguments: Expr) -> Expr:

@@ -12,7 +12,7 @@ import sympy
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.frame_program import NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT, FrameProgram
+from hingepair.symbolic.frame_program import NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
 from hingepair.symbolic.layout import (
     align_environment,
@@ -91,10 +91,10 @@ class FrameForms:
             expected = "a robot with base='fixed': the motion of its frames relative to its base"
             raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
         symbols = symbolic if isinstance(symbolic, str) or not isinstance(symbolic, Iterable) else tuple(symbolic)
-        if symbols not in ((), (NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT,)):
+        if symbols not in ((), (NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC,)):
             raise ArgumentError(
                 "symbolic",
-                f"({NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT!r},): points of a robot's joints, or nothing",
+                f"({NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC!r},): points of a robot's joints, or nothing",
                 quoted(symbolic),
             )
         end_links = robot.tree.tips

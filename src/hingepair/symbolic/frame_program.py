@@ -33,7 +33,7 @@ VectorExpr: TypeAlias = tuple[Expr, Expr, Expr]
 MatrixExpr: TypeAlias = tuple[Expr, ...]
 """Nine entries, row by row."""
 
-NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT: Final = "u"
+NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC: Final = "u"
 """Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
 _PARALLEL_AXES_COMPONENT_TOLERANCE: Final = 16 * 2.0**-53
 """Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
@@ -146,8 +146,8 @@ class FrameProgram:
     Args:
         tree: the robot, whose base rests at the origin.
         frame: one of its frames.
-        symbolic: if it contains NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT, components of joint points and of the frame's
-            origin that are not 0 are symbols.
+        symbolic: if it contains NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC, components of joint points and of the
+            frame's origin that are not 0 are symbols.
 
     Attributes:
         results: components by output: R (3), S (9, row by row), jacobian (6 dof, row by row), v (3), omega (3).
@@ -168,7 +168,7 @@ class FrameProgram:
         self.numbers: dict[Expr, float] = {}
         self.largest_rounded = 0.0
         self._trig_symbols: dict[Expr, tuple[Expr, Expr]] = {}
-        self._points_are_symbols = NAME_OF_POINTS_IN_SYMBOLIC_ARGUMENT in symbolic
+        self._points_are_symbols = NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC in symbolic
         self._columns = {joint.name: column for column, joint in enumerate(coordinates)}
         chain = _joint_path(tree, frame.body)
         columns = sorted({self._column(tree, tree.joints[number - 1]) for number in chain})

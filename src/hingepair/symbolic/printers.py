@@ -20,7 +20,7 @@ from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
 # Largest denominator with which a fraction is always printed as such.
-_MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS: Final = 1_000
+_MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_EXACT_PRINTERS: Final = 1_000
 # Largest numerator or denominator with which a fraction that has no finite decimal form is printed as such.
 _MAX_INTEGER_IN_NON_TERMINATING_PRINTED_FRACTION: Final = 10**6
 _MAX_EXACT_FLOAT_INTEGER: Final = 2**53  # integers below are exact as floats
@@ -29,7 +29,7 @@ _MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER: Final = 18
 # A sum of constants that is smaller, relative to its largest term, counts as 0.
 _ZERO_SUM_TO_LARGEST_TERM_TOLERANCE: Final = 1e-60
 # Largest denominator with which a fraction among decimals, such as the lengths of a robot, is always printed as such.
-_MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_DECIMAL_PRINTERS: Final = 4
+_MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_DECIMAL_PRINTERS: Final = 4
 _GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
 _LATEX_BY_JACOBIAN_BLOCK_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
 _SUPERSCRIPT_TRANSLATION_TABLE = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
@@ -95,7 +95,7 @@ def latex_name(name: str) -> str:
 
 
 def _decimal_text(
-    value: Expr, max_denominator: int = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS
+    value: Expr, max_denominator: int = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_EXACT_PRINTERS
 ) -> str | None:
     """Return the decimal text of a rational number, or None if its fraction is easier to read. Fractions whose
     denominator is at most `max_denominator` stay fractions.
@@ -210,7 +210,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
     \sin 2 t.
     """
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_EXACT_PRINTERS
 
     def _print_Symbol(self, expr: Expr, **_: Any) -> str:
         return latex_name(expr.name)
@@ -246,7 +246,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     t²)`.
     """
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_EXACT_PRINTERS
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_EXACT_PRINTERS
     needs_parentheses = False  # whether it prints inside a power or fraction, where functions need parentheses
 
     def _print_Symbol(self, expr: Expr) -> str:
@@ -398,13 +398,13 @@ def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
 class _DecimalText(_TextPrinter):
     """Printer of plain text, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_DECIMAL_PRINTERS
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_DECIMAL_PRINTERS
 
 
 class _DecimalLatex(_LatexPrinter):
     """Printer of LaTeX, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_AS_FRACTION_IN_DECIMAL_PRINTERS
+    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_DECIMAL_PRINTERS
 
 
 # The printers of expressions as functions.
