@@ -256,7 +256,7 @@ def test_blocks_do_not_show(frame, monkeypatch):
     S, omega = tumble(t, frame)
     whole, blocks = [], []
     for found, length in ((whole, 10_000), (blocks, 40)):
-        monkeypatch.setattr(interpolation_error, "_INTERVALS_PER_BLOCK", length)
+        monkeypatch.setattr(interpolation_error, "_SAMPLE_INTERVALS_PER_BLOCK", length)
         for jump in (np.inf, *(1.58 + np.arange(8) / 100)):
             given = omega + np.outer(t > jump, [0, 0.1, 0])
             motion = hp.integrate(PAIR, t, given, given[:, 1], S1_0=S[0], frame=frame, outputs=(), backend="numpy")

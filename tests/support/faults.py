@@ -1499,8 +1499,8 @@ FAULTS = {
     ),
     "a Newton method without the answer to the rate": Fault(
         "dynamics/collocation.py",
-        "matrix = np.eye(NODE_COUNT) - integrals * by_rate - (integrals",
-        "matrix = np.eye(NODE_COUNT) - (integrals",
+        "matrix = np.eye(NODES_PER_STEP) - integrals * by_rate - (integrals",
+        "matrix = np.eye(NODES_PER_STEP) - (integrals",
         "dynamics/test_stiff.py::test_a_strong_damper_takes_no_short_steps[3e-05]",
     ),
     "a stop that pulls": Fault(

@@ -25,7 +25,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 StateRates: TypeAlias = Callable[[Array, Array], Array]
 """Derivatives (m, k) of the state at times (m,) and states (m, k), smooth until the next event."""
 
-NODE_COUNT: Final = 8
+NODES_PER_STEP: Final = 8
 """Nodes of a step."""
 _MAX_NODE_ITERATIONS_PER_STEP: Final = 30  # of the states at the nodes; a step that needs more is too long
 _STEP_LENGTH_SAFETY_FACTOR = 0.8  # of the length that the estimate of the error allows
@@ -39,17 +39,18 @@ _FIXED_POINT_ITERATIONS_PER_CONTRACTION_CHECK = 4  # iterations after which the 
 _MAX_FIXED_POINT_CONTRACTION_RATIO_PER_ITERATION = 0.1
 # Of a step, without unit: below it fixed points converge without Newton's method.
 _MIN_STEP_STIFFNESS_FOR_NEWTON = 0.5
-_MAX_EVENTS_APPLIED_AT_ONE_INSTANT = 8  # events at one instant; if more follow each other, the last is ignored
+# Events applied at one instant; if more follow each other, the next one is ignored, and the step is made.
+_MAX_EVENTS_AT_ONE_INSTANT_BEFORE_NEXT_IS_IGNORED = 8
 # Of the length of recent steps: in a step of at most this length the derivative jumps, and no step is better.
 _MAX_JUMP_STEP_TO_RECENT_STEP_LENGTH_RATIO = 1e-12
 
-_gauss_nodes, _gauss_weights = legendre.leggauss(NODE_COUNT)
+_gauss_nodes, _gauss_weights = legendre.leggauss(NODES_PER_STEP)
 RELATIVE_NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
 """Nodes of a step from 0 to 1; shape (8,)."""
 _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.stack(
     [
-        (2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODE_COUNT)[k])
-        for k in range(NODE_COUNT)
+        (2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODES_PER_STEP)[k])
+        for k in range(NODES_PER_STEP)
     ]
 )
 """Matrix from values at the nodes to the coefficients of their Legendre series; shape (8, 8)."""
@@ -57,7 +58,10 @@ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.stack(
 
 _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX: Final[Array] = (
     np.stack(
-        [np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODE_COUNT + 1 - len(c))) for unit in np.eye(NODE_COUNT)],
+        [
+            np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODES_PER_STEP + 1 - len(c)))
+            for unit in np.eye(NODES_PER_STEP)
+        ],
         axis=1,
     )
     @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
@@ -71,14 +75,14 @@ def integration_matrix(times: Array) -> Array:
     values, from the start of the step to each of `times`. The times are relative: 0 at the start of the step, 1 at
     its end.
     """
-    return legendre.legvander(2 * times - 1, NODE_COUNT) @ _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX
+    return legendre.legvander(2 * times - 1, NODES_PER_STEP) @ _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX
 
 
 def interpolation_matrix(times: Array) -> Array:
     """Return the matrix (m, 8) that maps values at the nodes of a step to the values at `times` of the polynomial
     through them. The times are relative: 0 at the start of the step, 1 at its end.
     """
-    return legendre.legvander(2 * times - 1, NODE_COUNT - 1) @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
+    return legendre.legvander(2 * times - 1, NODES_PER_STEP - 1) @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
 
 
 _NODE_VALUES_TO_NODE_INTEGRALS_MATRIX: Final[Array] = integration_matrix(RELATIVE_NODE_TIMES)
@@ -212,7 +216,7 @@ class Stepper:
             factor = (
                 _MIN_LENGTH_FACTOR
                 if not error < np.inf
-                else _STEP_LENGTH_SAFETY_FACTOR * max(error, 1e-12) ** (-1 / (NODE_COUNT + 1))
+                else _STEP_LENGTH_SAFETY_FACTOR * max(error, 1e-12) ** (-1 / (NODES_PER_STEP + 1))
             )
             next_length = length * min(max(factor, _MIN_LENGTH_FACTOR), _MAX_LENGTH_FACTOR)
             if node_rates is None or not error <= 1:
@@ -226,7 +230,7 @@ class Stepper:
                 break
             share, event = first_event
             if share * length <= 32 * time_rounding:  # it starts at an event
-                if applied_count == _MAX_EVENTS_APPLIED_AT_ONE_INSTANT:
+                if applied_count == _MAX_EVENTS_AT_ONE_INSTANT_BEFORE_NEXT_IS_IGNORED:
                     first_event = None
                     break
                 self._apply_event(event)
@@ -416,9 +420,9 @@ class Stepper:
         of psi at the nodes to residuals of psi'; the first maps the sum of these and the residuals of psi' to the
         change of psi'.
         """
-        by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODE_COUNT), np.zeros(NODE_COUNT))
+        by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODES_PER_STEP), np.zeros(NODES_PER_STEP))
         integrals = length * _NODE_VALUES_TO_NODE_INTEGRALS_MATRIX
-        matrix = np.eye(NODE_COUNT) - integrals * by_rate - (integrals * by_angle) @ integrals
+        matrix = np.eye(NODES_PER_STEP) - integrals * by_rate - (integrals * by_angle) @ integrals
         return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
     def _damp_stiff_errors(self, errors: Array, length: float) -> Array:
@@ -440,10 +444,12 @@ class Stepper:
         """
         last_step = self._last_step
         if last_step is None:
-            return np.zeros((NODE_COUNT, len(self.state)))
+            return np.zeros((NODES_PER_STEP, len(self.state)))
         relative_times = (times - last_step.start) / last_step.length
         return (
-            interpolation_matrix(relative_times if relative_times[-1] <= _MAX_LENGTH_FACTOR else np.ones(NODE_COUNT))
+            interpolation_matrix(
+                relative_times if relative_times[-1] <= _MAX_LENGTH_FACTOR else np.ones(NODES_PER_STEP)
+            )
             @ last_step.rates
         )
 

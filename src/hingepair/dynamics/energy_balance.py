@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.dynamics.collocation import NODE_COUNT, NODE_QUADRATURE_WEIGHTS, RELATIVE_NODE_TIMES, StepPolynomial
+from hingepair.dynamics.collocation import (
+    NODE_QUADRATURE_WEIGHTS,
+    NODES_PER_STEP,
+    RELATIVE_NODE_TIMES,
+    StepPolynomial,
+)
 from hingepair.dynamics.pair_motion import MotionSamples, PairMotion
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.tables import ruled_table
@@ -137,7 +142,7 @@ def energy_balance(
             powers = _powers_by_load(pair, nodes, gravity, is_carried=is_carried)
             chunks.append(
                 {
-                    name: lengths * (power.reshape(-1, NODE_COUNT) @ NODE_QUADRATURE_WEIGHTS)
+                    name: lengths * (power.reshape(-1, NODES_PER_STEP) @ NODE_QUADRATURE_WEIGHTS)
                     for name, power in powers.items()
                 }
             )

@@ -28,7 +28,7 @@ _DIFFERENCE_STEP_TO_STATE_COMPONENT_SIZE_RATIO: Final = 1e-5
 # Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
 _MIN_NONZERO_POLE_TO_LARGEST_POLE_RATIO: Final = 1e-5
 _MAX_EQUILIBRIUM_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
-_MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION_RAD = 0.3  # rad: largest change of an angle in one of them
+_MAX_CHANGE_OF_ANY_ANGLE_PER_EQUILIBRIUM_ITERATION_RAD = 0.3  # rad: largest change of an angle in one of them
 _MAX_CONVERGED_EQUILIBRIUM_ANGLE_STEP_RAD: Final = 1e-13  # rad: a smaller Newton step ends the search
 
 # Components of the state of a free or pinned pair; a carried pair has the last two.
@@ -248,6 +248,6 @@ def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: 
         if torques @ change < 0 or not size:  # the step leads to an unstable equilibrium
             change, size = torques, float(np.abs(torques).max())
         state = state.copy()
-        state[coordinates] += change * min(1.0, _MAX_ANGLE_CHANGE_PER_NEWTON_ITERATION_RAD / size)
+        state[coordinates] += change * min(1.0, _MAX_CHANGE_OF_ANY_ANGLE_PER_EQUILIBRIUM_ITERATION_RAD / size)
         state = motion.restart_attitude(state)
     raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {state[-2]:g}")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 
-ACCEPTED_BACKENDS = ("auto", "numpy", "compiled")
+BACKEND_NAMES = ("auto", "numpy", "compiled")
 """Accepted values of the argument `backend`."""
 
 # Seconds of compiling, measured on one machine; on another machine all times here differ by about one common factor.
@@ -35,7 +35,7 @@ class Execution(NamedTuple):
     the number of threads (at least 1).
 
     Attributes:
-        backend: one of ACCEPTED_BACKENDS.
+        backend: one of BACKEND_NAMES.
         workers: number of threads, at least 1.
     """
 
@@ -48,7 +48,7 @@ def execution_of(backend: str, workers: int) -> Execution:
     replaces -1 workers. Raises an ArgumentError if one of the arguments is not accepted.
 
     Args:
-        backend: one of ACCEPTED_BACKENDS.
+        backend: one of BACKEND_NAMES.
         workers: number of threads; -1 for all cores.
 
     Raises:
@@ -58,7 +58,7 @@ def execution_of(backend: str, workers: int) -> Execution:
     Execution(backend='numpy', workers=2)
     """
     if type(backend) is not str:
-        check_choice("backend", backend, ACCEPTED_BACKENDS)
+        check_choice("backend", backend, BACKEND_NAMES)
     if type(workers) is not int or (workers < 1 and workers != -1):
         raise ArgumentError("workers", "a positive integer, or -1 for all cores", quoted(workers))
     return _cached_execution(backend, workers)
@@ -69,7 +69,7 @@ def _cached_execution(backend: str, workers: int) -> Execution:
     """Check the name of the backend, and return the cached `Execution` for a number of workers that is positive, or
     -1 for all cores. Raises an ArgumentError if the backend is unknown.
     """
-    check_choice("backend", backend, ACCEPTED_BACKENDS)
+    check_choice("backend", backend, BACKEND_NAMES)
     return Execution(backend, workers if workers > 0 else _core_count())
 
 

@@ -29,7 +29,7 @@ InputPattern: TypeAlias = tuple[ComponentSource, ...]
 MIN_SAMPLES_PER_WORKER: Final = 8192
 """Number of samples that are worth a thread: about 0.1 ms of work, as long as starting the thread takes."""
 
-_FOLDED_NUMBER_BY_VALUE: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
+_NUMBER_FOLDED_INTO_PROGRAM_BY_INPUT_VALUE: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
 """Numbers that become part of the program, which folds them away, by the value that is looked up."""
 
 
@@ -98,7 +98,7 @@ def bind(
         """Append a component that is the number x to the lists of `bind`. The pattern gets the numbers 0, 1 and -1;
         for any other number, the pattern gets None and the constants get the number.
         """
-        known = _FOLDED_NUMBER_BY_VALUE.get(x)
+        known = _NUMBER_FOLDED_INTO_PROGRAM_BY_INPUT_VALUE.get(x)
         pattern.append(known)
         if known is None:
             constants.append(x)
@@ -158,7 +158,7 @@ def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[
                     arrays.append(component)
                 pattern.append((array_index_by_id[id(component)], 0))
                 continue
-            known = _FOLDED_NUMBER_BY_VALUE.get(component)
+            known = _NUMBER_FOLDED_INTO_PROGRAM_BY_INPUT_VALUE.get(component)
             pattern.append(known)
             if known is None:
                 constants.append(float(component))

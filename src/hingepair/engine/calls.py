@@ -53,7 +53,7 @@ class Call:
         constants: the loop's other inputs by name: numbers, or tuples of numbers; arrays where they have samples.
         result: class of the result; None to return the only output itself, as a writable array.
         shape: leading shape of the constants; () where they are the same at all samples.
-        backend: one of `backend.ACCEPTED_BACKENDS`.
+        backend: one of `backend.BACKEND_NAMES`.
         limits: limits of outputs that are checked instead of returned, by the size of a number in bytes (8 for
             float64, 4 for float32). The call is refused if such an output exceeds its limit at any sample; NaN does
             not exceed it.

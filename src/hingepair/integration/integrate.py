@@ -70,20 +70,20 @@ RateArgument: TypeAlias = ArrayLike | Callable[[Array], Any]
 SignalsByName: TypeAlias = Mapping[str, NDArray[np.object_]]
 """Signals of the rates, by the names of the arguments; each an array with a signal for each motion."""
 
-_RATE_ARGUMENT_NAME_BY_PLAN_INPUT: Final = {
+_RATE_ARGUMENT_NAME_BY_PLAN_INPUT_NAME: Final = {
     **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
     **{"psid": "psid", "psidd": "psidd"},
 }
 """Names of the arguments that give rates, by input of a plan."""
 
-_EXPECTED_R1_FORM_BY_PLAN_INPUT: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
+_EXPECTED_R1_FORM_BY_PLAN_INPUT_NAME: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
 """Form that the argument R1 must have so that it gives an input of a plan, by input."""
 
 
 _MAX_TOTAL_STEPS_OF_MOTION_GROUP: Final = 65_536
 """Steps that are integrated together at most, of all motions of a group."""
 
-_R1_PART_NAME_IN_MESSAGES_BY_PLAN_INPUT: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
+_R1_PART_NAME_IN_MESSAGES_BY_PLAN_INPUT_NAME: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
 """Name in messages of each part of the argument R1."""
 
 
@@ -318,7 +318,9 @@ def _read_request(
     points = read_position(np.zeros(size) if R1 is None else R1, t, size)
     shapes = {name: array.shape for name, array in signals.items()}
     shapes |= {
-        name: points[key].shape[:-2] for key, name in _R1_PART_NAME_IN_MESSAGES_BY_PLAN_INPUT.items() if key in points
+        name: points[key].shape[:-2]
+        for key, name in _R1_PART_NAME_IN_MESSAGES_BY_PLAN_INPUT_NAME.items()
+        if key in points
     }
     shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
     motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
@@ -527,8 +529,8 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
         "psi": psi,
         **({"phi1": orientations} if S1 is None else {"S1": S1}),
     }
-    for name in plan.inputs & _RATE_ARGUMENT_NAME_BY_PLAN_INPUT.keys():
-        argument = _RATE_ARGUMENT_NAME_BY_PLAN_INPUT[name]
+    for name in plan.inputs & _RATE_ARGUMENT_NAME_BY_PLAN_INPUT_NAME.keys():
+        argument = _RATE_ARGUMENT_NAME_BY_PLAN_INPUT_NAME[name]
         is_vector = S1 is not None and argument in {"omega1", "alpha1"}
         values = values_at(request.signals[argument], options.t, (3,) if is_vector else ())
         inputs[name] = rotate_to_world(S1, values) if options.omega_in_body_axes and is_vector else values
@@ -658,7 +660,7 @@ def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Se
         {"S1", "phi1", "psi"}
         | pair.values.keys()
         | argument_names
-        | {name for name, argument in _RATE_ARGUMENT_NAME_BY_PLAN_INPUT.items() if argument in argument_names}
+        | {name for name, argument in _RATE_ARGUMENT_NAME_BY_PLAN_INPUT_NAME.items() if argument in argument_names}
     )
 
     def plan(names: tuple[str, ...]) -> Plan:
@@ -669,7 +671,7 @@ def _make_integration_plan(pair: Constants, outputs: Outputs, argument_names: Se
     names = check_outputs(outputs, kind.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(plan((name,)).inputs - available):
-            expected = f"{_EXPECTED_R1_FORM_BY_PLAN_INPUT.get(missing, 'a value')}, since output {name} needs it"
-            got = f"no {missing}" if missing in _EXPECTED_R1_FORM_BY_PLAN_INPUT else None
-            raise ArgumentError(_RATE_ARGUMENT_NAME_BY_PLAN_INPUT.get(missing, "R1"), expected, got)
+            expected = f"{_EXPECTED_R1_FORM_BY_PLAN_INPUT_NAME.get(missing, 'a value')}, since output {name} needs it"
+            got = f"no {missing}" if missing in _EXPECTED_R1_FORM_BY_PLAN_INPUT_NAME else None
+            raise ArgumentError(_RATE_ARGUMENT_NAME_BY_PLAN_INPUT_NAME.get(missing, "R1"), expected, got)
     return plan(names)

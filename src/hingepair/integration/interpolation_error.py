@@ -27,7 +27,7 @@ from hingepair.numeric.arrays import row_norms
 ErrorRotation: TypeAlias = Callable[[int, int, Array], Array]
 """Rotates errors (..., n, k) of the intervals from the first to the second index to axes in which they add up."""
 
-_INTERVALS_PER_BLOCK = 65536  # intervals whose errors are computed at a time
+_SAMPLE_INTERVALS_PER_BLOCK = 65536  # intervals whose errors are computed at a time
 _BLOCK_MARGIN_SAMPLE_COUNT = 12  # samples on either side of a block that its divided differences use
 _KINK_ORDERS_AND_ERROR_FACTORS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
 """Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
@@ -54,8 +54,8 @@ def largest_interpolation_error(
     carried_sum, worst = np.zeros(width), 0.0
     group_size = 8  # intervals whose errors may belong to one kink and are summed before sizes are taken
     sizes, squares = np.zeros(len(_KINK_ORDERS_AND_ERROR_FACTORS)), np.zeros(len(_KINK_ORDERS_AND_ERROR_FACTORS))
-    for first in range(0, count - 1, _INTERVALS_PER_BLOCK):
-        last = min(first + _INTERVALS_PER_BLOCK, count - 1)
+    for first in range(0, count - 1, _SAMPLE_INTERVALS_PER_BLOCK):
+        last = min(first + _SAMPLE_INTERVALS_PER_BLOCK, count - 1)
         low, high = max(0, first - _BLOCK_MARGIN_SAMPLE_COUNT), min(count, last + 1 + _BLOCK_MARGIN_SAMPLE_COUNT)
         missed = _interval_errors(samples.t[low:high], values[low:high])[:, first - low : last - low]
         block = slice(*np.searchsorted(intervals, (first, last)))

@@ -33,7 +33,7 @@ MAX_OMEGA1_EVALUATIONS_BY_SCIPY: Final = 1_000_000
 
 _STEP_RULE_OF_REFERENCE_SOLUTION = STEP_RULE_BY_NAME["magnus6"]  # that other methods are compared with
 _TOLERANCE_OF_REFERENCE_SOLUTION_IN_RAD = 1e-14  # rad: of the solution that other methods are compared with
-_DEFAULT_TOLERANCE_OF_DOP853 = 1e-12  # rad: of `dop853` without tol
+_DEFAULT_TOLERANCE_OF_DOP853_IN_RAD = 1e-12  # rad: of `dop853` without tol
 _MIN_SCIPY_RTOL = 3e-14  # the smallest relative tolerance that SciPy takes
 
 
@@ -163,7 +163,9 @@ def solve(
         orientation = solve_orientation(
             options, replace(attitude, rule=_STEP_RULE_OF_REFERENCE_SOLUTION), np.asarray(start)
         )
-        tol = _DEFAULT_TOLERANCE_OF_DOP853 if options.tol is None and options.method == "dop853" else options.tol
+        tol = (
+            _DEFAULT_TOLERANCE_OF_DOP853_IN_RAD if options.tol is None and options.method == "dop853" else options.tol
+        )
         selected = select_steps((hinge,), options.t, tol)
     hinge_angle = _integrate(hinge, psi_0, selected, None if integrated is None else integrated[1])
     sampled_rates = [rate for rate in (omega, psid) if isinstance(rate, SampledSignal)]
@@ -255,7 +257,7 @@ def _solve_by_scipy(options: SolveOptions, attitude: AttitudeIntegral, S1_0: Arr
         raise MissingDependencyError("method", "scipy (pip install scipy), or another method", str(error)) from None
     t, tol = (
         options.t,
-        max(_DEFAULT_TOLERANCE_OF_DOP853 if options.tol is None else 0.01 * options.tol, _MIN_SCIPY_RTOL),
+        max(_DEFAULT_TOLERANCE_OF_DOP853_IN_RAD if options.tol is None else 0.01 * options.tol, _MIN_SCIPY_RTOL),
     )
     start, since, evaluations = matrix_to_quaternion(S1_0), t - t[0], 0
 

@@ -26,7 +26,7 @@ from hingepair.plans.dynamics_steps import (
     INVERSE_DYNAMICS_OUTPUT_NAMES,
 )
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, check_outputs, default_outputs, make_plan, needed_steps
-from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT
+from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
 from hingepair.rotations.sequences import find_sequence
 
 # The names of inputs for which a keyword such as "velocity" stands.
@@ -207,7 +207,7 @@ def _checked_input_names(given: str | Iterable[str]) -> tuple[str, ...]:
     for name in names:
         if name not in _ALLOWED_INPUT_NAMES:
             raise ArgumentError("given", choices(tuple(_ALLOWED_INPUT_NAMES)), quoted(name))
-    attitudes = [name for name in names if name in {"q", *ATTITUDE1_AND_CHECK_STEPS_BY_INPUT}]
+    attitudes = [name for name in names if name in {"q", *ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME}]
     if len(attitudes) != 1 or len({*names}) != len(names):
         raise ArgumentError("given", "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz", quoted(names))
     return names

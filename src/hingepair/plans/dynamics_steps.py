@@ -105,7 +105,7 @@ _LOAD_MINUS_BIAS_STEPS = (
 )
 """Steps to the loads less the forces of a motion without accelerations."""
 
-_ROTATION_POINT_AND_INERTIA_STEPS_BY_BASE = {
+_ROTATION_POINT_AND_INERTIA_STEPS_BY_BASE_NAME = {
     "free": (Step("point", same, ("centre",)), Step("inertia_about_point", same, ("inertia_about_centre",))),
     "pinned": (Step("point", _zero_vector, ()), Step("inertia_about_point", same, ("inertia_about_R1",))),
     "carried": (Step("inertia_about_point", dyn.pair_inertia, ("J2", "J2", "axis", "partial_velocity2", "m2", "e")),),
@@ -123,7 +123,7 @@ _FREE_OR_PINNED_ALPHA1_AND_PSIDD_STEPS = (
     Step("psidd", operator.itemgetter(1), ("solution",)),
     Step("pivot_ratios", operator.itemgetter(2), ("solution",)),
 )
-_ACCELERATION_STEPS_BY_BASE = {
+_ACCELERATION_STEPS_BY_BASE_NAME = {
     "free": (
         Step("torque_at_point", dyn.torque_from, ("torque", "centre", "force")),
         Step("hinge_torque_at_point", lambda torque, fraction, v, f: torque - fraction * eq.dot(v, f),
@@ -143,7 +143,7 @@ _ACCELERATION_STEPS_BY_BASE = {
 }  # fmt: skip
 """Steps to the accelerations, by the base."""
 # The accelerations that are solved for, by the base.
-_UNKNOWN_ACCELERATION_NAMES_BY_BASE = {
+_UNKNOWN_ACCELERATION_NAMES_BY_BASE_NAME = {
     "free": ("a1", "alpha1", "psidd"),
     "pinned": ("a1", "alpha1", "psidd"),
     "carried": ("psidd",),
@@ -157,7 +157,7 @@ def inertia_steps(base: str) -> tuple[Step, ...]:
 
     The values of `base` are explained in `forward_dynamics_steps`.
     """
-    return (*_MASS_CENTRE_AND_INERTIA_STEPS, *_ROTATION_POINT_AND_INERTIA_STEPS_BY_BASE[base])
+    return (*_MASS_CENTRE_AND_INERTIA_STEPS, *_ROTATION_POINT_AND_INERTIA_STEPS_BY_BASE_NAME[base])
 
 
 @functools.lru_cache(maxsize=64)
@@ -171,7 +171,7 @@ def forward_dynamics_steps(kinematic_steps: tuple[Step, ...], base: str = "free"
         kinematic_steps: steps to S1, omega1 and to the motion of body 2.
         base: what holds body 1: nothing ("free"), a ball joint at R1 ("pinned"), or its given motion ("carried").
     """
-    unknown = _UNKNOWN_ACCELERATION_NAMES_BY_BASE[base]
+    unknown = _UNKNOWN_ACCELERATION_NAMES_BY_BASE_NAME[base]
     zero_names = {"a1": "none", "alpha1": "none", "psidd": "zero"}
     bias_names = {name: zero_names[name] for name in unknown}
     motion_steps, following_steps = [], []
@@ -197,6 +197,6 @@ def forward_dynamics_steps(kinematic_steps: tuple[Step, ...], base: str = "free"
         *zero_steps,
         *bias_steps,
         *_LOAD_MINUS_BIAS_STEPS,
-        *_ACCELERATION_STEPS_BY_BASE[base],
+        *_ACCELERATION_STEPS_BY_BASE_NAME[base],
         *following_steps,
     )

@@ -23,12 +23,12 @@ from hingepair.plans.dynamics_steps import (
     forward_dynamics_steps,
 )
 from hingepair.plans.steps import (
-    ATTITUDE1_AND_CHECK_STEPS_BY_INPUT,
+    ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME,
     ATTITUDE2_CHECK_STEPS,
     ATTITUDE2_STEP_WITHOUT_HOME,
     BODY2_KINEMATICS_STEPS,
     CONSTRAINT_AND_HINGE_ANGLE_STEPS,
-    GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT,
+    GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT_NAME,
     JACOBIAN_AND_ACCELERATION_BIAS_STEPS,
     LEVER_CONSTANT_STEPS,
     PLANAR_COORDINATE_NAMES,
@@ -129,7 +129,7 @@ PLANAR_MOTION_KIND: Final = MotionKind(
 )
 """Motion in two coordinates (E11)."""
 
-_COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT = {
+_COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT_NAME = {
     "hinge": ("sin_psi", "versine_psi", "cos_psi"),
     "trig": ("sin_x", "cos_x", "sin_y", "cos_y", "sin_z", "cos_z"),
     "turn1": ("sin_phi", "cos_phi"),
@@ -161,7 +161,7 @@ class Plan:
         """
         for result, function, arguments in self.steps:
             value = values[result] = function(*[values[name] for name in arguments])
-            name_components(result, value, _COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT.get(result))
+            name_components(result, value, _COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT_NAME.get(result))
         return values
 
 
@@ -277,7 +277,7 @@ def all_steps(
     """
     if kind is PLANAR_MOTION_KIND:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
-    steps = [step for name in given_names for step in ATTITUDE1_AND_CHECK_STEPS_BY_INPUT.get(name, ())]
+    steps = [step for name in given_names for step in ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME.get(name, ())]
     steps += ATTITUDE2_CHECK_STEPS if "S2" in given_names else ()
     steps += [
         *(SPATIAL_COORDINATE_SPLIT_STEPS if "q" in given_names else ()),
@@ -324,7 +324,7 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
             Step("omega1", order.angular_velocity, ("axes", "phid")),
             Step("alpha1", order.angular_acceleration, ("axes", "phid", "phidd")),
         )
-    replaced_steps = GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT if sequence is None else {}
+    replaced_steps = GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT_NAME if sequence is None else {}
     for step in BODY2_KINEMATICS_STEPS:
         steps += replaced_steps.get(step.result, (step,))
     return tuple(

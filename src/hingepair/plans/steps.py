@@ -98,7 +98,7 @@ def _zero_quaternion_check(quat: tuple[Any, ...]) -> Any:
     return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
 
 
-ATTITUDE1_AND_CHECK_STEPS_BY_INPUT = {
+ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME = {
     "S1": (Step("attitude1_check", _rotation_defect, ("S1",)),),
     "quat_xyzw": (
         Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
@@ -151,7 +151,7 @@ to the last bit."""
 
 ATTITUDE2_STEP_WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
 
-GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT = {
+GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT_NAME = {
     "lever_by_psi": (
         Step("lever_in_world", eq.rotate, ("S1", "lever_moving")),
         Step("lever_by_psi", eq.cross, ("axis", "lever_in_world")),

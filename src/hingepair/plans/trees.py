@@ -30,7 +30,7 @@ from hingepair.equations.spatial import (
     transpose,
 )
 from hingepair.numeric.blocks import cosine, sine
-from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT
+from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
 
 # Shapes of the constants of the base.
 SHAPE_BY_BASE_CONSTANT: Final = {"mass": (), "first": (3,), "second": (6,)}
@@ -715,7 +715,7 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
         _fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.centre_of_mass_bias
     ),
     "attitude_check": Output(
-        _fixed_shape(), ("S1",), lambda c: ATTITUDE1_AND_CHECK_STEPS_BY_INPUT["S1"][0].function(c.values["S1"])
+        _fixed_shape(), ("S1",), lambda c: ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME["S1"][0].function(c.values["S1"])
     ),
     "kinetic": Output(_fixed_shape(), (*_VELOCITY_INPUT_NAMES, "v1"), Computation.kinetic),
     "potential": Output(_fixed_shape(), ("q", "R1", "S1", "gravity"), Computation.potential),
