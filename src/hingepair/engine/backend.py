@@ -81,8 +81,9 @@ def _core_count() -> int:
 
 
 class BreakEvenCounter:
-    """Counter of the estimated seconds that calls have lost because a kernel is not compiled yet. `count_call` and
-    `count_state_call` tell whether the loss has reached the time of compiling the kernel.
+    """Counter of the estimated seconds that calls have lost because a kernel was not yet compiled. `count_call` and
+    `count_state_call` add the loss of one call and tell whether to compile the kernel now: the loss has reached the
+    time of compiling, or `compile_at_first_call` is active, and kernels are not disabled.
 
     A kernel is compiled once the time lost without it equals the time of compiling it (the break-even rule of the
     ski-rental problem). Whatever calls come, their time is at most twice that of the better backend in hindsight, and
@@ -112,8 +113,8 @@ class BreakEvenCounter:
 
     def count_call(self, samples: int, chain_length: int = 1) -> bool:
         """Add the seconds that a kernel would have saved in one call by NumPy with `samples` samples to the sum of
-        all calls, and return whether compiling a kernel pays from now on. `chain_length` is the number of samples of
-        each chain of a scan, which NumPy computes one after the other; it is 1 without a scan.
+        all calls, and return whether to compile the kernel now, by the rule of `_kernel_pays`. `chain_length` is the
+        number of samples of each chain of a scan, which NumPy computes one after the other; it is 1 without a scan.
 
         Args:
             samples: number of samples of the call.
@@ -127,8 +128,8 @@ class BreakEvenCounter:
         return self._kernel_pays()
 
     def count_state_call(self) -> bool:
-        """Add the estimated loss of one call for a single state in Python, and return whether compiling a kernel pays
-        from now on.
+        """Add the estimated loss of one call for a single state in Python to the sum of all calls, and return whether
+        to compile the kernel now, by the rule of `_kernel_pays`.
         """
         self.seconds_without_kernel += self.operations_and_stores * _PYTHON_SECONDS_BEYOND_KERNEL_PER_OPERATION
         return self._kernel_pays()

@@ -34,9 +34,10 @@ _NUMBER_FOLDED_INTO_PROGRAM_BY_INPUT_VALUE: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -
 
 
 class BoundInputs(NamedTuple):
-    """The inputs of a loop, sorted. `pattern` holds the source of each component: a known number, a pair (index of an
-    array, index of the component in the array), or None for the next constant. `constants` holds the other numbers
-    that are equal at all samples, and `arrays` the arrays that vary by sample.
+    """The inputs of a loop, divided into known numbers, constants and arrays. `pattern` holds the source of each
+    component: a known number, a pair (index of an array, index of the component in the array), or None for the next
+    constant. `constants` holds the other numbers that are equal at all samples, and `arrays` the arrays that vary by
+    sample.
 
     Attributes:
         pattern: the source of each component of each input.
@@ -78,10 +79,10 @@ def bind(
     carried_names: frozenset[str] = frozenset(),
     keep_single_samples: bool = False,
 ) -> BoundInputs:
-    """Sort the inputs of a loop into known numbers, constants and arrays that vary by sample, and return them as
+    """Divide the inputs of a loop into known numbers, constants and arrays that vary by sample, and return them as
     `BoundInputs`. input_shapes holds pairs (name, shape of one sample), and `values` is a dictionary of numbers,
-    arrays or tuples of them by name. carried_names are the names of the inputs, arrays, that a scan carries from
-    sample to sample. Arrays of one sample become constants unless keep_single_samples is true.
+    arrays or tuples of them by name. carried_names are the names of the inputs that a scan carries from sample to
+    sample; these inputs must be arrays. Arrays of one sample become constants unless keep_single_samples is true.
 
     Args:
         input_shapes: names of the inputs, and the shape of one sample of each.
@@ -139,7 +140,7 @@ def bind(
 
 
 def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[InputPattern, list[float], list[Any]]:
-    """Sort inputs by the rules of `bind`, and return the tuple (pattern, constants, arrays), in which each array is
+    """Divide inputs by the rules of `bind`, and return the tuple (pattern, constants, arrays), in which each array is
     one component. `values` is a dictionary of the inputs by name: numbers and arrays of another library, or tuples of
     them for vectors. input_shapes holds pairs (name, shape of one sample).
 
@@ -212,8 +213,9 @@ def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides,
 @functools.lru_cache(maxsize=512)
 def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], is_scan: bool) -> ArrayLayout:
     """Return the cached `ArrayLayout` of arrays that broadcast to the shape of the samples. Each of `array_forms` is
-    the pair (shape, strides [bytes]) of an array whose last axis holds components. The inner axis is the longest one;
-    if `is_scan` is true, the inner axis is the last one, along which the chains run.
+    the pair (shape, strides [bytes]) of an array whose last axis holds components. The inner axis is the longest one.
+    If `is_scan` is true, each sample takes results of the sample before it on the last axis, and this axis is the
+    inner one.
 
     The outer axis is the longest of the others.
 
@@ -280,7 +282,8 @@ def run_kernel(
 ) -> None:
     """Run a kernel, which writes the outputs of all samples into the arrays `outputs`. kernel_function is the
     compiled function, `layout` the `ArrayLayout` of the inputs followed by the outputs, and `constants` an array or
-    None. At most `workers` threads share the samples of the inner axis; if `is_scan` is true, they share the chains.
+    None. At most `workers` threads share the samples of the inner axis. If `is_scan` is true, each row along the
+    inner axis is one scan, and the threads share the rows.
 
     Args:
         kernel_function: the kernel's function of (table of addresses and strides, outer length, inner length).
@@ -305,7 +308,9 @@ def run_kernel(
     chunk = -(-shared // (workers * LANE_COUNT)) * LANE_COUNT
 
     def run_chunk(start: int) -> None:
-        """Run the kernel for one thread's chunk of the shared axis, which begins at the index `start`."""
+        """Run the kernel for the part of the samples that one thread computes. The part begins at the index `start`
+        of the axis that the threads share.
+        """
         chunk_table, count = list(table), min(chunk, shared - start)
         for k in range(first, len(table) // INTEGERS_PER_KERNEL_TABLE_ROW):
             chunk_table[k * INTEGERS_PER_KERNEL_TABLE_ROW] += (

@@ -99,8 +99,8 @@ class KernelStep(NamedTuple):
 
 
 class Arithmetic:
-    """Builder of the steps that compute a kernel's values, which are LLVM functions, and of the layout of the frame,
-    the memory through which the steps pass values. `step_functions` returns the code of the steps.
+    """Builder of the LLVM functions (steps) that compute a kernel's values, and of the layout of the frame, the
+    memory through which the steps pass values. `step_functions` returns the code of the steps.
 
     Args:
         inputs: groups of input components.

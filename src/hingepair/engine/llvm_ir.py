@@ -195,8 +195,9 @@ class _KernelBuilder:
             writer.write_samples()
 
     def call_steps(self, steps: Sequence[KernelStep]) -> None:
-        """Append to the kernel calls of the steps in order. A step of arithmetic has an LLVM function of its own; a
-        step of sines is a call of the shared function `sines`.
+        """Append calls of the steps, in order, to the kernel. A step of arithmetic is a call of the step's own LLVM
+        function, which `module` defines; a step of sines is a call of the shared function `sines`, for which a
+        constant table is added to the module.
         """
         for step in steps:
             if step.angles:
@@ -262,9 +263,10 @@ class _InputReader:
         return [f.put(f"add i64 {ahead}, {line}") for line in lines]
 
     def begin_outer(self, outer_index: str) -> None:
-        """Append to the kernel the computation of the input's address at an outer sample, and keep the name of the
-        address in the attribute `base`. For an input in registers, also append the store of the byte offsets of eight
-        samples. In a scan, the outer sample is the first of eight chains.
+        """Append to the kernel the computation of the input's address at an outer sample, and keep the name of
+        the address in the attribute `base`. For an input in registers, also append the store of the byte
+        offsets of eight samples. In a scan, the kernel computes eight chains at a time, and the address is that
+        of the first of them.
         """
         f = self.f
         self.base = f.pointer_at(f.put(f"inttoptr i64 {self.address} to ptr"), f.multiply(outer_index, self.outer))
@@ -377,8 +379,8 @@ class _OutputWriter:
 
     def begin_outer(self, outer_index: str) -> None:
         """Append to the kernel the computation of the output's address at an outer sample. The names of the address
-        as an integer and as a pointer are kept in the attributes `start` and `base`. In a scan, the outer sample is
-        the first of eight chains.
+        as an integer and as a pointer are kept in the attributes `start` and `base`. In a scan, the kernel computes
+        eight chains at a time, and the address is that of the first of them.
         """
         f = self.f
         self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")

@@ -222,8 +222,9 @@ def _rows_function(float_type: str, number_bytes: int) -> str:
 
 def _panels_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM code of the function `panels`, which stores up to eight samples of an output with very many
-    components from the frame, a kernel's buffer of vectors, into memory of any strides. It makes rows of 64
-    components at a time (a panel) in the stage, a buffer on the stack, and copies them to the output.
+    components into memory of any strides. It reads 64 components at a time from the frame (the buffer in which a
+    kernel keeps its vectors), writes them as rows into the stage (a buffer on the stack), and copies these rows to
+    the output.
 
     The last panel may be twice as wide as the others.
     """

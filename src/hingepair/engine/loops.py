@@ -83,9 +83,9 @@ class KernelKey(NamedTuple):
 
 
 class Loop:
-    """A function of scalars with the shapes of its inputs and outputs. It is traced once for each pattern of inputs,
-    which says which components are known numbers, constants or arrays, and run over many samples by NumPy, Python or
-    machine code.
+    """A function of scalars with the shapes of its inputs and outputs. The method `run` computes the function at many
+    samples by NumPy, Python or machine code. The function is traced once for each pattern of inputs, which says which
+    components are known numbers, constants or arrays.
 
     Args:
         name: name of the generated code.
@@ -143,7 +143,7 @@ class Loop:
 
     def foreign_outputs(self, values: Mapping[str, Any], library: Library) -> dict[str, tuple[Any, ...]]:
         """Return a dictionary of outputs computed by another array library from `values`, a dictionary of numbers,
-        arrays of the library and tuples of them by input name. Each output is a tuple of its components, also if the
+        arrays of the library and tuples of them by input name. Each output is a tuple of its components, even if the
         output is a scalar.
 
         Args:
