@@ -35,7 +35,7 @@ _MIN_REBOUND_ANGLE_TO_STEP_TOLERANCE_RATIO: Final = 0.01
 _USER_EVENT_SIGN_TOLERANCE_TO_LARGEST_VALUE_RATIO: Final = 1e-6
 # Of the largest value of the user's event so far: below, an impact makes it 0.
 _USER_EVENT_ZERO_TOLERANCE_TO_LARGEST_VALUE_RATIO: Final = 1e-12
-# Of the time since the start, and of 1 s before: events at a smaller distance happen at once.
+# Of the time since the start, or of 1 s if that is more: events at a smaller distance happen at once.
 _USER_EVENT_SAME_INSTANT_TOLERANCE_TO_TIME_RATIO: Final = 1e-13
 # Of the torques: by which the holding torque may exceed its limit, for rounding.
 _RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE: Final = 1e-12

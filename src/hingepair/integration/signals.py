@@ -197,8 +197,9 @@ def check_finite_values(name: str, signal: Signal) -> None:
 
 
 def _split_shape(shape: tuple[int, ...], value_shape: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
-    """Return a pair, the leading shape of the motions and the number of instants, from the shape of samples (..., N,
-    *value_shape) or of one value, whose number of instants is 1.
+    """Return a pair: the leading shape of the motions, and the number of instants. `shape` is the shape of an array
+    of samples, (..., N, *value_shape), or of a single value, value_shape. A single value counts as one instant of one
+    motion.
     """
     leading = shape[: len(shape) - len(value_shape)]
     return leading[:-1], leading[-1] if leading else 1

@@ -129,10 +129,11 @@ def solve(
     psi_0: float,
     integrated: tuple[Array, Array] | None = None,
 ) -> Solution:
-    """Solve E12 for one motion, from the attitude `start` (in the plane an angle) and the hinge angle psi_0; return a
-    `Solution`. `integrated`, unless None, is the pair of orientations and hinge angles that `integrate_together`
-    returned, which are then not computed again. Raise an ArgumentError if the tolerance is not positive, a result
-    overflows or SciPy's solver fails, a GimbalLockError near gimbal lock, or a MissingDependencyError without SciPy.
+    """Integrate the attitude and the hinge angle of one motion from the Signals `omega` and `psid` (E12), starting at
+    the attitude `start` (in the plane an angle) and the hinge angle psi_0; return a `Solution`. `integrated`, unless
+    None, is the pair of orientations and hinge angles that `integrate_together` returned, which are then not computed
+    again. Raise an ArgumentError if the tolerance is not positive, a result overflows or SciPy's solver fails, a
+    GimbalLockError near gimbal lock, or a MissingDependencyError without SciPy.
 
     Raises:
         ArgumentError: the tolerance is no positive number, a result overflows, or SciPy's solver gives up.

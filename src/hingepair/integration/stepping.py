@@ -105,9 +105,9 @@ def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivisi
 
 
 class PrefixScan:
-    """Prefix scan, which computes for each k the product of the first k elements. An element is a tuple of numbers,
-    and the product any associative operation on two elements. `scan` works on an array of elements in place, and
-    `scan_steps` on the elements of integration steps.
+    """Prefix scan, which computes for each k the product of the first k elements, with later elements on the left. An
+    element is a tuple of numbers, and the product is any associative operation on two elements. `scan` works on an
+    array of elements in place, and `scan_steps` on the elements of integration steps.
 
     Args:
         name: of the operation, for the names of kernels.
@@ -153,10 +153,11 @@ class PrefixScan:
         execution: Execution,
         motions: tuple[int, ...] = (),
     ) -> Array:
-        """Combine the element `start`, a tuple of components, with the elements of the first k steps, for all k;
-        return the products, shape (*motions, steps + 1, width). `write_elements` is a function of starts and lengths
-        (two doubles) of steps and of rows, into which it writes the elements of these steps. `motions` is the leading
-        shape of many motions.
+        """Return, for all k from 0 to the number of steps, the product of the elements of the first k steps, with
+        later steps on the left, and of the element `start`, a tuple of components, on the right. Every product but
+        `start` itself goes through the scan's function `finish`. The result is an array of shape (*motions, steps +
+        1, width). `write_elements` is a function of starts and lengths (two doubles) of steps and of rows, into which
+        it writes the elements of these steps. `motions` is the leading shape of many motions.
 
         Products of chunks are combined pairwise, so that no long part is combined with a much shorter one. Of many
         motions rows are (*motions, steps + 1, k), and the components of the start arrays that broadcast to the
@@ -186,8 +187,9 @@ class PrefixScan:
         return rows
 
     def scan(self, rows: Array, start: tuple[Any, ...], execution: Execution) -> Any:
-        """Replace `rows`, a `padded_buffer`, in place by their prefix products from the element `start`, a tuple of
-        components. Return the product of all rows without the start, a tuple too.
+        """Replace each row k of `rows`, a `padded_buffer`, in place by finish(row_k ... row_1 row_0 start). `start`
+        is a tuple of components, and `finish` is the function that the scan applies to every final result, such as a
+        normalisation. Return the product of all rows as a tuple, without `start` and unfinished.
         """
         motions, count = rows.shape[:-2], rows.shape[-2]
         if count <= MAX_SEQUENTIAL_SCAN_ELEMENTS:
@@ -210,8 +212,8 @@ class PrefixScan:
         return whole
 
     def _run_in_place(self, loop: Loop, elements: Array, prefixes: Array, execution: Execution) -> None:
-        """Run a Loop that replaces `elements` in place by their products with `prefixes`, which are the products of
-        all elements before them; return None.
+        """Run a Loop that replaces `elements` in place by their products with `prefixes`, the products of all
+        elements before them, on the right; return None.
         """
         loop.run(
             {"element": elements, "prefix": prefixes},

@@ -26,7 +26,8 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 
 
 class LazyValue:
-    """A number that is computed at the first call, which returns it; copies and pickles hold the number.
+    """A number that is computed when the object is first called; every call returns the number. Copying or pickling
+    the object computes the number first.
 
     >>> value = LazyValue(lambda: 6.0 * 7)
     >>> value()
@@ -57,7 +58,8 @@ class LazyValue:
 
 
 class LazyValues:
-    """Numbers of many motions, each of which is computed at first need; a call returns all as an array.
+    """Numbers of many motions, each of which is computed when it is first needed. A call computes all of them and
+    returns a read-only array; indexing returns the LazyValue of one motion or the LazyValues of some motions.
 
     Args:
         values: the `LazyValue` of each motion; shape (...,).
@@ -151,8 +153,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of one motion as a dict whose keys are their names. The first axis of every array is the
-        axis of the instants. Raise an ArgumentError if the trajectory holds many motions or Dask arrays.
+        """Return the arrays of one motion, except the instants t, as a dict whose keys are their names. The first
+        axis of every array is the axis of the instants. Raise an ArgumentError if the trajectory holds many motions
+        or Dask arrays.
 
         The dict holds the outputs of the state and psi. For a Trajectory, it also holds R1 and S1; for a
         PlanarTrajectory, it also holds phi. The instants t are not in the dict.
@@ -168,8 +171,9 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return self._arrays()
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return a pair: a tuple of the names of the leading axes, and a dict of all arrays by name. The axes are
-        those of the motions, if the trajectory holds many, and "time".
+        """Return a pair: a tuple of the names of the leading axes, and a dict of all arrays by name, except the
+        instants t. The only axis of one motion is "time". For many motions, the axis "motion" comes first, or
+        "motion_0", "motion_1", ... if the motions have several axes.
         """
         count = len(self.motions)
         if not count and not holds_dask(self.psi):
@@ -359,10 +363,11 @@ def trajectory_from_arrays(
     state_function: Callable[[Mapping[str, Any]], Any],
     arrays: Mapping[str, Any],
 ) -> Any:
-    """Return a trajectory of `trajectory_class` from two dicts of values by field name, `arrays` (NumPy or
-    Dask) and `other_values`. `state_function` makes the state from a dict of the arrays whose names begin with
-    STATE_OUTPUT_NAME_PREFIX, without this prefix. NumPy arrays become read-only, and error estimates become lazy
-    values.
+    """Return a trajectory of `trajectory_class` from two dicts of values by field name, `arrays` (NumPy or Dask) and
+    `other_values`. `state_function` makes the state from a dict of the arrays whose names begin with
+    STATE_OUTPUT_NAME_PREFIX, without this prefix. If no array of a field is a Dask array, the arrays become
+    read-only, a single number of steps an int, and the numbers of error estimates lazy values that return them.
+    Otherwise the arrays stay as they are.
     """
     outputs = {
         name.removeprefix(STATE_OUTPUT_NAME_PREFIX): a
@@ -389,7 +394,8 @@ def _computed_errors(errors: NDArray[np.float64]) -> LazyValue | LazyValues:
 
 
 def _describe_steps(steps: Any) -> str:
-    """Return the number of steps as text: of many motions the range, of Dask arrays "not computed".
+    """Return the number of steps as text: the number for one motion, the range for many motions, or "not computed"
+    for a Dask array.
 
     >>> _describe_steps(np.array([12, 40])), _describe_steps(7)
     ('12..40', '7')
