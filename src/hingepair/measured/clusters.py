@@ -31,7 +31,8 @@ class ClusterFit:
             `reference`, the body's reference point and axes are the origin and the axes of the coordinates in
             `reference`. Otherwise, the reference point is the mean of the places of all markers, and the axes are
             parallel to the world axes at the first of the samples that show the most markers. R and S are NaN where
-            fewer than three markers are seen.
+            fewer than three markers are seen. At a sample at which all markers seen are on a line, the data do not
+            determine the rotation about this line, and S is one of the possible attitudes.
         reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
             the body's axes [m]; shape (M, 3).
         residuals: distance of each marker from its place at each sample [m]; shape (N, M). It is NaN where the marker

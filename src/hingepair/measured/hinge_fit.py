@@ -134,7 +134,7 @@ class HingeFit(Shown):
         gauge: name of the rule for the position of the hinge point along the axis, as given to `fit`.
         loss: name of the loss function, as given to `fit`.
         weights: weight of each sample: the given weight times the weight from the loss; shape (N,), 0 at samples that
-            are not used.
+            are not used. The given weights are 1 by default, and the weights from the loss "linear" are 1.
         t: time since the first instant [s], shape (N,); None if `fit` was called without `t`.
         gap: distance between the hinge points of both bodies, the length of the vector R1 + S1 u1 - R2 - S2 u2 [m];
             shape (N,), NaN at samples that are not used.

@@ -58,7 +58,7 @@ class AngleFit:
             velocity. Each angle has an estimated standard deviation, and `noise` is their median over all instants.
             An angle is left out if the part of its vector that is perpendicular to the hinge axis is too short.
             `noise` is inf if all angles are left out.
-        ok: whether the measured vectors determine the angle and agree with the integral of the measured rate.
+        ok: whether the measured vectors determine the angle and agree with the integral of psid.
         findings: sentences that say what is wrong with the data, or what the motion does not determine.
     """
 

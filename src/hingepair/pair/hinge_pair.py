@@ -54,6 +54,7 @@ class HingePair(Shown):
         u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (3,) or (..., 3).
         u2: vector from body 2's reference point to the hinge point, body-2 axes [m]; shape (3,) or (..., 3).
         n: hinge axis, body-1 axes; shape (3,) or (..., 3). A vector of any non-zero length is scaled to unit length.
+            The hinge angle psi is positive for a right-handed rotation of body 2 about n.
         home: attitude of body 2 relative to body 1 at psi = 0: the rotation matrix from body-2 axes to body-1 axes (C
             in E5); shape (3, 3) or (..., 3, 3). By default, it is the identity: the axes of both bodies are parallel
             at psi = 0.
