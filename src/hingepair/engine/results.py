@@ -44,8 +44,8 @@ class Results(DaskCollection, Shown):
         return self._content[0]
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Return a dict whose keys are the names of the computed outputs. The values are read-only arrays; a scalar
-        output of one state is a NumPy number.
+        """Return a dict whose keys are the names of the computed outputs. Each value is a read-only
+        array, or a NumPy number if the output is a single number.
         """
         return {name: self[name] for name in self._content[0]}
 

@@ -40,7 +40,7 @@ _PRINTED_JOINT_TABLE_HEADINGS_WITHOUT_ARMATURE = (
 class Mechanism(MechanismMethods):
     """A robot: a tree of hinges and sliders on a base. The base rests, moves as prescribed, or is free.
 
-    Links that fixed or locked joints connect form one rigid body. The coordinates q are in rad for hinges and in m
+    Links connected by fixed or locked joints form one rigid body. The coordinates q are in rad for hinges and in m
     for sliders. Their order is the order of `names`: depth-first, with the joints that a link carries sorted by name,
     as in Pinocchio. Each of the arguments q, qd, qdd and tau of the methods is one of:
 
@@ -202,7 +202,9 @@ class Mechanism(MechanismMethods):
 
     @property
     def tips(self) -> tuple[str, ...]:
-        """Names of the last link of each branch, as a tuple; the default `frames` of `forward_kinematics`."""
+        """Names of the links that carry no other link, as a tuple; the default `frames` of `forward_kinematics`. A
+        link is left out if fixed or locked joints connect it to a link that carries a moving joint.
+        """
         return self.tree.tips
 
     @property

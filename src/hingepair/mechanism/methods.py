@@ -128,9 +128,9 @@ class MechanismMethods(Shown):
                 each joint.
             qd: first time derivatives of q, in one of the forms of q.
             qdd: second time derivatives of q, in one of the forms of q. Give them only together with qd.
-            frames: names of links, joints or added frames. By default, they are `robot.tips`, the last link of every
-                branch. A name that a joint and a link share means the link. As in URDF, the frame of a joint moves
-                with the joint's child link.
+            frames: names of links, joints or added frames, as a tuple or as one name. By default, they are
+                `robot.tips`, the links at the ends of the robot. A name that a joint and a link share means the link.
+                As in URDF, the frame of a joint moves with the joint's child link.
             outputs: names of the outputs to compute, out of R (position of the frame's origin [m]), S (rotation
                 matrix from frame axes to world axes), d (vector from the base's reference point to R [m]), v
                 (velocity of the frame's origin [m/s]), omega (angular velocity [rad/s]), a (acceleration of the
@@ -145,8 +145,9 @@ class MechanismMethods(Shown):
 
         Returns:
             The MechanismState. For a result `state`, `state["panda_hand"].R` is the position of one frame, shape
-            (..., 3), and `state.R` holds the positions of all frames, shape (..., frames, 3). Outputs that are not
-            computed are None. The dtype is float32 if all given arrays are float32, else float64.
+            (..., 3), and `state.R` holds the positions of all frames, shape (..., frames, 3), also if there is only
+            one frame. Outputs that are not computed are None. The dtype is float32 if all given arrays are float32,
+            else float64.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -187,16 +188,16 @@ class MechanismMethods(Shown):
 
         Args:
             q: coordinates, as for `forward_kinematics`.
-            frame: name of a link, a joint or an added frame. If the robot has a single branch, the default is the
-                last link; otherwise, there is no default.
+            frame: name of a link, a joint or an added frame. The default is the only link in `robot.tips`; if there
+                are several, `frame` must be given.
             base_motion: motion of the base; only S is used. By default, S is the identity.
             out: an array of the shape of the result, into which the result is written.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Raises:
-            ArgumentError: an argument cannot be used, or `frame` is not given although the robot has several
-                branches.
+            ArgumentError: an argument cannot be used, or `frame` is not given although `robot.tips` has several
+                names.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -224,10 +225,10 @@ class MechanismMethods(Shown):
 
         J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin [m/s^2],
         and alpha is the angular acceleration of the frame [rad/s^2]. a1 and alpha1 are the acceleration of the base's
-        reference point and the angular acceleration of the base. All four are in world axes. A base that is not
-        free moves as `base_motion` prescribes and rests by default; the bias includes the effect of its velocities
-        and accelerations. For a free base, only S and omega of `base_motion` are used. `qd` are the time derivatives
-        of q. The other arguments are the same as for `jacobian`.
+        reference point and the angular acceleration of the base. All four are in world axes. A base that is not free
+        moves as `base_motion` prescribes and rests by default; the bias includes the effect of its velocities and
+        accelerations. For a free base, only S and omega of `base_motion` are used. `qd` are the time derivatives of
+        q. `frame` and the other arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -281,7 +282,8 @@ class MechanismMethods(Shown):
                 - linear, angular_about_origin and angular_about_centre, from `momentum`.
             base_motion: pose and motion of the base, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            tau: joint torques and forces, in one of the forms of q; only the outputs qdd, a1 and alpha1 need them.
+            tau: torques of hinges [N m] and forces of sliders [N], in one of the forms of q. Only the outputs qdd, a1
+                and alpha1 use tau.
             force1: force on a free base, as for `forward_dynamics`.
             torque1: torque on a free base, as for `forward_dynamics`.
 
@@ -364,9 +366,10 @@ class MechanismMethods(Shown):
         Returns:
             The MechanismForces. Its `tau` are the torques of hinges [N m] and the forces of sliders [N] in the order
             of q; shape (..., dof). Its `force1` [N] is the force on the base at the base's reference point R1, and
-            its `torque1` [N m] is the torque on the base about R1; world axes, shape (..., 3) each. All of them are
-            required in addition to gravity and `wrenches`. The support of a "fixed" base exerts force1 and torque1;
-            the mass of a "fixed" base is not counted. The mass of a "free" base is counted.
+            its `torque1` [N m] is the torque on the base about R1; world axes, shape (..., 3) each. They act together
+            with gravity and `wrenches`; on a robot at rest, they balance gravity and `wrenches`. If the base is not
+            free, the support of the base exerts force1 and torque1, and the mass of the base is not counted. The mass
+            of a free base is counted.
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and the joint.
@@ -416,9 +419,10 @@ class MechanismMethods(Shown):
             tau: torques of hinges [N m] and forces of sliders [N], in one of the forms of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             wrenches: further loads that act on links, as for `inverse_dynamics`.
-            force1: force on a free base at its reference point R1, world axes [N]; shape (..., 3). It must be 0 for a
-                fixed base.
-            torque1: torque on a free base about R1, world axes [N m]; shape (..., 3). It must be 0 for a fixed base.
+            force1: force on a free base at its reference point R1, world axes [N]; shape (..., 3). It must be 0 if
+                the base is not free.
+            torque1: torque on a free base about R1, world axes [N m]; shape (..., 3). It must be 0 if the base is not
+                free.
             base_motion: motion of the base. For a free base, only S and omega are used. A base that is not free moves
                 as `base_motion` prescribes; its S, omega, a and alpha are used. By default, the base is at rest, and
                 S is the identity.
@@ -498,13 +502,12 @@ class MechanismMethods(Shown):
         impossible.
 
         Zero acceleration means qdd = 0, and for a free base also a1 = 0 and alpha1 = 0. The bias forces contain the
-        Coriolis, centrifugal and gravity terms. For a fixed base, they are the torques [N m] and forces [N] of the
-        joints. For a free base, they are (force1, torque1, tau): the force on the base at its reference point R1 [N]
-        and the torque about R1 [N m], in world axes, then the torques and forces of the joints. For a free base, only
-        S and omega of `base_motion` are used. A base that is not free moves as `base_motion` prescribes and rests by
-        default; its S, omega, a and alpha are used. `gravity` is the acceleration of free fall, world axes [m/s^2],
-        shape (3,). `qd` are the time derivatives of q. The other
-        arguments are the same as for `jacobian`.
+        Coriolis, centrifugal and gravity terms. If the base is not free, they are the torques [N m] and forces [N] of
+        the joints. For a free base, they are (force1, torque1, tau): the force on the base at its reference point R1
+        [N] and the torque about R1 [N m], in world axes, then the torques and forces of the joints. For a free base,
+        only S and omega of `base_motion` are used. A base that is not free moves as `base_motion` prescribes and
+        rests by default; its S, omega, a and alpha are used. `gravity` is the acceleration of free fall, world axes
+        [m/s^2], shape (3,). `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -553,14 +556,14 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of a
-        "fixed" base is not included. If an array `out` is given, the position is written into it. `base_motion` is
-        None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an
-        inertia was not given or is physically impossible.
+        """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of the
+        base is included only if the base is free. If an array `out` is given, the position is written into it.
+        `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning
+        if a mass or an inertia was not given or is physically impossible.
 
         The arguments are the same as for `jacobian`; of `base_motion`, only R and S are used. By default, the base is
-        at the origin of the world. If all included masses are 0, the result is NaN. The centre of mass of a single
-        body is `Body.center_of_mass`.
+        at the origin of the world, and the axes of the base are the world axes. If all included masses are 0, the
+        result is NaN.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -585,8 +588,8 @@ class MechanismMethods(Shown):
         was not given or is physically impossible.
 
         Vectors are in world axes. v1 is the velocity of the base's reference point, and omega1 is the angular
-        velocity of the base. The mass of a "fixed" base is not included. If all included masses are 0, the result is
-        NaN. The arguments are the same as for `jacobian`; of `base_motion`, only S is used.
+        velocity of the base. The mass of the base is included only if the base is free. If all included masses are 0,
+        the result is NaN. The arguments are the same as for `jacobian`; of `base_motion`, only S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -615,9 +618,9 @@ class MechanismMethods(Shown):
         J is the result of `centre_of_mass_jacobian`. a1 and alpha1 are the acceleration of the base's reference point
         and the angular acceleration of the base. Vectors are in world axes. A base that is not free moves as
         `base_motion` prescribes and rests by default; the bias includes the effect of its velocities and
-        accelerations. For a free base, only S and omega of `base_motion` are used. The mass of a base that is not
-        free is not included. If all included masses are 0, the result
-        is NaN. `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
+        accelerations. For a free base, only S and omega of `base_motion` are used. The mass of the base is included
+        only if the base is free. If all included masses are 0, the result is NaN. `qd` are the time derivatives of q.
+        The other arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -638,13 +641,13 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> Energy:
         """Compute the kinetic and the potential energy of the robot [J] (T7). Return an Energy with the attributes
-        `.kinetic` and `.potential`, arrays with one element for each sample. The potential energy of a mass at the
-        origin of the world is 0. `base_motion` is None or a BodyMotion. The robot's first computation that uses
-        masses issues a DynamicsWarning if a mass or an inertia was not given or is physically impossible.
+        `.kinetic` and `.potential`, shape (...,) each. The potential energy of a mass at the origin of the world is
+        0. `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a
+        DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
-        The mass of a "fixed" base is not counted. The inertias of the motors' rotors (`armature`) are counted in the
-        kinetic energy. Of `base_motion`, only R, S, v and omega are used; by default, the base rests at the origin of
-        the world. The other arguments are the same as for `inverse_dynamics`.
+        The mass of the base is counted only if the base is free. The inertias of the motors' rotors (`armature`) are
+        counted in the kinetic energy. Of `base_motion`, only R, S, v and omega are used; by default, the base rests
+        at the origin of the world. The other arguments are the same as for `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -667,13 +670,13 @@ class MechanismMethods(Shown):
     ) -> Momentum:
         """Compute the linear momentum [kg m/s] and the angular momentum [kg m^2/s] of the robot in world axes (T8).
         Return a Momentum with the attributes `.linear` and `.angular`, shape (..., 3) each. The angular momentum is
-        about the origin of the world if `about` is "origin", and about the robot's centre of mass if it is "centre".
-        `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning
-        if a mass or an inertia was not given or is physically impossible.
+        about the origin of the world if `about` is "origin", and about the robot's centre of mass if `about` is
+        "centre". `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a
+        DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
-        The mass of a "fixed" base and the inertias of the motors' rotors (`armature`) are not counted. Of
-        `base_motion`, only R, S, v and omega are used; by default, the base rests at the origin of the world. The
-        other arguments are the same as for `inverse_dynamics`.
+        The mass of the base is counted only if the base is free. The inertias of the motors' rotors (`armature`) are
+        not counted. Of `base_motion`, only R, S, v and omega are used; by default, the base rests at the origin of
+        the world. The other arguments are the same as for `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -712,21 +715,22 @@ class MechanismMethods(Shown):
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
                   omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
 
-                If the motion of the base is not among the arguments, the base rests at the origin of the world.
+                S1 is the identity if it is not among the arguments. Any other of the arrays R1 to torque1 that is not
+                among the arguments is zero. Forward dynamics of a free base computes a1 and alpha1.
             frames: as for `forward_kinematics`. "jacobian" and "acceleration_bias" need exactly one frame.
             outputs: names of the outputs to compute. If `given` is the name of a computation, they are outputs of
                 this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,
                 and jacobian, acceleration_bias, mass_matrix, bias_forces and gravity_forces. If the tuple holds qdd,
                 they can also be outputs of `inverse_dynamics`; if the tuple holds tau, outputs of `forward_dynamics`.
-                By default, a tuple gives all outputs of `forward_kinematics` for which the arguments suffice.
+                The default for a tuple are all outputs of `forward_kinematics` for which the arguments suffice.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for one thread per core.
             backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling
                 fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
 
         Returns:
-            A callable. The positional arguments are the arrays, in the order given above for the computation or in
-            the order of the tuple. The optional keyword argument `out` is used as in the robot's methods. The
+            A callable. The positional arguments are the arrays, in the order listed under `given` for the computation
+            or in the order of the tuple. The optional keyword argument `out` is used as in the robot's methods. The
             callable returns the same as the method that computes these outputs: `forward_kinematics` for "pose",
             "velocity" and "acceleration", otherwise the method with the name of the computation. For a tuple whose
             outputs belong to several methods, the outputs are read like items of a dict, such as
@@ -780,7 +784,7 @@ class MechanismMethods(Shown):
 
         Args:
             coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
-            outputs: names of outputs of `forward_kinematics` or `inverse_dynamics`.
+            outputs: names of outputs of `forward_kinematics`, of `inverse_dynamics`, or of both.
             frames: as for `forward_kinematics`.
             base_motion: pose and motion of the base. By default, the base rests at the origin of the world.
 

@@ -144,12 +144,12 @@ class JointResults(Results):
     names: ClassVar[tuple[str, ...]] = ()
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each sample. The values of the joints (tau of
-        MechanismForces, qdd of MechanismAccelerations) are in columns with the names of the joints. The components of
-        the base's vectors are in columns such as force1_x or a1_x.
+        """Return a pandas DataFrame with a row for each sample. The values of the joints are in columns with
+        the names of the joints: qdd in a MechanismAccelerations, tau in a MechanismForces. The components of the
+        base's vectors are in columns such as a1_x in a MechanismAccelerations and force1_x in a MechanismForces.
 
-        The columns are in the order of the attribute `outputs`. If the result has only tau (`outputs=("tau",)`) or
-        only qdd (`outputs=("qdd",)`), the methods of the robot accept the table as the argument `tau` or `qdd`.
+        The columns are in the order of the attribute `outputs`. The methods of the robot accept a table of qdd alone
+        as the argument `qdd`, and a table of tau alone as the argument `tau`.
 
         Raises:
             ArgumentError: the samples have more than one axis.
@@ -223,7 +223,7 @@ class MechanismForces(JointResults):
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "tau": "Torque of every hinge [N m] and force of every slider [N], in the order of `q`; (..., dof).",
-        "force1": "Required force on the base at R1, world axes; a support exerts it on a fixed base; (..., 3) N.",
+        "force1": "Required force on the base at R1, by the support unless the base is free; world axes; (..., 3) N.",
         "torque1": "Required torque on the base about R1, world axes; (..., 3) N m.",
     }
 
@@ -236,7 +236,8 @@ class MechanismAccelerations(JointResults):
     """Accelerations of a robot under given torques and forces. qdd are the second time derivatives of q, shape
     (..., dof) [rad/s^2 for hinges, m/s^2 for sliders]. For a free base, a1 is the acceleration of the base's
     reference point [m/s^2], and alpha1 is the angular acceleration of the base [rad/s^2], in world axes, shape
-    (..., 3) each. If the base is not free, a1 and alpha1 are None. Only hingepair calls the constructor.
+    (..., 3) each. Outputs that were not computed are None, and so are a1 and alpha1 if the base is not free. Only
+    hingepair calls the constructor.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)

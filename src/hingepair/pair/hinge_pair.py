@@ -246,8 +246,8 @@ class HingePair(Shown):
                 - "forward_dynamics" stands for ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque").
 
                 A tuple can hold q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1, psi, psid and
-                psidd. For outputs that depend on the motions of both bodies, such as gap, it can also hold R2, S2,
-                v2, omega2, a2 and alpha2. For forward dynamics, it can also hold the loads force1, torque1,
+                psidd. For outputs that depend on the motions of both bodies, such as gap, a tuple can also hold R2,
+                S2, v2, omega2, a2 and alpha2. For forward dynamics, a tuple can also hold the loads force1, torque1,
                 hinge_torque, force2 and torque2 of `forward_dynamics`. Exactly one of the names must be q, S1,
                 quat_xyzw or quat_wxyz, which give the attitude of body 1. quat_xyzw and quat_wxyz are quaternions
                 from body-1 axes to world axes; the letters are the order of the components.
@@ -280,8 +280,9 @@ class HingePair(Shown):
             hinge_torque; and (..., 3) for all others. The inputs broadcast against each other. The optional argument
             `out` of a call is a dict whose keys are names of outputs and whose values are arrays, into which the
             results are written. A call returns a `PairState`. Each output can be read by its name, such as
-            `state["gap"]`. Outputs that are attributes of a PairState can also be read as attributes, such as
-            `state.R2` or `state.force1`. The attributes `source` and `llvm` of the object are the generated Python
+            `state["gap"]`. The outputs of `forward_kinematics`, jacobian, acceleration_bias, coordinate_jacobian,
+            coordinate_jacobian_rate, force1, torque1, hinge_torque and psidd are also attributes of the PairState,
+            such as `state.R2`. The attributes `source` and `llvm` of the Prepared object are the generated Python
             code and the generated LLVM code, as text.
 
         Raises:
@@ -716,16 +717,17 @@ class HingePair(Shown):
                 array at the sample. Residuals without a key have the default tolerance, which covers rounding errors:
                 32 u times a scale. u is the unit roundoff, 2^-53 in double precision. The printed Residuals show the
                 formula of the scale.
-            t: instants of the samples, numbers or datetime64; broadcasts against the samples. The printed Residuals
-                show the instant of the worst sample of each residual.
+            t: instants of the samples, numbers [s] or datetime64; broadcasts against the samples. The printed
+                Residuals show the instant of the worst sample of each residual.
 
         Returns:
             The `Residuals`. `.ok` is True if all residuals are within their tolerances, and `.verdict` says so in one
             line of text. `str()` gives a table, and `.to_json()` a JSON text. `.rows` is a tuple with a
             `ResidualCheck` for each residual. The residuals at every sample are arrays such as `.gap` (..., 3) [m],
             the vector R1 + S1 u1 - R2 - S2 u2 in world axes, and `.tilt_angle` (...,) [rad]. `.psi` (...,) [rad] is
-            the hinge angle; if the hinge axes are tilted against each other, it is the twist about them. A residual
-            that is not finite at a sample is not compared there, and `.skipped` is the number of such samples.
+            the hinge angle; if the hinge axes of the two bodies differ, it is the hinge angle after the smallest
+            rotation of body 2 that aligns them. A residual that is not finite at a sample is not compared there.
+            `.skipped` is the number of samples at which at least one residual is not finite.
 
             If the motions hold Dask arrays, the result is a `LazyResiduals`. Its arrays, such as `.gap`, are Dask
             arrays. Its `.ratio` (...,) is, at each sample, the largest of the quotients residual / tolerance; NaN if
@@ -924,9 +926,10 @@ class HingePair(Shown):
             The PoseCovariance. Its attributes are the standard deviations R2_std [m] and attitude_std [rad], shape
             (..., 3), and the covariances R2 [m^2] and attitude [rad^2], shape (..., 3, 3), in world axes. The error
             of the attitude is the rotation vector, in world axes, from the nominal to the actual attitude of body 2.
-            The method contributions() returns the variances of the six components of the pose [m^2, rad^2] that each
-            tolerance alone causes, as a dict of arrays (..., 6). The keys are "u1_x" to "u2_z", "axis" (all
-            components of n together), and "home_x" to "home_z". The correlations of different keys are ignored.
+            The method contributions() returns the variances that each tolerance alone causes, as a dict of arrays
+            (..., 6): the variances of the three components of R2 [m^2], then of the three components of the
+            attitude's error [rad^2]. The keys are "u1_x" to "u2_z", "axis" (all components of n together), and
+            "home_x" to "home_z". The correlations of different keys are ignored.
 
         Raises:
             ArgumentError: an argument cannot be used, a covariance and standard deviations are both given, or all

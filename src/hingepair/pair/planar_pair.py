@@ -44,7 +44,7 @@ _SAMPLE_SHAPE_BY_PLANAR_DASK_ARGUMENT: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class PlanarPair(Shown):
-    """Two bodies in a plane joined by a pin (a hinge): R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
+    """Two bodies in a plane joined by a hinge: R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
 
     The pair corresponds to a HingePair with n = (0, 0, 1) that moves in the xy plane. phi and phi2 are the angles of
     body 1 and body 2 about z, and psi is the hinge angle. S1 and S2 are the rotation matrices (2, 2) of phi and phi2.

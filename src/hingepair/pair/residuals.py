@@ -98,7 +98,8 @@ class Residuals(Frozen, Shown):
         tilt: cross product of the hinge axes of both bodies, two components; shape (..., 2). Its norm is the sine of
             the angle between the axes, which is 0 also for opposite axes. The row "tilt" judges tilt_angle instead.
         tilt_angle: angle between the hinge axes of both bodies, in [0, pi] [rad]; shape (...,).
-        psi: hinge angle, in [-pi, pi] [rad]; shape (...,). If the axes are tilted, it is the twist about them.
+        psi: hinge angle, in [-pi, pi] [rad]; shape (...,). If the hinge axes of the two bodies differ, it
+            is the hinge angle after the smallest rotation of body 2 that aligns them.
         gap_rate: time derivative of gap [m/s]; shape (..., 3).
         tilt_rate: time derivative of tilt [rad/s]; shape (..., 2).
         psid: time derivative of psi [rad/s]; shape (...,).
