@@ -307,7 +307,7 @@ def test_a_small_picture_keeps_the_colour_of_every_curve():
     write_picture([[panel, panel], [panel, panel]], file, "png")
     assert len(file.getvalue()) < 100_000
     colours = {colour for _, colour in Image.open(file).convert("RGB").getcolors(1_000_000)}
-    wanted = [tuple(bytes.fromhex(colour[1:])) for colour in plot._CURVE_COLOURS[: len(methods)]]
+    wanted = [tuple(bytes.fromhex(colour[1:])) for colour in plot._CURVE_COLOUR_CYCLE[: len(methods)]]
     assert [colour for colour in wanted if colour not in colours] == []
 
 

@@ -54,7 +54,7 @@ def test_the_error_column_sees_an_error(motion):
 @pytest.mark.slow
 def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     methods = ("magnus6", "midpoint")
-    monkeypatch.setattr(integrate, "_INTEGRATION_METHOD_NAMES", methods)
+    monkeypatch.setattr(integrate, "_HINGEPAIR_INTEGRATION_METHOD_NAMES", methods)
     monkeypatch.setattr(integrate, "_STEP_COUNTS_OF_HINGEPAIR_METHODS", (500, 1000))
     monkeypatch.setattr(integrate, "_SCIPY_SOLVER_NAMES", ("LSODA",))
     monkeypatch.setattr(integrate, "_SCIPY_TOLERANCES", (1e-2, 1e-4))

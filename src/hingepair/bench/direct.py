@@ -61,20 +61,20 @@ _TABLE_COLUMNS_NOTE = (
 
 
 def measure_kinematics(
-    sizes: Sequence[int], levels: Sequence[str], repeats: int, with_cpp: bool, with_fresh_processes: bool
+    sizes: Sequence[int], levels: Sequence[str], repeats: int, with_cpp: bool, with_imports_and_first_calls: bool
 ) -> Report:
     """Measure run times and errors of forward kinematics by hingepair and other packages, at each batch size of
     `sizes` and each level of `levels` ("pose", "velocity", "acceleration"), and run times of calls of single states
     and of output arrays at several addresses. Time each call `repeats` times; return the Report. `with_cpp` compiles
-    and adds Pinocchio's C++ loop; `with_fresh_processes` adds imports, a run of a scene and first calls, in fresh
-    processes.
+    and adds Pinocchio's C++ loop; `with_imports_and_first_calls` adds imports, a run of a scene and first calls, each
+    in a fresh process.
 
     Args:
         sizes: batch sizes.
         levels: names of levels: pose, velocity, acceleration.
         repeats: of each measurement.
         with_cpp: whether the C++ loop of Pinocchio is compiled and measured. If this fails, a note says why.
-        with_fresh_processes: whether imports and first calls are measured too, in fresh processes.
+        with_imports_and_first_calls: whether imports and first calls are measured too, in fresh processes.
     """
     if with_cpp:
         print_progress("compiling Pinocchio's C++ loop (up to a minute)")
@@ -86,7 +86,7 @@ def measure_kinematics(
         + measure_offsets(max(sizes), levels, repeats)
         + measure_single_states(repeats)
     )
-    rows += measure_fresh_processes(repeats) if with_fresh_processes else []
+    rows += measure_fresh_processes(repeats) if with_imports_and_first_calls else []
     return Report(rows, "error", [*left_out, _TABLE_COLUMNS_NOTE], [make_error_panels(rows)])
 
 

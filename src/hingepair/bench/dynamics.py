@@ -19,7 +19,7 @@ from hingepair.bench.engines import (
     DYNAMICS_FLAG,
     FORWARD_WORKLOAD,
     INVERSE_WORKLOAD,
-    MAX_PYTHON_LOOP_SAMPLES,
+    MAX_SAMPLES_IN_PYTHON_LOOP,
     MUJOCO_NAME,
     PAIR_LOOP_SOURCE,
     PINOCCHIO_CPP_NAME,
@@ -59,8 +59,8 @@ MAX_SIMULATION_ERROR_RAD = 1e-8
 """Largest error of a simulation [rad]; the run times of the coarsest tolerances that reach it are compared."""
 
 _TUMBLING_SIMULATION_INSTANTS_SECONDS = np.linspace(0, 10, 101)  # [s], of the tumbling pair
-_TUMBLING_INITIAL_OMEGA1 = np.array([0.3, 1.5, -0.7])  # [rad/s], of the tumbling pair
-_TUMBLING_HINGE_SPRING_STIFFNESS = 3.0  # [N m/rad], of the tumbling pair's hinge
+_TUMBLING_INITIAL_OMEGA1_RAD_PER_SECOND = np.array([0.3, 1.5, -0.7])  # [rad/s], of the tumbling pair
+_TUMBLING_HINGE_SPRING_STIFFNESS_NM_PER_RAD = 3.0  # [N m/rad], of the tumbling pair's hinge
 
 
 def make_pair_with_masses() -> HingePair:
@@ -232,9 +232,9 @@ def mujoco_dynamics_job(task: DynamicsTask) -> Job:
 COMPARED_DYNAMICS_METHODS = (
     Method(PREPARED_NAME, prepared_dynamics_job),
     Method(HINGEPAIR_NAME, hingepair_dynamics_job),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_dynamics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_dynamics_job, max_samples=MAX_SAMPLES_IN_PYTHON_LOOP, package="pinocchio"),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_dynamics_job, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_dynamics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_dynamics_job, max_samples=MAX_SAMPLES_IN_PYTHON_LOOP, package="mujoco"),
 )
 """All methods of `hingepair bench dynamics`; the first one computes one state only."""
 
@@ -248,10 +248,10 @@ def measure_tumbling_simulation(pair: HingePair, repeats: int) -> list[Row]:
     none.
     """
     truth = scipy_simulation_job(pair, 1e-13)()
-    start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_TUMBLING_INITIAL_OMEGA1)
+    start = BodyMotion(R=np.zeros(3), S=np.eye(3), omega=_TUMBLING_INITIAL_OMEGA1_RAD_PER_SECOND)
 
     def spring(_t: Array, psi: Array, _psid: Array) -> Array:
-        return -_TUMBLING_HINGE_SPRING_STIFFNESS * psi
+        return -_TUMBLING_HINGE_SPRING_STIFFNESS_NM_PER_RAD * psi
 
     def hingepair_job(tol: float) -> Job:
         """Return a job that simulates the pair by hingepair with tolerance `tol` and returns a tuple of two arrays
@@ -358,8 +358,10 @@ def scipy_simulation_job(pair: HingePair, tol: float) -> Callable[[], tuple[Arra
     """
     from scipy.integrate import solve_ivp
 
-    rates = newton_euler_rates(pair, lambda psi: -_TUMBLING_HINGE_SPRING_STIFFNESS * psi)
-    start = np.concatenate([np.zeros(3), (1, 0, 0, 0), (0.5,), np.zeros(3), _TUMBLING_INITIAL_OMEGA1, (1.0,)])
+    rates = newton_euler_rates(pair, lambda psi: -_TUMBLING_HINGE_SPRING_STIFFNESS_NM_PER_RAD * psi)
+    start = np.concatenate(
+        [np.zeros(3), (1, 0, 0, 0), (0.5,), np.zeros(3), _TUMBLING_INITIAL_OMEGA1_RAD_PER_SECOND, (1.0,)]
+    )
 
     def run() -> tuple[Array, Array]:
         """Simulate by SciPy's DOP853; return a tuple of two arrays: the unit quaternions (w, x, y, z) of body 1, and

@@ -31,7 +31,7 @@ PINOCCHIO_LOOP_NAME, PINOCCHIO_CPP_NAME, MUJOCO_NAME = (
     "MuJoCo, Python loop",
 )
 INVERSE_WORKLOAD, FORWARD_WORKLOAD = "inverse dynamics", "forward dynamics"
-MAX_PYTHON_LOOP_SAMPLES = 10**4
+MAX_SAMPLES_IN_PYTHON_LOOP = 10**4
 """Samples that a Python loop over an engine computes at most, since it takes microseconds for each."""
 
 # The C++ file with the loops over a pair, and the compiler flag that adds those of dynamics.

@@ -53,10 +53,10 @@ _FIT_ERROR_COLUMN_NOTE = (
 POSITION_NOISE, ANGLE_NOISE = 1e-3, 2e-3
 # Standard deviations of the noise of gyroscopes [rad/s] and accelerometers [m/s^2], and of the gyroscopes' biases.
 GYROSCOPE_NOISE, ACCELEROMETER_NOISE, GYROSCOPE_BIAS = 1e-2, 5e-2, 2e-2
-_GRAVITY_VECTOR = np.array([0.0, 0.0, -9.81])  # [m/s^2]
+_GRAVITY_VECTOR_IN_WORLD_AXES = np.array([0.0, 0.0, -9.81])  # [m/s^2]
 _POSE_FINITE_DIFFERENCE_STEP_SECONDS = 1e-4  # [s] between the poses whose differences are rates and accelerations
 _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE = 10**5  # recordings of this length and more are fitted by hingepair alone
-_MAX_RECORDING_SAMPLES_FOR_AXIS_FITS = 10**5  # longest recording of gyroscopes, which takes seconds
+_MAX_SAMPLES_OF_RECORDINGS_WITH_AXIS_FIT = 10**5  # longest recording of gyroscopes, which takes seconds
 _WRONG_SIGNS_COLUMN_HEADING = "wrong signs"  # column: recordings of which n1 and n2 point against each other
 # Explains the signs of the axes below the table.
 _WRONG_SIGNS_COLUMN_NOTE = (
@@ -154,7 +154,7 @@ def _measure_axis_fits(sizes: Sequence[int], repeats: int) -> tuple[list[Row], l
         (
             Method(name, functools.partial(_axis_job, fit), max_samples=most, package=package)
             for name, fit, most, package in (
-                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_RECORDING_SAMPLES_FOR_AXIS_FITS, ""),
+                (AXIS_FIT_NAME, axis_by_hingepair, _MAX_SAMPLES_OF_RECORDINGS_WITH_AXIS_FIT, ""),
                 (QMT_GYROSCOPES_NAME, axis_by_qmt_gyroscopes, _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE - 1, "qmt"),
                 (QMT_NAME, axis_by_qmt, _MIN_SAMPLES_FITTED_BY_HINGEPAIR_ALONE - 1, "qmt"),
             )
@@ -231,7 +231,10 @@ def make_inertial_recording(count: int, bias_std: float, seed: int) -> InertialR
         (R_before, S_before), (R, S), (R_after, S_after) = (poses[body] for poses in (before, now, after))
         omega = (S_before.inv() * S_after).as_rotvec() / (2 * _POSE_FINITE_DIFFERENCE_STEP_SECONDS)
         acceleration = (R_after - 2 * R + R_before) / _POSE_FINITE_DIFFERENCE_STEP_SECONDS**2
-        columns += [omega + bias_std * rng.standard_normal(3), S.inv().apply(acceleration - _GRAVITY_VECTOR)]
+        columns += [
+            omega + bias_std * rng.standard_normal(3),
+            S.inv().apply(acceleration - _GRAVITY_VECTOR_IN_WORLD_AXES),
+        ]
     noise = rng.standard_normal((4, count, 3))
     sizes = (GYROSCOPE_NOISE, ACCELEROMETER_NOISE) * 2
     return InertialRecording(*(c + size * w for c, size, w in zip(columns, sizes, noise, strict=True)))

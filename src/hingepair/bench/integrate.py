@@ -36,7 +36,7 @@ _EXACT_ATTITUDE_DECIMAL_DIGITS: Final = 50  # decimal digits of exact attitudes
 # The pair that is integrated; its hinge does not turn.
 _INTEGRATED_PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))
 # Methods of hingepair.
-_INTEGRATION_METHOD_NAMES = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
+_HINGEPAIR_INTEGRATION_METHOD_NAMES = ("magnus6", "magnus4", "cf4", "midpoint", "rk4_quaternion", "euler_angles")
 _STEP_COUNTS_OF_HINGEPAIR_METHODS = tuple(
     NUM_INTERVALS_BETWEEN_ERROR_INSTANTS * k for k in (2, 5, 10, 20, 40, 100, 200, 400)
 )  # of hingepair's methods
@@ -109,7 +109,7 @@ def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | 
     vary, for which None stands.
     """
     jobs: dict[str, tuple[Job, float | None]] = {}
-    for method, steps in itertools.product(_INTEGRATION_METHOD_NAMES, _STEP_COUNTS_OF_HINGEPAIR_METHODS):
+    for method, steps in itertools.product(_HINGEPAIR_INTEGRATION_METHOD_NAMES, _STEP_COUNTS_OF_HINGEPAIR_METHODS):
         jobs[f"{method}, {steps} steps"] = (
             functools.partial(_integrate_by_hingepair, method, motion, steps),
             MOTION_DURATION_SECONDS / steps,

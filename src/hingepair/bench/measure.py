@@ -38,13 +38,15 @@ _NAMES_OF_PACKAGES_WITH_REPORTED_VERSION = (
     "scipy",
     "jax",
 )  # their versions are shown
-_MIN_REPEAT_SECONDS = 2e-3  # [s]; a faster job is called several times in each repeat
+_MIN_SECONDS_OF_ALL_CALLS_OF_A_JOB_IN_A_REPEAT = 2e-3  # [s]; a faster job is called several times in each repeat
 _MAX_SECONDS_OF_JOBS_WARMED_UP_BEFORE_EACH_REPEAT = (
     0.1  # [s]; a faster job is called once untimed before each repeat, which fills the caches
 )
-_THREAD_POLL_INTERVAL_SECONDS = 1e-3  # [s] between two polls of the states of the other threads
-_MIN_SUCCESSIVE_IDLE_THREAD_POLLS = 5  # successive polls that must find all other threads idle before a job is timed
-_MAX_THREAD_POLLS = 10_000  # polls after which a job is timed although other threads are busy
+_OTHER_THREADS_IDLE_POLL_INTERVAL_SECONDS = 1e-3  # [s] between two polls of the states of the other threads
+# Successive polls that must find all other threads idle before a job is timed.
+_NUM_SUCCESSIVE_IDLE_POLLS_BEFORE_A_JOB_IS_TIMED = 5
+# Polls after which a job is timed although other threads are busy.
+_MAX_OTHER_THREADS_IDLE_POLLS_BEFORE_A_JOB_IS_TIMED = 10_000
 _SECONDS_BY_TIME_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s], the largest first
 
 
@@ -237,7 +239,7 @@ def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[fl
             wait_for_other_threads()
             if once[name] < _MAX_SECONDS_OF_JOBS_WARMED_UP_BEFORE_EACH_REPEAT:
                 job()
-            calls = max(1, int(_MIN_REPEAT_SECONDS / max(once[name], 1e-9)))
+            calls = max(1, int(_MIN_SECONDS_OF_ALL_CALLS_OF_A_JOB_IN_A_REPEAT / max(once[name], 1e-9)))
             times[name].append(timeit(job, number=calls) / calls)
     return times
 
@@ -249,11 +251,11 @@ def wait_for_other_threads() -> None:
     Only Linux shows the states of threads; elsewhere the function returns at once.
     """
     idle_polls = 0
-    for _ in range(_MAX_THREAD_POLLS):
+    for _ in range(_MAX_OTHER_THREADS_IDLE_POLLS_BEFORE_A_JOB_IS_TIMED):
         idle_polls = 0 if _other_threads_run() else idle_polls + 1
-        if idle_polls == _MIN_SUCCESSIVE_IDLE_THREAD_POLLS:
+        if idle_polls == _NUM_SUCCESSIVE_IDLE_POLLS_BEFORE_A_JOB_IS_TIMED:
             return
-        time.sleep(_THREAD_POLL_INTERVAL_SECONDS)
+        time.sleep(_OTHER_THREADS_IDLE_POLL_INTERVAL_SECONDS)
 
 
 def _other_threads_run() -> bool:

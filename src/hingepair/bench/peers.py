@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench.engines import (
-    MAX_PYTHON_LOOP_SAMPLES,
+    MAX_SAMPLES_IN_PYTHON_LOOP,
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
@@ -408,9 +408,11 @@ COMPARED_KINEMATICS_METHODS = (
     ),
     Method("hingepair, 2 workers", hingepair_job_maker(workers=2, backend="compiled"), min_samples=10**5),
     Method(NUMPY_NAME, hingepair_job_maker(backend="numpy")),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
+    Method(
+        PINOCCHIO_LOOP_NAME, pinocchio_kinematics_job, max_samples=MAX_SAMPLES_IN_PYTHON_LOOP, package="pinocchio"
+    ),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_kinematics_job, max_samples=10**6, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_kinematics_job, max_samples=MAX_SAMPLES_IN_PYTHON_LOOP, package="mujoco"),
     Method("JAX, compiled, one core", jax_job, package="jax"),
     Method("SciPy Rotation + NumPy", scipy_rotation_job, max_samples=10**5, package="scipy"),
     Method("NumPy, stacks of 3x3", numpy_stacks_job, max_samples=10**5),

@@ -10,8 +10,9 @@ from typing import IO, Any, NamedTuple
 from hingepair.errors import MissingDependencyError
 
 # Colours that colour-blind readers can tell apart (Okabe and Ito; grey in place of yellow).
-_CURVE_COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
-_CURVE_MARKER_CODES = "oDs^vP<>X*hpd"  # Matplotlib's codes; readers of a black-and-white print can tell them apart
+_CURVE_COLOUR_CYCLE = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
+# Matplotlib's codes; readers of a black-and-white print can tell them apart.
+_CURVE_MARKER_CODE_CYCLE = "oDs^vP<>X*hpd"
 
 
 class MethodCurve(NamedTuple):
@@ -52,7 +53,10 @@ def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
     figure = new_figure((4.1 * len(panel_rows[0]) + 0.4, 3.4 * len(panel_rows) + 0.8))
     names = list(dict.fromkeys(c.name for panels in panel_rows for panel in panels for c in panel.curves))
     styles = {
-        name: (_CURVE_COLOURS[i % len(_CURVE_COLOURS)], _CURVE_MARKER_CODES[i % len(_CURVE_MARKER_CODES)])
+        name: (
+            _CURVE_COLOUR_CYCLE[i % len(_CURVE_COLOUR_CYCLE)],
+            _CURVE_MARKER_CODE_CYCLE[i % len(_CURVE_MARKER_CODE_CYCLE)],
+        )
         for i, name in enumerate(names)
     }
     axes_grid = figure.subplots(len(panel_rows), len(panel_rows[0]), squeeze=False)

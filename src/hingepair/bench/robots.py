@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hingepair.bench.engines import (
     FORWARD_WORKLOAD,
     INVERSE_WORKLOAD,
-    MAX_PYTHON_LOOP_SAMPLES,
+    MAX_SAMPLES_IN_PYTHON_LOOP,
     MUJOCO_NAME,
     PINOCCHIO_CPP_NAME,
     PINOCCHIO_LOOP_NAME,
@@ -68,7 +68,7 @@ _TABLE_NOTES: Final = (
     "result (the unit roundoff of a double is 1.1e-16).",
     "pose, Jacobian: of the joint that is furthest from the base. hingepair, prepared: the result of robot.prepare, "
     "called with one state. Pinocchio, its own batches: rneaInParallel, abaInParallel. Python loops compute at most "
-    f"{MAX_PYTHON_LOOP_SAMPLES:,} states.",
+    f"{MAX_SAMPLES_IN_PYTHON_LOOP:,} states.",
 )
 
 # Names of further methods.
@@ -86,7 +86,11 @@ _PINOCCHIO_JOINT_TYPE_NAMES_IN_CPP_ORDER: Final = (
     "PrismaticUnaligned",
 )
 # axes of joint models, by their last letter
-_UNIT_AXIS_BY_LAST_LETTER_OF_JOINT_TYPE: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+_UNIT_AXIS_BY_LAST_LETTER_OF_PINOCCHIO_JOINT_TYPE: Final = {
+    "X": (1.0, 0.0, 0.0),
+    "Y": (0.0, 1.0, 0.0),
+    "Z": (0.0, 0.0, 1.0),
+}
 
 
 class RobotTask(NamedTuple):
@@ -371,7 +375,8 @@ def pinocchio_cpp_robot_job(task: RobotTask) -> Job:
         for joint in joints
     ]
     axes = [
-        _UNIT_AXIS_BY_LAST_LETTER_OF_JOINT_TYPE.get(joint.shortname()[-1]) or joint.extract().axis for joint in joints
+        _UNIT_AXIS_BY_LAST_LETTER_OF_PINOCCHIO_JOINT_TYPE.get(joint.shortname()[-1]) or joint.extract().axis
+        for joint in joints
     ]
     places = list(model.jointPlacements)[1:]
     bodies = list(model.inertias)[1:]
@@ -478,16 +483,16 @@ def frax_job(task: RobotTask) -> Job:
 COMPARED_ROBOT_METHODS: Final = (
     Method(PREPARED_NAME, prepared_robot_job),
     Method(HINGEPAIR_NAME, hingepair_robot_job),
-    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="pinocchio"),
+    Method(PINOCCHIO_LOOP_NAME, pinocchio_robot_job, max_samples=MAX_SAMPLES_IN_PYTHON_LOOP, package="pinocchio"),
     Method(
         PINOCCHIO_PARALLEL_NAME,
         pinocchio_batch_job,
         min_samples=2,
-        max_samples=MAX_PYTHON_LOOP_SAMPLES,
+        max_samples=MAX_SAMPLES_IN_PYTHON_LOOP,
         package="pinocchio",
     ),
     Method(PINOCCHIO_CPP_NAME, pinocchio_cpp_robot_job, package="pinocchio"),
-    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=MAX_PYTHON_LOOP_SAMPLES, package="mujoco"),
+    Method(MUJOCO_NAME, mujoco_robot_job, max_samples=MAX_SAMPLES_IN_PYTHON_LOOP, package="mujoco"),
     Method(FRAX_NAME, frax_job, min_samples=2, package="frax"),
 )
 """All methods of `hingepair bench robots`; the first one computes one state only."""

@@ -27,7 +27,7 @@ TRUTH_DECIMAL_DIGITS = 700
 
 # Places of phi_y, of psi and of all angles among the seven coordinates.
 _PHI_Y_COORDINATE_INDEX, _PSI_COORDINATE_INDEX = 4, 6
-_EULER_ANGLES_AND_PSI_SLICE = slice(3, 7)  # of the three Euler angles and psi among the coordinates
+_COORDINATE_SLICE_OF_EULER_ANGLES_AND_PSI = slice(3, 7)  # of the three Euler angles and psi among the coordinates
 
 
 def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
@@ -169,8 +169,8 @@ def hard_states(rng: np.random.Generator, num_levels: int) -> MotionArrays:
     changes += [
         (_PHI_Y_COORDINATE_INDEX, angle, 1.0) for angle in (quarter, -quarter, quarter - 1e-9, quarter + 1e-9)
     ]
-    changes += [(_EULER_ANGLES_AND_PSI_SLICE, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
-    changes += [(_EULER_ANGLES_AND_PSI_SLICE, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
+    changes += [(_COORDINATE_SLICE_OF_EULER_ANGLES_AND_PSI, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
+    changes += [(_COORDINATE_SLICE_OF_EULER_ANGLES_AND_PSI, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
     changes += [(slice(0, 3), (far, -far / 3, far), 1.0) for far in (1e8, 1e15)]
     changes += [(slice(0, 0), (), rate) for rate in (0.0, 1e-60, 1e20, 1e100)]
     motion = rng.normal(size=(3, len(changes), 7))

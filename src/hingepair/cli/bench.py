@@ -99,7 +99,7 @@ def bench_direct(
     ] = "pose,velocity,acceleration",
     repeats: RepeatsOption = 7,
     cpp: CppOption = False,
-    with_fresh_processes: Annotated[
+    with_imports_and_first_calls: Annotated[
         bool, typer.Option("--cold/--no-cold", help="Measure imports and first calls too, in fresh processes.")
     ] = True,
     show_json: BenchJsonOption = False,
@@ -117,7 +117,7 @@ def bench_direct(
     for level in chosen:
         check_choice("levels", level, tuple(OUTPUT_NAMES_BY_LEVEL))
     _run_benchmark(
-        lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, with_fresh_processes), show_json, plot
+        lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, with_imports_and_first_calls), show_json, plot
     )
 
 

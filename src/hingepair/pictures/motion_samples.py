@@ -19,7 +19,7 @@ from hingepair.scenes.scene import Scene, SceneResult
 
 Array: TypeAlias = NDArray[Any]
 
-MAX_SPREAD_SAMPLES: Final = 2000
+MAX_SAMPLES_SPREAD_OVER_MOTION: Final = 2000
 """Largest number of instants on a page, spread evenly over the motion; a plot uses all instants."""
 
 # By increasing level of derivatives.
@@ -33,15 +33,15 @@ RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str,
 
 class ShownMotion(NamedTuple):
     """Samples of the motion of a pair (`pair`), or of a piece of it: instants t, the poses of both bodies as a dict
-    of the arrays R1, S1, R2 and S2 by name (`bodies`), psi, further outputs by name, and a title. `samples` is the
-    number of instants of the whole motion.
+    of the arrays R1, S1, R2 and S2 by name (`pose_arrays_by_name`), psi, further outputs by name, and a title.
+    `samples` is the number of instants of the whole motion.
 
     Attributes:
         pair: the pair that moves.
         title: title of the plot or the page.
         samples: number of instants of the whole motion.
         t: instants [s]; shape (N,).
-        bodies: R1, S1, R2 and S2 by name; shapes (N, 3), (N, 3, 3).
+        pose_arrays_by_name: R1, S1, R2 and S2 by name; shapes (N, 3), (N, 3, 3).
         psi: hinge angle [rad]; shape (N,).
         outputs_by_name: further outputs by name, such as v2: vectors in space, shape (N, 3), or the requested
             outputs, of any shape (N, ...).
@@ -51,35 +51,37 @@ class ShownMotion(NamedTuple):
     title: str
     samples: int
     t: Array
-    bodies: dict[str, Array]
+    pose_arrays_by_name: dict[str, Array]
     psi: Array
     outputs_by_name: dict[str, Array]
 
     @property
     def hinge(self) -> Array:
         """Position of the hinge point, computed from body 1 [m]; shape (N, 3)."""
-        point: Array = self.bodies["R1"] + self.bodies["S1"] @ self.pair.u1
+        point: Array = self.pose_arrays_by_name["R1"] + self.pose_arrays_by_name["S1"] @ self.pair.u1
         return point
 
 
 def spread_samples(source: object) -> ShownMotion:
-    """Return a `ShownMotion` of at most MAX_SPREAD_SAMPLES evenly spread samples of the motion of a scene or its
-    result, a trajectory or a pair, with the available velocities and accelerations of body 2. Raise an ArgumentError
-    for any other source.
+    """Return a `ShownMotion` of at most MAX_SAMPLES_SPREAD_OVER_MOTION evenly spread samples of the motion of a scene
+    or its result, a trajectory or a pair, with the available velocities and accelerations of body 2. Raise an
+    ArgumentError for any other source.
 
     Raises:
         ArgumentError: the source has no motion in space to show.
     """
     source = source.scene if isinstance(source, SceneResult) else source
     if isinstance(source, Scene):
-        return _scene_samples(source, source.sampled(MAX_SPREAD_SAMPLES, _scene_outputs(source, None)), None)
+        return _scene_samples(
+            source, source.sampled(MAX_SAMPLES_SPREAD_OVER_MOTION, _scene_outputs(source, None)), None
+        )
     motion = _recorded_motion(source)
     return _recorded_samples(motion, spread_rows(len(motion[0])), None)
 
 
 def spread_rows(count: int) -> Rows:
-    """Return the indices of at most MAX_SPREAD_SAMPLES evenly spread instants out of `count`."""
-    return np.unique(np.linspace(0, count - 1, min(count, MAX_SPREAD_SAMPLES)).astype(np.intp))
+    """Return the indices of at most MAX_SAMPLES_SPREAD_OVER_MOTION evenly spread instants out of `count`."""
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_SAMPLES_SPREAD_OVER_MOTION)).astype(np.intp))
 
 
 def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[ShownMotion]:

@@ -28,7 +28,13 @@ from hingepair.numeric.arrays import is_table, real_array
 from hingepair.numeric.tables import unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pictures.motion_samples import MAX_SPREAD_SAMPLES, Array, MotionSource, spread_rows, spread_samples
+from hingepair.pictures.motion_samples import (
+    MAX_SAMPLES_SPREAD_OVER_MOTION,
+    Array,
+    MotionSource,
+    spread_rows,
+    spread_samples,
+)
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
@@ -171,20 +177,22 @@ class _PageMotion(NamedTuple):
 
 def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
     """Return a tuple of the page model and a _PageMotion of a pair, a scene of a pair, or a trajectory, with at most
-    MAX_SPREAD_SAMPLES samples of the motion.
+    MAX_SAMPLES_SPREAD_OVER_MOTION samples of the motion.
     """
     samples = spread_samples(source)
     psi, readings = samples.psi[:, None], samples.outputs_by_name
     shown = {"psi": psi} | {name: readings[name] for name in ("v2", "omega2") if name in readings}
-    motion = _PageMotion(samples.t, samples.samples, samples.bodies["R1"], samples.bodies["S1"], psi, shown)
+    motion = _PageMotion(
+        samples.t, samples.samples, samples.pose_arrays_by_name["R1"], samples.pose_arrays_by_name["S1"], psi, shown
+    )
     return pair_model(samples.pair, samples.title), motion
 
 
 def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
-    """Return a tuple of the page model and a _PageMotion of the scene of a mechanism, with at most MAX_SPREAD_SAMPLES
-    samples of the motion.
+    """Return a tuple of the page model and a _PageMotion of the scene of a mechanism, with at most
+    MAX_SAMPLES_SPREAD_OVER_MOTION samples of the motion.
     """
-    robot, rows = scene.mechanism, scene.spread(MAX_SPREAD_SAMPLES)
+    robot, rows = scene.mechanism, scene.spread(MAX_SAMPLES_SPREAD_OVER_MOTION)
     known = scene.known(rows, 0)
     t, q = np.asarray(scene.instants[rows]), known.array(0)
     motion = _PageMotion(t, scene.samples, *_base_poses(known.base, len(t)), q, {})
@@ -196,7 +204,8 @@ def _read_robot_motion(
     robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None, base_motion: BodyMotion | None
 ) -> _PageMotion:
     """Check the arguments q, t and base_motion of `view`, each of which may be None. Return a _PageMotion of at most
-    MAX_SPREAD_SAMPLES samples, at 30 per second if t is None. Raise an ArgumentError if one cannot be used.
+    MAX_SAMPLES_SPREAD_OVER_MOTION samples, at 30 per second if t is None. Raise an ArgumentError if one of the
+    arguments cannot be used.
     """
     if is_table(q):
         q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)

@@ -119,7 +119,7 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
     motion: R2, S2, the velocities and accelerations of body 2, psi, the paths of both bodies and of the hinge point
     in one array (N, 9), and the residual of E1 with its rounding error, (N, 2).
     """
-    pair, (R1, R2, S2) = samples.pair, (samples.bodies[name] for name in ("R1", "R2", "S2"))
+    pair, (R1, R2, S2) = samples.pair, (samples.pose_arrays_by_name[name] for name in ("R1", "R2", "S2"))
     scale = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
     with np.errstate(invalid="ignore"):
         residual = np.abs(samples.hinge - R2 - S2 @ pair.u2).max(axis=1)

@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 
 # Length of a rod over the robot's size up to which the rod is not drawn.
-_MIN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO: Final = 1e-3
+_MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO: Final = 1e-3
 
 
 class SimpleBody(NamedTuple):
@@ -85,7 +85,7 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
     radii = [_rod_radius(mass, length, size) for mass, length in zip(masses, lengths, strict=True)]
     for number, joint in enumerate(tree.joints, 1):
         if (
-            lengths[number] <= _MIN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size
+            lengths[number] <= _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size
         ):  # a body without a rod is as thick as its thinner neighbour
             radii[number] = min(radii[joint.parent], *(radii[k] for k in carried[number]), math.inf)
     bodies = [SimpleBody([], []) for _ in range(count)]
@@ -127,12 +127,12 @@ def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
     They are its tip links or, if these are too near, the point twice as far as its centre of mass.
     """
     tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == body_number]
-    far = [tip for tip in tips if math.hypot(*tip) > _MIN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size]
+    far = [tip for tip in tips if math.hypot(*tip) > _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size]
     if far:
         return far
     masses = tree.joints[body_number - 1].body if body_number else tree.base
     beyond = 2 * masses.center_of_mass
-    return [beyond] if _MIN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size < math.hypot(*beyond) < size / 2 else []
+    return [beyond] if _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size < math.hypot(*beyond) < size / 2 else []
 
 
 def _rod_radius(mass: float, length: float, size: float) -> float:
@@ -140,7 +140,7 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
     size [m].
     """
     thinnest, thickest, thickest_of_short_rods = 0.016 * size, 0.03 * size, 0.3 * length
-    is_drawn = length > _MIN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size
+    is_drawn = length > _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size
     least = min(thinnest, thickest_of_short_rods) if is_drawn else thinnest
     if not mass > 0:
         return max(least, min(0.02 * size, thickest_of_short_rods))
@@ -155,6 +155,6 @@ def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape
     axes [m], and a sphere at `end`. Return an empty tuple if the cylinder is too short for the robot's size [m].
     """
     length = math.hypot(*end)
-    if length <= _MIN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size:
+    if length <= _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size:
         return ()
     return Cylinder(radius, length, end / 2, end), Sphere(radius, end)

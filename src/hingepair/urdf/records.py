@@ -38,7 +38,7 @@ DEFAULT_BY_SIZE_ATTRIBUTE_NAME_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[fl
 
 # The attributes of URDF's inertia.
 _INERTIA_ATTRIBUTE_NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_HALF_PI_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
+_HALF_PI_AS_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
 _MAX_SNAPPED_QUARTER_TURN_COUNT = 2**20  # of larger angles every one is near a multiple
 # Sine and cosine of 0, 1, 2, 3 quarter turns.
 _SINE_AND_COSINE_BY_QUARTER_TURN_COUNT = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
@@ -352,7 +352,7 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
     multiple of pi/2, or is the double nearest to such a multiple; only multiples up to 2**20 times pi/2 count.
     """
     turns = round(angle / (math.pi / 2))
-    near = angle == float(turns * _HALF_PI_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap
+    near = angle == float(turns * _HALF_PI_AS_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap
     return (
         _SINE_AND_COSINE_BY_QUARTER_TURN_COUNT[turns % 4]
         if near and abs(turns) <= _MAX_SNAPPED_QUARTER_TURN_COUNT
