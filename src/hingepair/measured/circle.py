@@ -101,9 +101,10 @@ class Circle(NamedTuple):
 
 
 class CircleFit(NamedTuple):
-    """The most likely Circle of a moving point, with the relative poses used, the residuals (N, 2), weights and
-    outliers (N,) of every sample, the noise [m], findings, the covariance (12, 12) of the hinge that follows from the
-    circle, the normal matrix, whether the fit converged, and the clock offset with its standard deviation [s].
+    """The most likely Circle of a moving point (`circle`), with the RelativePoses used (`poses`), the `residuals` (N,
+    2), `weights` (N,) and `outliers` (N,) of the samples (an outlier has 1.0, any other sample 0.0), the `noise` of a
+    coordinate [m], findings, the `covariance` (12, 12) of the hinge that follows from the circle, the normal matrix
+    (`normal`), whether the fit converged, and the clock offset with its standard deviation [s].
     """
 
     circle: Circle

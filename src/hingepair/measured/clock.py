@@ -62,7 +62,8 @@ class ClockedPoses:
 
     def body1_rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
         """Return the indices of the recorded samples of body 1 that have a sample of body 2 near enough in time at a
-        clock offset. If `max_samples` is given, the samples of body 1 are first thinned evenly to at most that many.
+        clock offset [s]. If `max_samples` is given, the samples of body 1 are first thinned evenly to at most that
+        many.
         """
         return self._matched(offset, max_samples)[0]
 
@@ -85,7 +86,7 @@ class ClockedPoses:
         return rows[is_usable], near[is_usable], shift[is_usable]
 
     def poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return the relative poses at a clock offset, with their derivatives with respect to the offset. If
+        """Return the RelativePoses at a clock offset [s], with their derivatives with respect to the offset. If
         `max_samples` is given, the samples are thinned evenly to at most that many.
         """
         rows, near, shift = self._matched(offset, max_samples)
@@ -105,8 +106,8 @@ class ClockedPoses:
         return self._samples.R2[sample_indices] + (v + a * (dt / 2)) * dt, turn @ self._samples.S2[sample_indices]
 
     def body2(self, offset: float) -> BodyMotion:
-        """Return the motion of body 2 as a BodyMotion of R and S, shifted by the clock offset to the instants of body
-        1. R and S are NaN if body 2 has no sample near enough.
+        """Return the motion of body 2 as a BodyMotion of R and S, shifted by the clock offset [s] to the instants of
+        body 1. R and S are NaN if body 2 has no sample near enough.
         """
         rows, near, shift = self._matched(offset, None)
         R, S = np.full((self._t.size, 3), np.nan), np.full((self._t.size, 3, 3), np.nan)
@@ -114,9 +115,9 @@ class ClockedPoses:
         return motion_of_rotations(R=read_only(R), S=read_only(S))
 
     def noise_poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return relative poses whose derivatives with respect to the clock offset are random numbers (fixed seed),
-        as large as the noise in the derivatives that `poses_at` returns. If `max_samples` is given, the samples are
-        thinned evenly to at most that many.
+        """Return the RelativePoses at a clock offset [s] with random numbers instead of the derivatives with respect
+        to the offset (fixed seed), as large as the noise in the derivatives that `poses_at` returns. If `max_samples`
+        is given, the samples are thinned evenly to at most that many.
         """
         rows, near, _ = self._matched(offset, max_samples)
         rng = np.random.default_rng(0)
@@ -147,8 +148,8 @@ class ClockedPoses:
         )
 
     def clock_offset_sentences(self, offset: float) -> list[str]:
-        """Return a list with one sentence that states the clock offset. The list is empty if the absolute value of
-        the offset is below a twentieth of the median time step.
+        """Return a list with one sentence that states the clock offset, given in seconds. The list is empty if the
+        absolute value of the offset is below a twentieth of the median time step.
         """
         if abs(offset) < _MIN_MENTIONED_CLOCK_OFFSET_IN_MEDIAN_TIME_STEPS * self._step:
             return []

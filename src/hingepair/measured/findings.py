@@ -90,10 +90,10 @@ def judge_hinge(
     has_converged: bool,
     std: dict[str, Float64Array],
 ) -> list[Finding]:
-    """Return a list of Finding objects on a fitted hinge: outliers (marked by `is_outlier`), a tilting axis, a moving
-    hinge point, large standard deviations (`std`, a dict with the keys n, u1 and u2), steps that did not converge,
-    and correlated residuals. Findings that make the hinge unreliable come first; after serious outliers or a serious
-    tilt, further checks are left out.
+    """Return a list of Finding objects on a fitted Hinge, its Noise and its HingeResiduals: outliers (marked by
+    `is_outlier`), a tilting axis, a moving hinge point, large standard deviations (`std`, a dict with the keys n, u1
+    and u2), steps that did not converge, and correlated residuals. Findings that make the hinge unreliable come
+    first; after serious outliers or a serious tilt, further checks are left out.
     """
     every = slice(None, None, -(-poses.samples // _MAX_THINNED_SAMPLES_FOR_FINDINGS))
     residuals = residuals._replace(
@@ -131,9 +131,9 @@ def judge_hinge(
 
 
 def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np.bool_]:
-    """Return a boolean array (N,) that marks outliers, samples of the relative poses whose residuals are far larger
-    than the residuals of most samples. No sample is marked if residuals of neighbouring samples are correlated, or if
-    rounding explains the large residuals.
+    """Return a boolean array (N,) that marks outliers, samples of the relative poses whose HingeResiduals are far
+    larger than the residuals of most samples. No sample is marked if residuals of neighbouring samples are
+    correlated, or if rounding explains the large residuals.
     """
     is_outlier = _scaled_whitened_squares(residuals) > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL
     if (
@@ -146,8 +146,8 @@ def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np
 
 
 def _scaled_whitened_squares(residuals: HingeResiduals) -> Float64Array:
-    """Return the whitened squared residual of each sample (N,), scaled so that their median is the median of
-    chi-squared with 5 degrees of freedom.
+    """Return the whitened squared residual of each sample (N,) from HingeResiduals, scaled so that the median over
+    the samples is the median of chi-squared with 5 degrees of freedom.
     """
     return (
         residuals.whitened_squares / max(float(np.median(residuals.whitened_squares)), 1e-300) * CHI2_MEDIAN_BY_DOF[5]
@@ -164,7 +164,8 @@ def _outlier_findings(
     residuals: HingeResiduals, poses: RelativePoses, is_outlier: NDArray[np.bool_]
 ) -> list[Finding]:
     """Return a list with one Finding on the share of outliers, which the boolean array `is_outlier` marks, and on
-    whether the weights of the outliers in `residuals` are reduced. The list is empty if there are no outliers.
+    whether the weights of the outliers in the HingeResiduals `residuals` are reduced. The list is empty if there are
+    no outliers.
     """
     if not is_outlier.any():
         return []
@@ -178,7 +179,8 @@ def _outlier_findings(
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
     """Return a list with at most one Finding on the tilt between the hinge axes of both bodies. The Finding says
     which joint the motion shows if it is not a hinge, or that the bodies turn too little relative to the noise of the
-    attitudes. The list is empty if the tilt is small. `turning` is the rms scatter of the hinge angle [rad].
+    attitudes. The list is empty if the tilt is small. `residuals` are the HingeResiduals, and `turning` is the rms
+    scatter of the hinge angle [rad].
     """
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
@@ -233,8 +235,8 @@ def _point_findings(
     poses: RelativePoses, noise: Noise, residuals: HingeResiduals, lever_length: float
 ) -> list[Finding]:
     """Return a list with at most one Finding on the motion of the hinge point in the bodies, such as sliding along
-    the axis, small play, or large noise. The list is empty if the point stays fixed in both bodies. `lever_length`
-    [m] is the length with which the motion is compared.
+    the axis, small play, or large noise. The list is empty if the point stays fixed in both bodies. `residuals` are
+    the HingeResiduals, and `lever_length` [m] is the length with which the motion is compared.
     """
     weights = residuals.weights / residuals.weights.sum()
     x, y, z = (float(weights @ (g * g)) for g in residuals.gap)

@@ -557,9 +557,9 @@ def _fit_circle_of_point(
 
 
 def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
-    """Return the ClockedPoses of the samples, smoothed with `loss` (None means least squares). Return None if the
-    samples have no instants, if `clock_offset` (the offset that the user gave) is 0, or if body 2 has too few samples
-    in a row to be smoothed. In the last case raise ArgumentError if an offset is given.
+    """Return the ClockedPoses of the samples, smoothed with `loss` (a function; None means least squares). Return
+    None if the samples have no instants, if `clock_offset` (the offset that the user gave) is 0, or if body 2 has too
+    few samples in a row to be smoothed. In the last case raise ArgumentError if an offset is given.
     """
     if samples.t is None or clock_offset == 0:
         return None
@@ -599,8 +599,8 @@ def _estimate_hinge(
 ) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
     """Return a tuple of the most likely hinge (an Estimate), the ClockedPoses or None, the relative poses at the
     estimated clock offset, and a boolean array of the samples used. `clock_offset` is the offset that the user gave,
-    or None to estimate it. Raise FitError if the bodies do not rotate relative to each other, ArgumentError for an
-    unusable clock offset.
+    or None to estimate it; `loss` is a function, or None for least squares. Raise FitError if the bodies do not
+    rotate relative to each other, ArgumentError for an unusable clock offset.
 
     The ClockedPoses are None if the clock offset is 0. An offset that the motion does not determine is taken as 0.
     """
@@ -620,8 +620,8 @@ def _most_likely_estimate(
 ) -> tuple[Estimate, ClockedPoses | None]:
     """Return a pair: the most likely hinge as an Estimate, and the ClockedPoses of the samples. The ClockedPoses are
     None, and the offset is 0, if `clock_offset` (the offset that the user gave) is 0, or if it is None and the motion
-    does not determine the offset. `poses` are the relative poses at offset 0. Raise ArgumentError for an unusable
-    clock offset.
+    does not determine the offset. `poses` are the relative poses at offset 0; `loss` is a function, or None for least
+    squares. Raise ArgumentError for an unusable clock offset.
     """
     start = None if loss is None else robust_closed_form_hinge(poses)
     clock = _clocked_poses(samples, loss, clock_offset)
@@ -651,9 +651,9 @@ def _most_likely_estimate(
 
 
 def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
-    """Return the standard deviation of the clock offset [s], from the covariance in `residuals` if the poses have
-    derivatives with respect to the offset. Otherwise return 0 if `clock_offset`, the offset that the user gave, is
-    not None, and inf if it is None.
+    """Return the standard deviation of the clock offset [s], from the covariance in the HingeResiduals `residuals` if
+    the poses have derivatives with respect to the offset. Otherwise return 0 if `clock_offset`, the offset that the
+    user gave, is not None, and inf if it is None.
     """
     if poses.offset_derivatives is None:
         return np.float64(np.inf if clock_offset is None else 0.0)
@@ -664,8 +664,8 @@ def _encoder_fit(
     encoder_line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
 ) -> EncoderFit:
     """Return an EncoderFit with the zero, the scale and the noise of the encoder and with standard deviations, from
-    the fitted EncoderLine `encoder_line`, the relative poses, the covariance in `residuals` and the Noise `noise`.
-    The zero is counted from psi = 0 of the fitted hinge.
+    the fitted EncoderLine `encoder_line`, the relative poses, the covariance in the HingeResiduals `residuals`, and
+    the Noise `noise`. The zero is counted from psi = 0 of the fitted hinge.
     """
     off = encoder_line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))

@@ -321,8 +321,9 @@ def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArra
 
 
 class SmoothingSpline:
-    """A smoothing spline of given bandwidth: B-splines on uniform knots in each piece, and the Cholesky factor of
-    the banded matrix that is solved for their coefficients.
+    """A smoothing spline of given bandwidth through columns of samples: `solve` returns B-spline coefficients,
+    `evaluate` returns the curves or their derivatives, and `variances` the variances of these. It holds uniform knots
+    in each piece of the record, and the Cholesky factor of the banded matrix that is solved for the coefficients.
     """
 
     def __init__(
