@@ -993,11 +993,12 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
     ) -> Any:
-        """Compute the outputs of a computation at all samples, and return them; write into the arrays of the dict
-        `out` unless it is None. `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` is None or a
-        BodyMotion, and `labelled_loads` is None or a dict of (value, name for messages) by input name. For Dask
-        arrays, return lazy arrays. If the outputs depend on masses, the robot's first call issues DynamicsWarnings
-        for assumed or impossible masses.
+        """Compute the outputs of a RobotComputation at all samples, and return them as an object of its result class
+        (without such a class, as one bare array); write into the arrays of the dict `out` unless it is None.
+        `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` is None or a BodyMotion, and
+        `labelled_loads` is None or a dict of (value, name for messages) by input name. For Dask arrays, return lazy
+        arrays. If the outputs depend on masses, the robot's first call issues DynamicsWarnings for assumed or
+        impossible masses.
         """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:

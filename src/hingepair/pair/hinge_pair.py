@@ -155,8 +155,9 @@ class HingePair(Shown):
         return self.body1, self.body2
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return the result of `method` with lazy Dask arrays in it; nothing is computed. The arguments of `method`
-        are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading axes.
+        """Return the result of the function `method` with lazy Dask arrays in it; nothing is computed. The arguments
+        of `method` are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading
+        axes.
         """
         check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(

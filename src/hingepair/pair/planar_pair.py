@@ -110,8 +110,9 @@ class PlanarPair(Shown):
         return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return the result of `method` with lazy Dask arrays in it; nothing is computed. The arguments of `method`
-        are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading axes.
+        """Return the result of the function `method` with lazy Dask arrays in it; nothing is computed. The arguments
+        of `method` are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading
+        axes.
         """
         check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_DASK_ARGUMENT, kinematics.planar_columns)

@@ -218,9 +218,9 @@ class FrameProgram:
         return self._columns[leader.name]
 
     def _point_vector(self, name: str, point: Float64Array) -> VectorExpr:
-        """Return a point [m] as three exact numbers. If points are symbolic, components that are not 0 become new
-        symbols whose names begin with `name`, and their values are stored in `numbers`. Components that are only
-        rounding errors become 0 and are recorded in `largest_rounded`.
+        """Return a point [m] as a tuple of three exact numbers. If points are symbolic, components that are not 0
+        become new symbols instead whose names begin with `name`, and their values are stored in `numbers`. Components
+        that are only rounding errors become 0 and are recorded in `largest_rounded`.
         """
         size = float(np.abs(point).max())
         parts = []
