@@ -13,7 +13,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 _MAX_MARKER_PLACE_REFINEMENT_ROUNDS = 60  # each fits the poses to the places, then the places to the poses
 # Markers in a sample from which it has an attitude.
-_MIN_MARKERS_PER_SAMPLE = 3
+_MIN_MARKERS_TO_DETERMINE_ATTITUDE = 3
 _MIN_MARKER_CLUSTER_WIDTH_TO_LENGTH = 0.02  # below, the markers are on a line, which shows no attitude
 # Of the fits with and without a marker, from which the marker is said to have moved.
 _MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER = 3.0
@@ -85,10 +85,10 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     (True, True)
     """
     places = real_array("markers", markers).astype(np.float64)
-    if places.ndim != 3 or places.shape[2] != 3 or places.shape[1] < _MIN_MARKERS_PER_SAMPLE:
+    if places.ndim != 3 or places.shape[2] != 3 or places.shape[1] < _MIN_MARKERS_TO_DETERMINE_ATTITUDE:
         raise ShapeError("markers", "shape (N, M, 3) with three markers or more", f"shape {places.shape}")
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=-1))
-    is_used = seen.sum(axis=1) >= _MIN_MARKERS_PER_SAMPLE
+    is_used = seen.sum(axis=1) >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE
     if not is_used.any():
         raise FitError("markers", "samples with three markers", "none")
     reference_places = None if reference is None else real_array("reference", reference).astype(np.float64)
@@ -139,7 +139,7 @@ def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64
     cluster = np.where(there[:, None], places[best] - middle, 0.0)
     for marker in np.flatnonzero(~there):
         R, S, _ = _kabsch_poses(places, is_seen * there, cluster)
-        rows = (is_seen[:, marker] > 0) & ((is_seen * there).sum(axis=1) >= _MIN_MARKERS_PER_SAMPLE)
+        rows = (is_seen[:, marker] > 0) & ((is_seen * there).sum(axis=1) >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE)
         if not rows.any():
             raise FitError("markers", f"marker {marker} in a sample with three others", "none")
         body_places = np.einsum("nji,nj->ni", S[rows], places[rows, marker] - R[rows])
@@ -217,7 +217,7 @@ def _moved_marker_sentences(
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if (
-        cluster.shape[0] <= _MIN_MARKERS_PER_SAMPLE
+        cluster.shape[0] <= _MIN_MARKERS_TO_DETERMINE_ATTITUDE
         or rms <= _ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * cluster_size
     ):
         return []
@@ -225,7 +225,7 @@ def _moved_marker_sentences(
     for marker in range(cluster.shape[0]):
         others = is_seen.copy()
         others[:, marker] = 0.0
-        rows = others.sum(axis=1) >= _MIN_MARKERS_PER_SAMPLE
+        rows = others.sum(axis=1) >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE
         if rows.sum() < 2:
             noise_without.append(np.inf)
             continue

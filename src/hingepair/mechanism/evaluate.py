@@ -41,7 +41,7 @@ _SAMPLE_SHAPE_BY_BASE_INPUT_NAME: Final = {
     "torque1": (3,),
 }
 # Number of calls (for names, gravity and backend) that a computation keeps; at it, all of them are dropped.
-_MAX_CACHED_CALLS_PER_ROBOT_COMPUTATION: Final = 64
+_NUM_CACHED_CALLS_AT_WHICH_CACHE_IS_CLEARED: Final = 64
 
 
 class RobotComputation:
@@ -128,7 +128,7 @@ class RobotComputation:
                 loop, shapes, constants, self.result, backend=backend, constants_name="robot",
                 limits=check, on_limit=lambda values: check_rotation("S1", np.asarray(values["S1"])),
             )  # fmt: skip
-            if len(self._calls) >= _MAX_CACHED_CALLS_PER_ROBOT_COMPUTATION:
+            if len(self._calls) >= _NUM_CACHED_CALLS_AT_WHICH_CACHE_IS_CLEARED:
                 self._calls.clear()
             self._calls[key] = call
         return call

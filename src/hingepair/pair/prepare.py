@@ -30,7 +30,7 @@ from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
 from hingepair.rotations.sequences import find_sequence
 
 # The names of inputs for which a keyword such as "velocity" stands.
-_INPUT_NAMES_BY_KEYWORD: Final = {
+_INPUT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
     "pose": ("q",),
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
@@ -199,10 +199,12 @@ def _checked_input_names(given: str | Iterable[str]) -> tuple[str, ...]:
     the attitude of body 1.
     """
     try:
-        names = _INPUT_NAMES_BY_KEYWORD[given] if isinstance(given, str) else tuple(given)
+        names = _INPUT_NAMES_BY_PREPARED_COMPUTATION_NAME[given] if isinstance(given, str) else tuple(given)
     except (KeyError, TypeError):
         raise ArgumentError(
-            "given", f"{choices(tuple(_INPUT_NAMES_BY_KEYWORD))}, or a tuple of names", quoted(given)
+            "given",
+            f"{choices(tuple(_INPUT_NAMES_BY_PREPARED_COMPUTATION_NAME))}, or a tuple of names",
+            quoted(given),
         ) from None
     for name in names:
         if name not in _ALLOWED_INPUT_NAMES:
