@@ -37,10 +37,13 @@ MAX_FULLY_MEASURED_STEP_COUNT: Final = 1 << 16
 """Steps whose errors are all measured; of more steps one is measured in each of about as many parts of the time."""
 
 # First and last node of a step on [0, 1].
-_FIRST_AND_LAST_NODE_OF_MAGNUS6 = STEP_RULE_BY_NAME["magnus6"].nodes[0], STEP_RULE_BY_NAME["magnus6"].nodes[-1]
+_RELATIVE_FIRST_AND_LAST_NODE_TIME_OF_MAGNUS6 = (
+    STEP_RULE_BY_NAME["magnus6"].nodes[0],
+    STEP_RULE_BY_NAME["magnus6"].nodes[-1],
+)
 _MAX_ERROR_EXPLAINED_BY_ROUNDING_IN_STD = 2.0  # standard deviations of rounding: a larger error has another cause
 # Fractions of a pair of steps: beside its ends, and not at them, since a callable may jump at instants.
-_END_NODES_OF_STEP_PAIR_FOR_JUMP_DETECTION = (1e-4, 1 - 1e-4)
+_RELATIVE_JUMP_DETECTION_TIMES_AT_ENDS_OF_STEP_PAIR = (1e-4, 1 - 1e-4)
 _MEASURED_STEPS_PER_CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
 # Of the golden ratio; fractions of its multiples are spread evenly over [0, 1].
 _GOLDEN_RATIO_FRACTIONAL_PART = 0.6180339887498949
@@ -264,7 +267,7 @@ def _is_rate_constant(rate: Signal, step_sample: StepSample) -> bool:
         return True
     sampled = np.unique(np.linspace(0, len(step_sample.steps) - 1, 64).astype(np.intp))
     start, stop = (times[sampled] for times in step_sample.ends)
-    rates = rate.values_at_nodes(start, stop - start, _FIRST_AND_LAST_NODE_OF_MAGNUS6)
+    rates = rate.values_at_nodes(start, stop - start, _RELATIVE_FIRST_AND_LAST_NODE_TIME_OF_MAGNUS6)
     return bool((rates == rates[0, 0]).all())
 
 
@@ -350,7 +353,7 @@ def _undetected_errors(
         return np.zeros(len(coarse.h))
     pairs = fine._replace(counts=fine.counts // 2, start=fine.start[::2], stop=fine.stop[1::2])
     inside = node_values[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
-    ends = signal.values_at_nodes(pairs.start, pairs.h, _END_NODES_OF_STEP_PAIR_FOR_JUMP_DETECTION).reshape(
+    ends = signal.values_at_nodes(pairs.start, pairs.h, _RELATIVE_JUMP_DETECTION_TIMES_AT_ENDS_OF_STEP_PAIR).reshape(
         len(pairs.h), 2, -1
     )
     values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
@@ -371,7 +374,7 @@ def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
     The order of the differences is that of the rule in the first matrix, and one more in the second.
     """
     nodes = np.array(rule.nodes) / 2
-    first, last = _END_NODES_OF_STEP_PAIR_FOR_JUMP_DETECTION
+    first, last = _RELATIVE_JUMP_DETECTION_TIMES_AT_ENDS_OF_STEP_PAIR
     x = np.concatenate([[first], nodes, 0.5 + nodes, [last]])
     matrices = []
     for order in (rule.order, rule.order + 1):
@@ -402,7 +405,7 @@ def step_rounding(signal: Signal, start: Array, stop: Array) -> StepRounding:
     if isinstance(signal, ConstantSignal):
         size = h * float(row_norms(signal.value.reshape(-1)))
         return StepRounding(size, FLOAT64_UNIT_ROUNDOFF * size)
-    rates = signal.values_at_nodes(start, h, _FIRST_AND_LAST_NODE_OF_MAGNUS6).reshape(len(h), 2, -1)
+    rates = signal.values_at_nodes(start, h, _RELATIVE_FIRST_AND_LAST_NODE_TIME_OF_MAGNUS6).reshape(len(h), 2, -1)
     size = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
     # As measured, nodes that are rounded by u t give a step an error of 0.4 u t times the change of the rate.
     node_noise = (

@@ -26,12 +26,12 @@ from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import cosine, sine
 
-RK4_NODES: Final = STEP_RULE_BY_NAME["rk4_quaternion"].nodes
+RELATIVE_RK4_NODE_TIMES: Final = STEP_RULE_BY_NAME["rk4_quaternion"].nodes
 """Nodes of a classical Runge-Kutta step, as fractions of the step."""
 
 # abs(cos phi_y): below this value a large change of an angle in a step means that gimbal lock is near.
 _MAX_ABS_COS_PHI_Y_NEAR_GIMBAL_LOCK = 0.5
-_MAX_RADIANS_PER_STEP_NEAR_GIMBAL_LOCK = 1.0  # rad: largest change of an angle in a step
+_MAX_ANGLE_CHANGE_PER_STEP_NEAR_GIMBAL_LOCK_RAD = 1.0  # rad: largest change of an angle in a step
 _MIN_STEP_COUNT_FOR_COMPILED_LOOP = 5_000  # steps from which on compiling pays
 
 
@@ -57,7 +57,7 @@ def integrate_euler_angles(
         begin, (h, _) = steps.starts_and_lengths(first, last)
         rows = angles[first + 1 : last + 1]
         rows[:] = math.nan
-        run(omega.values_at_nodes(begin, h, RK4_NODES), h, angles[first], omega_in_body_axes, rows)
+        run(omega.values_at_nodes(begin, h, RELATIVE_RK4_NODE_TIMES), h, angles[first], omega_in_body_axes, rows)
         if not np.isfinite(rows[-1]).all():
             failed = int(np.argmin(np.isfinite(rows).all(axis=1)))
             phi_y = rows[failed - 1, 1] if failed else angles[first, 1]
@@ -153,6 +153,8 @@ def _euler_rates(phi: eq.Vector, omega: eq.Vector, h: eq.Scalar, omega_in_body_a
     return where_less(
         squared_cos,
         _MAX_ABS_COS_PHI_Y_NEAR_GIMBAL_LOCK**2,
-        where_less(_MAX_RADIANS_PER_STEP_NEAR_GIMBAL_LOCK**2 * squared_cos, squared_change, nan_rates, rates),
+        where_less(
+            _MAX_ANGLE_CHANGE_PER_STEP_NEAR_GIMBAL_LOCK_RAD**2 * squared_cos, squared_change, nan_rates, rates
+        ),
         rates,
     )
