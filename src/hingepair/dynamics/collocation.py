@@ -463,8 +463,9 @@ class Stepper:
         self, node_rates: Array, length: float, shortest_length: float, extra_times: Array
     ) -> tuple[float, float]:
         """Return (error, share): an estimate of the error of the polynomial between the nodes, in units of the
-        tolerance, and the share of the step that could be kept. The share is 0 unless only checks at `extra_times`
-        (from 0 to 1) find an error above 1. Steps of at most `shortest_length` [s] count as steps across a jump.
+        tolerance, and the share of the step that could be kept, from 0 to 1. The share is 0 unless only checks at
+        `extra_times` (from 0 to 1) find an error above 1. Steps of at most `shortest_length` [s] count as steps
+        across a jump.
 
         Returns:
             The error, and, where only the residual at an extra check time shows an error above 1, the share of the
@@ -509,8 +510,8 @@ def _bracket_crossing(
 ) -> tuple[float, float] | None:
     """Return a tuple of two relative times (0 to 1 in a step) between which the distance from an event first falls
     below -margin, or None if it does not. `distances` are the distances at `times`, and the function `distance_at`
-    computes the distance at an array of times. Between `times`, the crossing is searched where the polynomial through
-    `sampled_distances`, the distances at _RELATIVE_EVENT_SAMPLE_TIMES, is negative.
+    computes the distance at an array of times. Between `times`, the crossing is searched for where the polynomial
+    through `sampled_distances`, the distances at _RELATIVE_EVENT_SAMPLE_TIMES, is negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None

@@ -26,8 +26,8 @@ _QUADRATURE_INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is compute
 
 
 class StepRecord(NamedTuple):
-    """Record of one step of a simulation: its StepPolynomial, the attitude `quat` (4,) at its start, the torque
-    branch `side` (angle, rate), and `held`, whether the hinge is held.
+    """Record of one step of a simulation: its StepPolynomial, the attitude `quat` (4,) at its start, the pair `side`
+    (angle, rate), which selects the smooth branch of the hinge torque, and `held`, whether the hinge is held.
     """
 
     polynomial: StepPolynomial

@@ -42,9 +42,10 @@ _RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE: Final = 1e-12
 
 
 class HingeEvents:
-    """Events of a hinge: computes the distances from the next events, and applies an event to the state. It sets
-    `side`, the torque branch, and `held` of the PairMotion `motion`, also at construction. The user's event is a
-    callable or None; raise an ArgumentError at construction if its `direction` is invalid.
+    """Events of a hinge: computes the distances from the next events, and applies an event to the state. It sets two
+    attributes of the PairMotion `motion`, also at construction: `side`, which selects the smooth branch of the hinge
+    torque, and `held`, whether the hinge is held. The user's event is a callable or None; raise an ArgumentError at
+    construction if its `direction` is invalid.
 
     Args:
         motion: the motion; its `side` and `held` are set here.
@@ -120,8 +121,9 @@ class HingeEvents:
         return distances, np.array([size for _, size in rows.values()])
 
     def apply(self, event_index: int, t: float, state: Array) -> Array | None:
-        """Apply an event, by its index in the last result of `distances`, to `side` and `held` of the motion, in
-        place. Return a copy of the state with the changes of the event, or None if the event ends the motion.
+        """Apply the event that has the index `event_index` in the last result of `distances`. Set the attributes
+        `side` (which selects the branch of the hinge torque) and `held` (whether the hinge is held) of the motion,
+        and return a changed copy of the state, or None if the event ends the motion.
 
         Returns:
             The state after the event, a copy; None where the motion ends.
@@ -151,8 +153,8 @@ class HingeEvents:
         return state
 
     def _ends_motion(self) -> bool:
-        """Return whether the user's event ends the motion when its value passes 0 from its present sign; its
-        `direction` may exclude this.
+        """Return whether the user's event ends the motion when its value passes 0 from its present sign. The
+        `direction` of the event may exclude this.
         """
         return bool(self._direction * self._sign <= 0)
 
@@ -186,8 +188,8 @@ class HingeEvents:
         return np.array(values, np.float64)
 
     def _update_torque_branch(self) -> None:
-        """Set the `side` of the motion, (angle, rate), which selects the smooth branch of the hinge torque, from the
-        stored numbers of the present intervals of angle and rate between kinks.
+        """Set the attribute `side` of the motion, (angle, rate), which selects the smooth branch of the hinge torque,
+        from the stored numbers of the present intervals of angle and rate between kinks.
         """
         held = self._motion.held
         self._motion.side = (
@@ -196,8 +198,8 @@ class HingeEvents:
         )
 
     def _release(self, direction: int) -> None:
-        """Set the hinge of the motion free, so that psi may increase (`direction` 1) or decrease (-1), and update its
-        torque branch.
+        """Set the hinge of the motion free, so that psi may increase (`direction` 1) or decrease (-1), and select the
+        branch of the hinge torque for this direction.
         """
         self._motion.held = False
         if self._friction:
@@ -205,9 +207,9 @@ class HingeEvents:
         self._update_torque_branch()
 
     def _hold(self, t: float, state: Array) -> None:
-        """Hold the hinge of the motion, whose rate in `state` is 0, and store the limits of the holding torque:
-        friction, or infinity where a rigid stop supports the hinge. Release the hinge if the torque that holds it
-        exceeds a limit.
+        """Hold the hinge of the motion at a state in which the hinge rate is 0, and store the limits of the holding
+        torque: friction, or infinity where a rigid stop supports the hinge. Release the hinge at once if the torque
+        that holds it exceeds a limit.
         """
         psi = float(state[self._motion.psi_index])
         lowest = -np.inf if psi in self._rigid_stops and self._is_upper(psi) else -self._friction
@@ -250,8 +252,8 @@ class HingeEvents:
 
 
 def _value_in_interval(kinks: tuple[float, ...], interval_index: int) -> float:
-    """Return a number inside the interval of `kinks` from index `interval_index` to `interval_index` + 1; either
-    kink, or both, may be infinite.
+    """Return a number between kinks[interval_index] and kinks[interval_index + 1]; either of these two, or both, may
+    be infinite.
     """
     lower, upper = kinks[interval_index : interval_index + 2]
     if lower == -np.inf:

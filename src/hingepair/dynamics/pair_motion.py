@@ -125,9 +125,9 @@ class MotionSamples(NamedTuple):
 
 class PairMotion:
     """Equations of motion of a pair: the first state, the derivatives of any state, and the motion of the bodies in
-    any state. Stores the attitude at the start of the present step, the torque branch `side`, and `held`, whether the
-    hinge is held. At construction, raise an ArgumentError if a moving body lacks mass properties or inertia, and
-    issue a DynamicsWarning for each assumed mass property.
+    any state. Stores the attitude at the start of the present step, the pair `side`, which selects the smooth branch
+    of the hinge torque, and `held`, whether the hinge is held. At construction, raise an ArgumentError if a moving
+    body lacks mass properties or inertia, and issue a DynamicsWarning for each assumed mass property.
 
     Args:
         pair: a pair in space whose moving bodies have mass properties.
@@ -169,9 +169,9 @@ class PairMotion:
         constants = Constants(constants_by_name, {}, ())
 
         def compile_call(is_planar_or_none: bool | None, *outputs: str) -> Call:
-            """Return the cached compiled call of the plan that computes the named outputs, with the constants of this
-            pair. The plan computes the outputs from S1, omega1, psi and psi' if `is_planar_or_none` is None,
-            otherwise from the state.
+            """Return the cached call, compiled if the backend allows, of the plan that computes the named outputs,
+            with the constants of this pair. The plan computes the outputs from S1, omega1, psi and psi' if
+            `is_planar_or_none` is None, otherwise from the state.
             """
             plan = _make_state_plan(kind, is_planar_or_none, "home" in constants_by_name, outputs)
             return cached_call(
@@ -294,8 +294,8 @@ class PairMotion:
 
     def restart_attitude(self, state: Array) -> Array:
         """Rotate the stored attitude, in place, by the Cayley coordinates g of a state at the end of a step. Return a
-        copy of the state with g = 0. For a planar pair, or if body 1 moves as given, change nothing and return the
-        state itself.
+        copy of the state with g = 0. For a planar pair, or if the motion of body 1 is given, change nothing and
+        return the state itself.
         """
         if self._is_planar or not self._is_free_or_pinned:
             return state

@@ -474,7 +474,7 @@ def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: 
 
 def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: float) -> str:
     """Return a clause that says by how much [rad] psi, which ranges from `lowest` to `highest`, passes the lower or
-    the upper one of `stops`. Return an empty text if psi passes it by at most 0.02 rad.
+    the upper one of `stops`. Return an empty string if psi passes it by at most 0.02 rad.
     """
     depth = max(stops[0] - lowest, highest - stops[1])
     return (
@@ -497,8 +497,9 @@ class _RunOptions(NamedTuple):
 
 def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
     """Make steps of a motion, a PairMotion, from t[0] to t[-1] with _RunOptions. Return a tuple of the list of
-    StepRecords and the time since t[0] [s] at which `until` ended the motion, or None. Change the stored attitude and
-    torque branch of `motion`. Raise a SimulationError if the stepper cannot continue.
+    StepRecords and the time since t[0] [s] at which `until` ended the motion, or None. Change the attitude that
+    `motion` stores and its branch of the hinge torque. Raise a SimulationError if the stepper cannot continue, or if
+    it would need more than a million further steps.
     """
     start, elapsed = float(t[0]), t - t[0]
     span = float(elapsed[-1])
@@ -570,8 +571,8 @@ def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecor
 
 
 def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
-    """Return a text for the message of an error: which load jumps at the present time and state of the Stepper, and
-    what to do. `start` is the instant [s] from which the stepper's time is counted.
+    """Return part of an error message: which load jumps at the present time and state of the Stepper, and what to do.
+    `start` is the instant [s] from which the stepper's time is counted.
     """
     increments = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
     worst = (1e-3, "a load has no value, or the motion has no bound")

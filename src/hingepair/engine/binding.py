@@ -245,9 +245,9 @@ def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], 
 
 
 def _sample_strides(array_form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return a tuple with an array's stride [bytes] along each axis of the samples, which is 0 where the array is
-    broadcast. `array_form` is the pair (shape, strides) of the array; its last axis holds the components and is left
-    out.
+    """Return a tuple with an array's stride [bytes] along each axis of the samples. The stride is 0 along an axis
+    along which the array is broadcast. `array_form` is the pair (shape, strides) of the array; its last axis holds
+    the components and is left out.
     """
     lengths, strides = array_form
     own_axes = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], lengths[:-1], strict=True))

@@ -83,7 +83,7 @@ class _KernelBuilder:
 
     def module(self) -> str:
         """Return the LLVM module as text: constant tables, declarations, the functions of the steps, and the kernel.
-        Appends to the builder, so it is called once.
+        It may be called only once, since it appends to the builder.
         """
         float_type = self.arithmetic.float_type
         steps = self.arithmetic.step_functions()

@@ -211,9 +211,9 @@ def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    """Return `then` if a < b, and `otherwise` if not or if a or b is NaN; for arrays, element by element. For traced
-    values, record the choice and return its traced result. If `then` and `otherwise` are tuples, return a tuple,
-    component by component.
+    """Return `then` if a < b; otherwise, or if a or b is NaN, return `otherwise`. For arrays, choose element by
+    element. For traced values, record the choice and return its traced result. If `then` and `otherwise` are tuples,
+    return a tuple, component by component.
     """
     if isinstance(then, tuple):
         return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))

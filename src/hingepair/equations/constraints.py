@@ -69,38 +69,41 @@ def tilt_acceleration(tilt_axes: tuple[Vector, Vector], relative_alpha: Vector, 
 
 
 def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
-    """Return the residual of E2 for a known psi': the vector omega2 - omega1 - h2 psi', where h2 is the hinge axis in
-    body 2, in world axes.
+    """Return the slip of the hinge for a known psi': the vector omega2 - omega1 - h2 psi', world axes, which is zero
+    if E2 holds. h2 is the hinge axis in body 2.
     """
     return eq.subtract(omega2, eq.angular_velocity2(omega1, h2, psid))
 
 
 def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return the first time derivative of the residual of E1: (R1 + r1)' - (R2 + r2)'. The vectors r1 and r2 lead
-    from the reference point of body 1 and of body 2 to the hinge point of that body, world axes.
+    """Return (R1 + r1)' - (R2 + r2)', the first time derivative of the vector between the hinge points of both bodies
+    (E1). The vectors r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge point of that body,
+    world axes.
     """
     return eq.subtract(eq.add(v1, eq.cross(omega1, r1)), eq.add(v2, eq.cross(omega2, r2)))
 
 
 def gap_acceleration(a1: Vector, r1_acceleration: Vector, a2: Vector, r2_acceleration: Vector) -> Vector:
-    """Return the second time derivative of the residual of E1, a1 + r1'' - (a2 + r2''). r1 and r2 lead from the
-    reference points to the hinge point of body 1 and of body 2; r1_acceleration = r1'' and r2_acceleration = r2''.
+    """Return a1 + r1'' - (a2 + r2''), the second time derivative of the vector between the hinge points of both
+    bodies (E1). r1 and r2 lead from the reference points to the hinge point of body 1 and of body 2; r1_acceleration
+    = r1'' and r2_acceleration = r2''.
     """
     return eq.subtract(eq.add(a1, r1_acceleration), eq.add(a2, r2_acceleration))
 
 
 def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return the second time derivative of the residual of E1 for zero linear and angular accelerations of both
-    bodies. The vectors r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge point of that
-    body, world axes.
+    """Return the second time derivative of the vector between the hinge points of both bodies, (R1 + r1) - (R2 + r2),
+    for zero linear and angular accelerations of both bodies (E1). The vectors r1 and r2 lead from the reference point
+    of body 1 and of body 2 to the hinge point of that body, world axes.
     """
     return eq.subtract(eq.cross(omega1, eq.cross(omega1, r1)), eq.cross(omega2, eq.cross(omega2, r2)))
 
 
 def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]) -> Entries:
-    """Return the Jacobian, with respect to (v1, omega1, v2, omega2), of the time derivatives of the residual of E1
-    (three rows) and of the tilt (two rows): a 5 x 12 matrix as a flat tuple row by row. tilt_axes is the result of
-    `tilt_axes`; r1 and r2 lead from the reference points to the hinge point, in world axes.
+    """Return the Jacobian, with respect to (v1, omega1, v2, omega2), of the time derivatives of the vector between
+    the hinge points of both bodies (three rows) and of the tilt (two rows): a 5 x 12 matrix as a flat tuple row by
+    row. tilt_axes is the result of `tilt_axes`; r1 and r2 lead from the reference points to the hinge point, in world
+    axes.
     """
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [

@@ -198,15 +198,16 @@ def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix,
 
 
 def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -> Scalar:
-    """Return the number that the force force2 at R2 and the torque torque2 on body 2 contribute to the hinge torque:
-    their moment about the hinge axis, where r2 = S2 u2 leads from R2 to the hinge point (D4).
+    """Return the contribution of the force force2 at R2 and of the torque torque2 on body 2 to the hinge torque, a
+    number: their moment about the hinge axis (D4). The vector r2 = S2 u2 leads from R2 to the hinge point.
     """
     return dot(axis, subtract(torque2, cross(r2, force2)))
 
 
 def potential_energy(m1: Scalar, centre1: Vector, m2: Scalar, centre2: Vector, gravity: Vector) -> Scalar:
-    """Return the potential energy of both bodies (D7), zero for masses at the world's origin. centre1 and centre2 are
-    the positions of the centres of mass, and `gravity` is the acceleration of gravity.
+    """Return the potential energy of both bodies (D7), which is zero for a body whose centre of mass is at the
+    world's origin. centre1 and centre2 are the positions of the centres of mass, and `gravity` is the acceleration of
+    gravity.
     """
     return -(m1 * dot(gravity, centre1) + m2 * dot(gravity, centre2))
 

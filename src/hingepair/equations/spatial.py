@@ -158,8 +158,8 @@ def angular_acceleration2(alpha1: Vector, omega1: Vector, axis: Vector, psid: Sc
 
 
 def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
-    """Return alpha x r + omega x (omega x r), the acceleration of a body's point relative to the body's reference
-    point. The vector r leads from the reference point to the point.
+    """Return alpha x r + omega x (omega x r), the acceleration of a point of a body relative to the body's reference
+    point. The vector r leads from the reference point to this point.
     """
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
 
@@ -185,8 +185,9 @@ def acceleration2(
 
 
 def hinge_gap(R1: Vector, r1: Vector, R2: Vector, r2: Vector) -> Vector:
-    """Return the residual of E1, the vector R1 + r1 - (R2 + r2), which is zero if both bodies share the hinge point.
-    r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge point of that body, in world axes.
+    """Return the vector R1 + r1 - (R2 + r2) between the hinge points of both bodies, which is zero if the bodies
+    share the hinge point (E1). r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge point of
+    that body, in world axes.
     """
     return subtract(add(R1, r1), add(R2, r2))
 

@@ -554,8 +554,8 @@ def base_mass_rows(S: Matrix, matter: Matter) -> list[list[Scalar]]:
 
 
 class SpatialInertia(NamedTuple):
-    """Spatial inertia of a body: [torque force] = [J H; H^T M] [alpha a] (T5). J and M are symmetric matrices of six
-    entries; H has nine entries, row by row.
+    """Spatial inertia of a body in the articulated-body algorithm (T5): [torque force] = [J H; H^T M] [alpha a]. J
+    and M are symmetric matrices of six entries; H has nine entries, row by row.
     """
 
     J: Symmetric
@@ -564,8 +564,9 @@ class SpatialInertia(NamedTuple):
 
 
 class JointElimination(NamedTuple):
-    """The elimination of one joint from an articulated body (T5). `torque` and `force` are the column U of the body's
-    inertia for the joint axis, `pivot` is D, the entry of U along the axis plus the armature, and `share` is 1 / D.
+    """The elimination of one joint from an articulated body, a body with all bodies that it carries by movable joints
+    (T5). `torque` and `force` are the column U of the articulated body's inertia for the joint axis, `pivot` is D,
+    the entry of U along the axis plus the armature, and `share` is 1 / D.
     """
 
     torque: Vector
@@ -575,7 +576,9 @@ class JointElimination(NamedTuple):
 
 
 def rigid_body_inertia(mass: Scalar, first_moment: Vector, second_moment: Symmetric) -> SpatialInertia:
-    """Return the `SpatialInertia` of a single rigid body about its reference point, in body axes (T5)."""
+    """Return the `SpatialInertia` of a single rigid body about its reference point, in body axes, from which the
+    articulated-body algorithm starts (T5).
+    """
     x, y, z = first_moment
     return SpatialInertia(
         inertia_from_moment(second_moment), (0.0, -z, y, z, 0.0, -x, -y, x, 0.0), (mass, 0.0, 0.0, mass, 0.0, mass)
@@ -706,8 +709,8 @@ def accelerations_by_loads(
     eliminations: Sequence[JointElimination],
     loads: Sequence[Scalar],
 ) -> tuple[list[Scalar], Wrench]:
-    """Return a pair (T6): the list of q'' that the loads, one number for each joint, cause at each joint while its
-    parent is at rest, and the wrench (force, torque) that these loads transmit to the base, in base axes.
+    """Return a pair: the list of q'' that the loads, one number for each joint, cause at each joint while its parent
+    is at rest, and the wrench (force, torque) that these loads transmit to the base, in base axes (T6).
     `eliminations` is the list that `eliminate_joints` returns.
     """
     wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)

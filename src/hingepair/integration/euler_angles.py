@@ -72,8 +72,8 @@ def integrate_euler_angles(
 
 
 def euler_to_quaternions(phi: Array) -> Array:
-    """Return the unit quaternions (w, x, y, z), shape (N, 4), of the Euler angles XYZ `phi` (N, 3) (E10). They are
-    continuous where the angles are.
+    """Return the unit quaternions (w, x, y, z), shape (N, 4), of the Euler angles XYZ `phi` (N, 3) (E10). The
+    quaternions are continuous where the angles are.
     """
     (sx, sy, sz), (cx, cy, cz) = np.sin(0.5 * phi).T, np.cos(0.5 * phi).T
     about_x_y = quaternion_product((cx, sx, 0.0, 0.0), (cy, 0.0, sy, 0.0))

@@ -207,7 +207,7 @@ class AttitudeIntegral(_RateIntegral):
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
         """Return the largest rounding error [rad] of the attitudes `values` at the instants, a float, without the
-        rounding of the steps; `size` is the angle [rad] that the steps turn in all.
+        rounding of the steps; `size` is the total angle [rad] by which the steps turn.
         """
         return FLOAT64_UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 

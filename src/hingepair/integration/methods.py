@@ -86,8 +86,8 @@ def magnus6(w1: Vector, w2: Vector, w3: Vector, h: Scalar) -> Vector:
 
 
 def two_exponentials(w1: Vector, w2: Vector, h: Scalar) -> tuple[Vector, Vector]:
-    """Return a pair of rotation vectors [rad], those of the first and the second rotation of a commutator-free step
-    of length h, from omega at two Gauss nodes (w1, w2); order 4.
+    """Return the pair of the rotation vectors [rad] of the first and the second rotation of a commutator-free step of
+    length h, from omega at two Gauss nodes (w1, w2); order 4.
     """
     a, b = h * (0.25 + _SQRT_3 / 6), h * (0.25 - _SQRT_3 / 6)
     return add(scale(w1, a), scale(w2, b)), add(scale(w1, b), scale(w2, a))

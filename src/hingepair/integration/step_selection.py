@@ -238,10 +238,10 @@ def _part_counts(
     sizes: Array, weights: Array, max_counts: NDArray[np.int64], target_sum: float, order: int
 ) -> tuple[NDArray[np.int64], Array]:
     """Return two arrays, the numbers of parts into which pieces must be divided so that the error sizes of all parts
-    add up to `target_sum` [rad]. The first array holds integers that keep within `max_counts` and, in all,
-    MAX_SELECTED_STEP_COUNT; the second is without limits and not rounded. `sizes` are the error sizes of the pieces,
-    `weights` the numbers of pieces that each stands for, and `order` is the power of the step length by which errors
-    fall.
+    add up to `target_sum` [rad]. The first array holds integers that are at most `max_counts` each and whose sum,
+    weighted with `weights`, is at most MAX_SELECTED_STEP_COUNT. The second array is without limits and not rounded.
+    `sizes` are the error sizes of the pieces, `weights` the numbers of pieces that each stands for, and `order` is
+    the power of the step length by which errors fall.
     """
     shares = sizes ** (1 / (order + 1))
     unlimited = ((shares * weights).sum() / target_sum) ** (1 / order) * shares

@@ -84,10 +84,10 @@ _SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionKind:
-    """A kind of motion of a pair, in space or in a plane. `coordinates` are the names of the components of q. Three
-    dictionaries: `parts` maps "q", "qd" and "qdd" to the names of the position, the angles and the hinge angle in
-    them, `shapes` maps the name of each quantity to the shape of one sample, and `levels` maps the name of each
-    output to the level from which it is a default output (None: never).
+    """A kind of motion of a pair, in space or in a plane. `coordinates` are the names of the components of q. The
+    dictionary `parts` maps each of "q", "qd" and "qdd" to the names of its position, angles and hinge angle, `shapes`
+    maps the name of each quantity to the shape of one sample, and `levels` maps the name of each output to the level
+    from which it is a default output, or to None if it is never one.
 
     Attributes:
         coordinates: names of the components of q.

@@ -51,7 +51,7 @@ then those of each frame, in the order of these three dictionaries."""
 
 class Form(NamedTuple):
     """The structure of a robot. `names`, `parents`, `slides` and `columns` hold one value for each joint: its name,
-    the number of the body that carries it (0 is the base), whether it is a slider, and its column in q. `known` has
+    the number of the body that carries it (0 is the base), whether it is a slider, and its index in q. `known` has
     one element for each constant of the base and the joints: its value if this is 0, 1 or -1, and otherwise None.
     Robots of equal form share programs.
 
@@ -81,10 +81,10 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """What a program computes of a robot. `outputs` are the names of the outputs, `free` says that forces move the
+    """A request for outputs of a robot. `outputs` are the names of the outputs, `free` says that forces move the
     base, and `frames` holds the number of the body of each frame (0 is the base). `known` has one element for each
     constant of the frames: its value if this is 0, 1 or -1, and otherwise None. `loaded` holds the indices of the
-    frames that wrenches act on.
+    frames on which wrenches act.
 
     Attributes:
         outputs: names out of TREE_OUTPUT_BY_NAME.
@@ -439,8 +439,8 @@ class Computation:
         return self._solve_by_mass_matrix() if self.form.mimics else self._solve_by_articulated_bodies()
 
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by articulated bodies (T5), and return the tuples (a1, alpha1, q''). The first two
-        are meaningless unless the base is free. All are NaN if the mass matrix M is singular.
+        """Solve forward dynamics by the articulated-body algorithm (T5), and return the tuples (a1, alpha1, q''). The
+        first two are meaningless unless the base is free. All are NaN if the mass matrix M is singular.
         """
         steps, base = self.articulated
         left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, self.motor_loads)
@@ -464,7 +464,7 @@ class Computation:
 
     @functools.cached_property
     def pivots(self) -> tuple[Scalar, ...]:
-        """Tuple of the pivots of the factored mass matrix, one for each coordinate. At least one pivot is 0, to
+        """Tuple of the pivots of the factored mass matrix, one for each coordinate. At least one pivot is 0, up to
         rounding errors, if the matrix is singular.
         """
         if self.form.mimics:
