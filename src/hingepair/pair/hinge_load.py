@@ -233,8 +233,8 @@ class HingeLoad:
 
         Returns:
             A dict whose values are torques [N m], numbers or arrays (...,). Their sum is the torque of this load. The
-            key "motor" is always present. The keys "spring", "damper" and "friction" are present if the stiffness,
-            the damping or the friction is not 0, and "stop" if there are stops. If the `motor` of this load is
+            key "motor" is always present. The key "spring" is present if `stiffness` is not 0, "damper" if `damping`
+            is not 0, "friction" if `friction` is not 0, and "stop" if there are stops. If the `motor` of this load is
             another HingeLoad, the terms of that load are added under the same keys.
 
         >>> import hingepair as hp
