@@ -221,8 +221,8 @@ class Mechanism(MechanismMethods):
 
     @property
     def effort_limits(self) -> Float64Array:
-        """Largest motor torques of hinges [N m] and motor forces of sliders [N]; shape (dof,). Joints without a limit
-        get inf.
+        """Largest permitted motor torques of hinges [N m] and motor forces of sliders [N]; shape (dof,). Joints
+        without a limit get inf.
         """
         return self._joint_values("effort_limit")
 

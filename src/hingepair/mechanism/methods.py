@@ -722,7 +722,7 @@ class MechanismMethods(Shown):
                 this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,
                 and jacobian, acceleration_bias, mass_matrix, bias_forces and gravity_forces. If the tuple holds qdd,
                 they can also be outputs of `inverse_dynamics`; if the tuple holds tau, outputs of `forward_dynamics`.
-                The default for a tuple are all outputs of `forward_kinematics` for which the arguments suffice.
+                The default for a tuple is all outputs of `forward_kinematics` for which the arguments suffice.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for one thread per core.
             backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling

@@ -727,8 +727,9 @@ class HingePair(Shown):
             `ResidualCheck` for each residual. The residuals at every sample are arrays such as `.gap` (..., 3) [m],
             the vector R1 + S1 u1 - R2 - S2 u2 in world axes, and `.tilt_angle` (...,) [rad]. `.psi` (...,) [rad] is
             the hinge angle; if the hinge axes of the two bodies differ, it is the hinge angle after the smallest
-            rotation of body 2 that aligns them. A residual that is not finite at a sample is not compared there.
-            `.skipped` is the number of samples at which at least one residual is not finite.
+            rotation of body 2 that aligns them. A residual that is not finite at a sample is not compared there;
+            `.ok` is False if a residual is not compared at any sample. `.skipped` is the number of samples at which
+            at least one residual is not finite.
 
             If the motions hold Dask arrays, the result is a `LazyResiduals`. Its arrays, such as `.gap`, are Dask
             arrays. Its `.ratio` (...,) is, at each sample, the largest of the quotients residual / tolerance; NaN if
@@ -913,8 +914,8 @@ class HingePair(Shown):
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
             u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
             u2_std: standard deviation of each component of u2, body-2 axes [m]: a number, or shape (3,).
-            axis_std: standard deviation of the angle by which the hinge axis is tilted [rad]. It holds for each of
-                two tilts, about two directions that are perpendicular to n and to each other.
+            axis_std: standard deviation of each of two tilt angles of the hinge axis [rad]. The tilts are about two
+                directions that are perpendicular to n and to each other.
             home_std: standard deviation of each component of the rotation vector r by which home deviates, body-1
                 axes [rad]: a number, or shape (3,). The actual home is exp(r) @ home, where exp(r) is the rotation
                 matrix of r.
