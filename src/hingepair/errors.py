@@ -78,7 +78,8 @@ class SceneError(ArgumentError):
 
 class URDFError(ArgumentError):
     """A text is not valid URDF, or it has no joint or link of the given name. The attributes `name`,
-    `expected` and `got` are those of `ArgumentError`.
+    `expected` and `got` are those of `ArgumentError`; `name` is the name of an argument, or a text that says which
+    element of the URDF text is wrong, such as `joint 'elbow'`.
     """
 
 

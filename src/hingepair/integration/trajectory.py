@@ -153,12 +153,12 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of one motion, except the instants t, as a dict whose keys are their names. The first
+        """Return the arrays of the trajectory, except the instants t, as a dict whose keys are their names. The first
         axis of every array is the axis of the instants. Raise an ArgumentError if the trajectory holds many motions
         or Dask arrays.
 
         The dict holds the outputs of the state and psi. For a Trajectory, it also holds R1 and S1; for a
-        PlanarTrajectory, it also holds phi. The instants t are not in the dict.
+        PlanarTrajectory, it also holds phi.
 
         Raises:
             ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.
@@ -202,14 +202,16 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         error and ten times the actual error.
 
         If rates are callables, the result of each integration step is compared with the result of steps of half its
-        length or less. The estimate also allows for jumps and kinks between the times at which the callables were
-        evaluated, as large as the values at these times permit. If there are more than 65,536 integration
-        steps, only some are compared: the steps over which the values of the callables change most abruptly, and one
-        step from each of many short parts of the total time. Whatever the number of steps, a pulse of a callable that
-        is shorter than about 1/500 of the total time may be missed.
+        length or less. A callable may also have a jump or a kink between two times at which it was evaluated. The
+        estimate includes a bound on the error that such jumps and kinks can cause; the bound is computed from the
+        values at these times. If there are more than 65,536 integration steps, only some are compared: the steps over
+        which the values of the callables change most abruptly, and one step from each of many short parts of the
+        total time. Whatever the number of steps, a pulse of a callable that is shorter than about 1/500 of the total
+        time may be missed.
 
-        If rates are samples, the estimate includes the error of interpolation, which is due to gaps, to motion that
-        the samples hardly resolve, and to jumps and kinks anywhere between two samples. It also includes the error
+        If rates are samples, the estimate includes the error of interpolation, which is due to long times without
+        samples (gaps), to motion that the samples hardly resolve, and to jumps and kinks anywhere between two
+        samples. It also includes the error
         that is due to time stamps rounded to double precision, single precision or decimals, if the samples show this
         rounding. The estimate is NaN for fewer than 4 samples.
 
@@ -262,11 +264,12 @@ class Trajectory(_TrajectoryBase):
     shapes below show as `...`. The attribute `motions` is the shape of these axes; it is () for one motion.
     `trajectory[3]` is the trajectory of the motion with index 3, `trajectory[:10]` is the trajectory of the first ten
     motions, and `to_xarray` returns all motions as labelled arrays. Only a single motion can be saved, plotted or
-    converted to a table.
+    converted to a DataFrame.
 
     Attributes:
         t: the instants [s]; shape (N,).
-        quat_wxyz: attitude of body 1, body to world, as unit quaternions without jumps of sign; shape (..., N, 4).
+        quat_wxyz: attitude of body 1, body to world, as unit quaternions with the scalar first and without jumps of
+            sign; shape (..., N, 4).
         psi: hinge angle [rad]; shape (..., N).
         R1: position of the reference point of body 1, world axes [m]; shape (..., N, 3).
         state: the PairState at the instants.
@@ -289,7 +292,8 @@ class Trajectory(_TrajectoryBase):
     @property
     def S1(self) -> NDArray[Any]:
         """Rotation matrices from the axes of body 1 to world axes; shape (..., N, 3, 3). If the argument `outputs`
-        of `integrate` names S1, they are stored; otherwise they are computed from `quat_wxyz` at each access.
+        of `integrate` or `simulate` names S1, they are stored; otherwise they are computed from `quat_wxyz` at each
+        access.
         """
         S1 = self.state.S1
         if S1 is not None:
@@ -299,17 +303,20 @@ class Trajectory(_TrajectoryBase):
         return read_only(quaternions_to_matrices(self.quat_wxyz))
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
-        """Return the Euler angles of body 1 or 2 [rad], shape (..., N, 3). They are continuous in time, also through
-        gimbal lock. Raise an ArgumentError if the arrays are Dask arrays, or if `body` is 2 and S2 was not
-        computed.
+        """Return the Euler angles of body 1 or 2 [rad], shape (..., N, 3). The angles do not jump between instants,
+        unless an instant is at gimbal lock. Raise an ArgumentError if the arrays are Dask arrays, or if `body` is 2
+        and S2 was not computed.
 
-        Two triples of angles describe every attitude, and whole turns may be added to each angle. At the first
-        instant, the method returns the triple of `matrix_to_euler`; at each later instant, it returns the triple
-        nearest to the triple of the instant before. Angles must change by less than half a turn from instant to
-        instant.
+        Two triples of angles describe an attitude that is not at gimbal lock, and whole turns may be added to each
+        angle. At the first instant, the method returns the triple of `matrix_to_euler`; at each later instant, it
+        returns the triple nearest to the triple of the instant before. Angles must change by less than half a turn
+        from instant to instant. The middle angle may pass through gimbal lock between two instants. At an instant at
+        gimbal lock, only the sum or the difference of the first and the third angle is determined, and these two
+        angles may jump.
 
         Args:
-            body: 1 or 2. For body 2, the argument `outputs` of `integrate` must name S2 or be left at its default.
+            body: 1 or 2. For body 2, the argument `outputs` of `integrate` or `simulate` must name S2 or be left at
+                the default.
             sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about
                 the axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 

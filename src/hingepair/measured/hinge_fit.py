@@ -356,8 +356,8 @@ def fit(
         gauge: "closest_to_R1" (the default): the hinge point is the point on the axis closest to R1, and u1 is
             perpendicular to n. "closest_to_R2": the hinge point is the point on the axis closest to R2, and u2 is
             perpendicular to the axis.
-        t: instants, increasing: seconds (floats), datetime64 or integer nanoseconds since 1970; shape (N,). If t is
-            given and clock_offset is not, the offset between the clocks of the two recordings is estimated. If the
+        t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,). If t
+            is given and clock_offset is not, the offset between the clocks of the two recordings is estimated. If the
             motion does not determine the offset, 0 is used. The estimate needs SciPy.
         weights: weights of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
         clock_offset: known time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the
@@ -376,8 +376,8 @@ def fit(
             neither if body 2 is a point.
 
     Returns:
-        The HingeFit, with the hinge as `.pair` and the hinge angle as `.psi` [rad], shape (N,). Check `.ok` and
-        `.findings` before you use the numbers of the HingeFit.
+        The HingeFit, with the hinge as `.pair` and the hinge angle as `.psi` [rad], shape (N,), NaN at samples that
+        are not used. Check `.ok` and `.findings` before you use the numbers of the HingeFit.
 
     Raises:
         FitError: the samples do not determine a hinge: fewer than two samples have the poses of both bodies (fewer

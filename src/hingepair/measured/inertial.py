@@ -264,8 +264,11 @@ def fit_anchor(
     there are too few samples or neither body turns.
 
     You may choose the axes of each sensor as the axes of its body. The angular velocities are smoothed and
-    differentiated with the method of `smooth`. The specific forces are used as recorded. Each of the four records may
-    have NaN where a sample is missing. An instant is used only if all four records are finite there.
+    differentiated with the method of `smooth`. The specific forces are used as recorded. The biases of both
+    gyroscopes and of both accelerometers are estimated together with the hinge point.
+
+    Each of the four records may have NaN where a sample is missing. An instant is used if all four records are finite
+    there, and if it belongs to a series of at least 8 such instants without a gap.
 
     Args:
         t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,).
@@ -279,8 +282,8 @@ def fit_anchor(
             are given, the hinge point is the point on the axis closest to sensor 1. Otherwise it is the point on the
             axis at which the sum of the squared distances to both sensors is smallest.
         n2: hinge axis in body 2's axes; shape (3,).
-        gaps: longest time without a sample across which the angular velocities are smoothed as one piece [s]. A value
-            below 1.5 times the median time step counts as 1.5 times the median time step.
+        gaps: longest time without a sample across which the angular velocities are smoothed [s]. A longer time is a
+            gap. A value below 1.5 times the median time step counts as 1.5 times the median time step.
         gyroscope_bias: expected size of the gyroscopes' biases, as the standard deviation of one component [rad/s]; 0
             if the biases were subtracted from the data, for example the biases that `fit_axis` estimates.
         accelerometer_bias: expected size of the accelerometers' biases, as the standard deviation of one component
@@ -292,7 +295,7 @@ def fit_anchor(
         numbers of the AnchorFit.
 
     Raises:
-        FitError: there are fewer than 8 consecutive samples without a gap, or neither body turns.
+        FitError: no series of samples without a gap has 8 samples or more, or neither body turns.
         ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """

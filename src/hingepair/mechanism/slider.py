@@ -46,7 +46,8 @@ class Slider(Frozen, Shown):
 
     Raises:
         ArgumentError: a value cannot be used: it is not finite or has the wrong shape, n is zero, home is not a
-            rotation, or the lower limit is not below the upper limit. The message names the argument.
+            rotation, the lower limit is not below the upper limit, or torque_limit or rate_limit is below 0. The
+            message names the argument.
 
     >>> import hingepair as hp
     >>> lift = hp.Slider(u1=(0, 0, 0.5), u2=(0, 0, 0), n=(0, 0, 2), name="lift", limits=(0, 1.5))

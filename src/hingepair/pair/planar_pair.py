@@ -221,11 +221,15 @@ class PlanarPair(Shown):
         return self._in_space(self.body1, self.body2)
 
     def massive(self) -> HingePair:
-        """Return a HingePair with the same dynamics as this planar pair. The centres of mass of its bodies are moved
-        to z = 0. All three principal moments of inertia of a body are set to its moment of inertia about the axis
-        parallel to z through its centre of mass. The HingePair is cached, and later calls return the same object.
+        """Return a HingePair with the same dynamics as this planar pair. In the HingePair, the centres of mass of
+        both bodies are at z = 0. All three principal moments of inertia of a body are equal to the moment of inertia
+        about the axis parallel to z through the centre of mass. The HingePair is cached, and later calls return the
+        same object.
 
-        For the default gravity of a planar pair, call the methods of the HingePair with gravity=(0, -9.81, 0).
+        The coordinates (x, y, phi, psi) of the planar pair are (x, y, 0, 0, 0, phi, psi) for the HingePair. For the
+        default gravity of a planar pair, call the methods of the HingePair with gravity=(0, -9.81, 0). A body without
+        mass properties has none in the HingePair either.
+
         Forces in the plane cause the same motion of the HingePair and of the planar pair, and the hinge transmits no
         torque about axes in the plane. The HingePair of `to_spatial` retains products of inertia, and centres of mass
         that are not in the plane; both can cause such torques.
@@ -253,8 +257,8 @@ class PlanarPair(Shown):
         torque1, hinge_torque) (D6). Raise ArgumentError if a body has no mass properties.
 
         force1, which has two components, and torque1 act on body 1 at R1; hinge_torque is the torque of body 1 on
-        body 2. bias is the value of (force1, torque1, hinge_torque) for x'' = y'' = phi'' = psi'' = 0; velocities and
-        gravity cause it.
+        body 2. Apart from these, only gravity acts on the bodies. bias is the value of (force1, torque1,
+        hinge_torque) for x'' = y'' = phi'' = psi'' = 0; velocities and gravity cause it.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
@@ -325,9 +329,9 @@ class PlanarPair(Shown):
         qdd: CoordinateInput,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> HingeWrench:
-        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the pin (D3, D4). `gravity`
-        is the acceleration of free fall in the plane. Raise ArgumentError if body 2 has no mass properties; body 1
-        needs none.
+        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
+        `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if body 2 has no mass properties;
+        body 1 needs none.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.

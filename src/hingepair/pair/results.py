@@ -115,14 +115,14 @@ class Result(Shown):
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset with a variable for each recorded array, such as the position R2 and the hinge
-        angle psi. All variables have the dimension `time`. Each variable has its unit as the attribute `units`;
+        """Return an xarray Dataset with a variable for each array of the motion, such as the position R2 and the
+        hinge angle psi. All variables have the dimension `time`. Each variable has its unit as the attribute `units`;
         outputs such as R2 also have a description as the attribute `long_name`.
 
-        A vector also has the dimension `xyz`, or `xy` if it has two components. A rotation matrix has `xyz` for its
-        rows (world axes) and `body_xyz` for its columns (body axes). A trajectory that holds many motions has the
-        dimension `motion` before `time`, or motion_0, motion_1, ... if the motions form an array with several axes.
-        Dask arrays stay lazy.
+        A vector also has the dimension `xyz`, or `xy` if it has two components. A rotation matrix, which only
+        motions in space have, has `xyz` for its rows (world axes) and `body_xyz` for its columns (body axes). A
+        trajectory that holds many motions has the dimension `motion` before `time`, or motion_0, motion_1, ... if the
+        motions form an array with several axes. Dask arrays stay lazy.
 
         Raises:
             MissingDependencyError: xarray is not installed.

@@ -22,7 +22,7 @@ class PairState(Results):
 
     Attributes:
         shape: leading shape of the arrays, as a tuple of the lengths of the axes of the samples; () for one state.
-        outputs: names of the outputs that were computed.
+        outputs: tuple of the names of the outputs that were computed.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
@@ -117,16 +117,16 @@ class PairState(Results):
 
 class PlanarState(Results):
     """The computed outputs of a planar pair at every sample, in world axes and SI units. The attributes R2, phi2, d,
-    v2, omega2, a2 and alpha2 are read-only arrays for body 2. Outputs that were not computed are None.
+    v2, omega2, a2 and alpha2 are read-only arrays. Outputs that were not computed are None.
 
     The leading axes of all arrays are the axes of the samples. R2 and d = R2 - R1 [m], v2 [m/s] and a2 [m/s^2] have
-    shape (..., 2), and phi2 = phi + psi [rad], omega2 [rad/s] and alpha2 [rad/s^2] have shape (...,). The type
-    annotations declare every attribute as an array, although an output that was not computed is None. Only hingepair
-    calls the constructor.
+    shape (..., 2). phi2 = phi + psi [rad], omega2 [rad/s] and alpha2 [rad/s^2] have shape (...,); for one state they
+    are NumPy numbers. The type annotations declare every attribute as an array, although an output that was not
+    computed is None. Only hingepair calls the constructor.
 
     Attributes:
         shape: leading shape of the arrays, as a tuple of the lengths of the axes of the samples; () for one state.
-        outputs: names of the outputs that were computed.
+        outputs: tuple of the names of the outputs that were computed.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)

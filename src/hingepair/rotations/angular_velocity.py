@@ -31,7 +31,8 @@ def angular_velocity(
     rotation. Raise RotationError if a finite S is not a rotation.
 
     The angular velocity satisfies [omega]x = S' S^T. Here S' is S_dot, and [omega]x is the cross-product matrix of
-    omega. If S is not finite, the result is NaN.
+    omega. If an element of S or S_dot is not finite, the components of omega that depend on this element are not
+    finite either.
 
     Args:
         S: rotation matrices, body to world; shape (..., 3, 3).
@@ -96,7 +97,7 @@ def angular_velocity_from_samples(
     For each sample i, `S(t) = exp([theta(t)]x) S_i` defines the rotation vector theta(t) in world axes; [theta]x is
     the cross-product matrix of theta. At sample i, theta is 0, and therefore omega = theta' and alpha = theta''
     exactly. The function differentiates the polynomial of degree `order` that interpolates theta at sample i and at
-    order / 2 neighbours on either side. Near the ends, a polynomial of degree `order` is fitted by least squares to
+    order / 2 neighbours on each side. Near the ends, a polynomial of degree `order` is fitted by least squares to
     theta at the first or the last (`order` + 5) samples, or at all samples if there are fewer.
 
     A higher order suits smooth motion, and a lower order suits noisy data at small time steps. Suppose that the noise

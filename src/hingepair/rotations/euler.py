@@ -40,8 +40,9 @@ def _gimbal_lock_limit(array: NDArray[Any]) -> float:
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of Euler angles phi (..., 3) [rad] in one of 24 sequences such as
-    "XYZ" (E10). The error of every component is at most 6 u, where u is 2^-53, or 2^-24 for angles in float32. Angles
-    that are not finite give NaN. Raise ArgumentError for angles of the wrong shape or an unknown sequence.
+    "XYZ" (E10). The error of every component is at most 6 u, where u is 2^-53, or 2^-24 for angles in float32.
+    Components that depend on an angle that is not finite are NaN. Raise ArgumentError for angles of the wrong shape
+    or an unknown sequence.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -181,15 +182,17 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
         sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
             axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
         at_lock: "raise" (the default): raise an error at gimbal lock. "least_squares": at gimbal lock, return the
-            smallest phi' for which J phi' is nearest to omega. Angles are at gimbal lock if the magnitude of the
-            cosine of the middle angle is below 1e-12 (below 5e-4 for angles in float32). For sequences whose first
-            axis is also the last, such as XYX, the sine of the middle angle takes the place of the cosine.
+            phi' for which J phi' is nearest to omega; among several, return the phi' of smallest Euclidean norm.
+            Angles are at gimbal lock if the magnitude of the cosine of the middle angle is below 1e-12 (below 5e-4
+            for angles in float32). For sequences whose first axis is also the last, such as XYX, the sine of the
+            middle angle takes the place of the cosine.
 
     Returns:
         The rates phi' [rad/s]; shape (..., 3).
 
     Raises:
         GimbalLockError: angles are at gimbal lock, where J has no inverse, and at_lock is "raise".
+        ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -279,9 +282,9 @@ class EulerKinematics(Frozen):
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """Return the `EulerKinematics` of Euler angles phi (E4), a record of J, J^-1, the condition number of J and the
-    distance of the middle angle from gimbal lock. J is the matrix for which omega = J phi'. If the rates phid are
-    given, the record also has the time derivative J'. `sequence` is one of 24 Euler sequences such as "XYZ".
+    """Return the `EulerKinematics` of Euler angles phi (E4), an object with J, J^-1, the condition number of J, and
+    the distance of the middle angle from gimbal lock. J is the matrix for which omega = J phi'. If the rates phid are
+    given, the object also has the time derivative J'. `sequence` is one of 24 Euler sequences such as "XYZ".
 
     The angular velocity omega is in world axes. The columns of J are the axes of the three rotations. The second axis
     is perpendicular to the first and the third. If g is the cosine of the angle between the first and the third axis,
@@ -296,8 +299,8 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
 
     Returns:
         The `EulerKinematics`, with the attributes J, J_inverse and J_dot, each of shape (..., 3, 3), and condition
-        and lock_distance [rad], each of shape (...,). J_inverse is NaN at gimbal lock; `euler_rates` says which
-        angles count as gimbal lock. J_dot is None without phid.
+        and lock_distance [rad], each of shape (...,). At gimbal lock, J_inverse is NaN, and condition is very large
+        or inf; `euler_rates` says which angles count as gimbal lock. J_dot is None without phid.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.
@@ -308,7 +311,7 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     >>> f"{near.lock_distance:.6f} {near.condition:.0f}"
     '0.001000 2000'
 
-    The angles of body 2 come from its attitude, their rates from its angular velocity:
+    This example computes the Euler angles of body 2 from the matrix S2, and checks their rates J^-1 omega2:
 
     >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
     >>> state = pair.forward_kinematics((0, 0, 0, 0, 0.25, 0, 0.5), (0, 0, 0, 0, 0, 0, 2))

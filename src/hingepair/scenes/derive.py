@@ -54,7 +54,7 @@ def derive(
     [rad] of a multiple of pi/2 is then replaced by that multiple.
 
     Args:
-        scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with a fixed base.
+        scene_or_pair: a Scene, a HingePair, a PlanarPair, or a Mechanism with base="fixed".
         symbolic: tuple of names of constants that stay symbols; () by default. For a pair, "u1", "u2" and "n" are
             possible (symbols u1_x, u1_y, u1_z and so on; n is assumed to have length 1). For a scene, the names of
             the scene's constants are possible too. For a robot, only "u" is possible. With "u", two kinds of
@@ -68,8 +68,8 @@ def derive(
         For a scene or a pair, a Derivation: `.R2`, `.omega2` and so on are SymPy matrices in the symbol `.t`. For a
         planar pair, `.phi2`, `.omega2` and `.alpha2` are SymPy expressions. For a robot, FrameForms: position `.R`,
         rotation `.S`, `.jacobian`, velocity `.v` and angular velocity `.omega` of the frame, in world axes, are SymPy
-        matrices in the symbols `.q` and `.qd`. Both have `.to_text()`, `.to_latex()` and `.to_python()`, which return
-        the forms as text.
+        matrices in the symbols `.q` and `.qd`. A Derivation and a FrameForms have the methods `.to_text()`,
+        `.to_latex()` and `.to_python()`, which return the forms as text.
 
     Raises:
         ArgumentError: an argument cannot be used, or the derivatives of an expression are too long. The message names

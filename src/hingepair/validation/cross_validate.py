@@ -66,7 +66,7 @@ def cross_validate(
     """Compare the outputs that hingepair computes for a pair or a robot at the states q, qd, qdd with the outputs
     that Pinocchio computes. Return a report that says whether they agree: a CrossValidation for a pair, a
     RobotValidation for a robot. `sequence` is the Euler sequence of a pair's coordinates; `frames`, `base_motion` and
-    `gravity` are for robots only.
+    `gravity` are for robots only; for a pair, they are ignored.
 
     The two computations share no code. Pinocchio also computes the attitude and the angular velocity of body 1 from
     the Euler angles, with a chain of three revolute joints in the order of the Euler sequence.
