@@ -94,10 +94,10 @@ _UNIT_AXIS_BY_LAST_LETTER_OF_PINOCCHIO_JOINT_TYPE: Final = {
 
 
 class RobotTask(NamedTuple):
-    """Random states of a robot, and the workload ("pose", "Jacobian", "inverse dynamics" or "forward dynamics") that
-    is computed at them. `model` is Pinocchio's model of the robot, and `tip` is the number that the model gives to
-    the joint furthest from the base. `rows` is a tuple of q, q' and, for forward dynamics, the efforts, otherwise
-    q'', shape (N, dof) each.
+    """Random states of a robot (`robot`, a Mechanism), and the workload ("pose", "Jacobian", "inverse dynamics" or
+    "forward dynamics") that is computed at them. `model` is Pinocchio's model of the robot, and `tip` is the number
+    that the model gives to the joint furthest from the base. `rows` is a tuple of q, q' and, for forward dynamics,
+    the efforts, otherwise q'', shape (N, dof) each.
     """
 
     name: str  # of the robot

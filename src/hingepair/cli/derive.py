@@ -156,10 +156,10 @@ def _derive_pair(
 
 
 def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
-    """Return a tuple (robot, notes): the Mechanism of a robot's name or URDF file, and a tuple of at most one
-    sentence. Angles that are closer than `snap` [rad] (None for 1e-6) to a multiple of pi/2 are replaced by the
-    multiple; the sentence says so if an angle changed. Return None for another source, such as a pair's scene file.
-    Raise an ArgumentError for an unknown name.
+    """Return a tuple (robot, notes): the Mechanism of the robot or URDF file that `source` names, and a tuple of at
+    most one sentence. Angles that are closer than `snap` [rad] (None for 1e-6) to a multiple of pi/2 are replaced by
+    the multiple; the sentence says so if an angle changed. Return None for another source, such as a pair's scene
+    file. Raise an ArgumentError for an unknown name.
     """
     robot = load_named_robot(source)
     if robot is None:

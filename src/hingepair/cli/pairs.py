@@ -79,9 +79,9 @@ def load_named_pair(source: str, joint: str | None, *frames: str | None) -> Hing
 
 
 def load_named_robot(source: str) -> Mechanism | None:
-    """Return the Mechanism of a URDF file, of a robot's name or of a mechanism's scene file that has no table
-    [motion]; return None for other sources. Raise an ArgumentError for a word that is neither a file nor a robot's
-    name.
+    """Return the Mechanism of a URDF file, of a robot named `source`, or of a mechanism's scene file that has no
+    table [motion]; return None for other sources. Raise an ArgumentError for a word that is neither a file nor a
+    robot's name.
     """
     if is_urdf(source):
         return Mechanism.from_urdf(source)
@@ -125,9 +125,9 @@ def _check_robot_name(source: str) -> None:
 def load_scene_or_pair(
     source: str, joint: str | None, *frames: str | None
 ) -> Scene | MechanismScene | HingePair | PlanarPair:
-    """Return the Scene or MechanismScene of a scene file that has a motion, if `joint` and the further arguments are
-    None. Otherwise return the HingePair or PlanarPair that `load_named_pair` returns for the same arguments: source,
-    hinge's name, and the links whose frames are those of body 1 and body 2.
+    """Return the Scene or MechanismScene of a scene file that has a table [motion] or [dynamics], if `joint` and the
+    further arguments are None. Otherwise return the HingePair or PlanarPair that `load_named_pair` returns for the
+    same arguments: source, hinge's name, and the links whose frames are those of body 1 and body 2.
     """
     scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
     if scene and {"motion", "dynamics"} & read_tables(source).values.keys():

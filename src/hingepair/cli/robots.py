@@ -157,9 +157,10 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
 
 
 def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
-    """Return a dict of what the report says of a hinge or slider: name, kind, links, axis, n, u1, home and limits. If
-    the joint cannot be loaded, the key `error` has the message in place of axis and limits. `robot` and `joint` are
-    records of a URDF file. The index, the rule of a mimic joint and the masses are None.
+    """Return a dict of the report's facts on a hinge or slider: the name, the kind, the names of the links, the axis,
+    n, u1, home and the limits. If the joint cannot be loaded, the key `error` with the message stands in place of the
+    axis and all that follows it. `robot` and `joint` are records of a URDF file. The index, the rule of a mimic joint
+    and the masses are None.
     """
     kind = "hinge" if joint.type in HINGE_JOINT_TYPE_NAMES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}

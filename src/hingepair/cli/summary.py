@@ -38,9 +38,9 @@ class LargestResidual(NamedTuple):
 
 
 class RunSummary:
-    """Summary of a scene's run. The method `add` takes one block of the results after the other; the other methods
-    return a table of the values at three instants and of the ranges, the ranges as a dict, the residuals of a pair,
-    and the notes.
+    """Summary of a scene's run. The method `add` takes the results block by block. Then `table` returns the rows of a
+    table of the components' values and ranges, `ranges` returns the ranges as a dict, `residuals` the largest
+    residuals of a pair, and `notes` the notes as sentences.
 
     Attributes:
         lost: number of instants with a value that is not finite.
@@ -62,9 +62,9 @@ class RunSummary:
         self.lost = 0
 
     def add(self, part: SceneResult | MechanismSceneResult) -> None:
-        """Take one block of the results into the summary. The method updates the number of instants with a value that
-        is not finite (`lost`), the components at the first, middle and last instant, their smallest and largest
-        values, the residuals of a pair, and the notes. The blocks must come in order of time.
+        """Take one block of the results into the summary. Update the number of instants with a value that is not
+        finite (`lost`), the components at the first, middle and last instant, their smallest and largest values, the
+        residuals of a pair, and the notes. The blocks must come in order of time.
         """
         arrays = part.requested_arrays()
         self._names = column_names(arrays)

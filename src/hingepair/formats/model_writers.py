@@ -301,10 +301,9 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
 
 
 class _ModelPart(NamedTuple):
-    """A body in the frame of a link: the name of the link, the colour as text, the mass [kg], the centre of mass [m],
-    the six moments of inertia about the centre of mass [kg m^2] and the shapes.
-
-    `moments` are Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
+    """A body in the frame of a link: the name of the link, the colour as text of four numbers (RGBA), the mass [kg],
+    the centre of mass [m], the moments of inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2] and
+    the shapes.
     """
 
     link: str
@@ -317,7 +316,7 @@ class _ModelPart(NamedTuple):
 
 def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
     """Return two _ModelParts of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
-    point. Raise an ArgumentError if XML cannot hold the name of the pair, and the errors of `drawn_shapes`.
+    point. Raise an ArgumentError if XML cannot hold the name of the pair, or an error that `drawn_shapes` raises.
     """
     one, two = drawn_shapes(pair)
     check_xml_text("name", pair.name)
@@ -330,9 +329,9 @@ def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
 def _make_model_part(
     link: str, colour: str, body_or_none: Body | None, drawn_shapes_of_body: tuple[Shape, ...], origin: Float64Array
 ) -> _ModelPart:
-    """Return one body as a _ModelPart: the mass properties and the drawn shapes relative to the origin of the link,
-    and the names of the link and the colour. `origin` is the origin of the link in the axes of the body. If
-    `body_or_none` is None, the default mass and inertia are used.
+    """Return one body as a _ModelPart of the link named `link`, with the mass properties and the shapes
+    `drawn_shapes_of_body` relative to the origin of the link. `origin` is this origin in the axes of the body, and
+    `colour` is text of four numbers (RGBA). If `body_or_none` is None, the default mass and inertia are used.
     """
     body = body_or_none or Body()
     shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn_shapes_of_body)

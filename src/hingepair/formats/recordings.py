@@ -50,9 +50,9 @@ _LOWER_CASE_POSITION_COLUMN_ALIAS_PATTERN_FOR_HINTS = re.compile(r"p(?:os(?:itio
 
 
 class Recording(NamedTuple):
-    """Motions `body1` and `body2` at common instants, with NaN for poses that were not recorded, the instants `t` as
-    the file has them, and the readings of an `encoder` at the instants. `t` and `encoder` are None if they were not
-    recorded.
+    """Motions `body1` and `body2` of two bodies at common instants `t`, with NaN for poses that were not recorded,
+    and the readings of an `encoder` at these instants. `t` has the values of the file. `t` and `encoder` are None if
+    they were not recorded.
     """
 
     body1: BodyMotion

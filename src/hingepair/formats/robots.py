@@ -138,8 +138,8 @@ def _stem(name: str) -> str:
 
 @functools.cache
 def _urdf_paths() -> Mapping[str, Path]:
-    """Return the paths of all URDF files of example-robot-data in a read-only, cached mapping by `folder/stem`. Raise
-    a MissingDependencyError if the package is not installed.
+    """Return the paths of all URDF files of example-robot-data as a read-only mapping from `folder/stem` to a Path,
+    which is cached. Raise a MissingDependencyError if the package is not installed.
 
     The package holds only data; the list of files that its installer wrote says where they are.
     """

@@ -87,8 +87,8 @@ def hinge_pair(
 ) -> HingePair:
     """Return the hinge named `joint` of a RobotRecord as a HingePair called `name`. `body1_frame` and `body2_frame`
     name the links whose frames are (R1, S1) and (R2, S2); None means the link that the hinge connects. Mass
-    properties that no rigid body can have are left out; if `warn`, with a warning. Raise a URDFError if there is no
-    such hinge or frame.
+    properties that no rigid body can have are left out, and a warning says so if `warn` is True. Raise a URDFError if
+    there is no such hinge or frame.
 
     Raises:
         URDFError: no such hinge or frame, or what belongs to it is malformed.

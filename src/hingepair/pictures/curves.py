@@ -90,7 +90,7 @@ def figure_class() -> type[Figure]:
 
 
 def finish_figure(figure: Figure, title: str) -> Figure:
-    """Set a figure's title, small tick labels, and a grid behind curves over time; return the same figure."""
+    """Set a figure's title, small tick labels, and a grid behind curves over time; return the figure itself."""
     figure.suptitle(title)
     for axes in figure.axes:
         axes.tick_params(labelsize=8)

@@ -144,9 +144,9 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 
 
 def _recorded_motion(source: object) -> RecordedMotion:
-    """Return a tuple of t, the pair, the motion of body 1, psi and a dict of further recorded arrays of a trajectory.
-    For a pair, make a motion of 6 s that turns the hinge from the lower limit to the upper and back, or through a
-    whole turn if the pair has no limits. Raise an ArgumentError for another source.
+    """Return a tuple of t, the pair, the BodyMotion of body 1, psi and a dict of further recorded arrays of a
+    trajectory by name. For a pair, make a motion of 6 s that turns the hinge from the lower limit to the upper and
+    back, or through a whole turn if the pair has no limits. Raise an ArgumentError for another source.
     """
     if isinstance(source, Trajectory):
         recorded = source.recorded()  # refuses many motions

@@ -67,8 +67,8 @@ def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
 
 
 def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
-    """Return a list of the `SimpleBody` (rods, drums, prisms) of each body of a robot, the base first. `size` is the
-    length of the robot [m], to which thicknesses are proportional.
+    """Return a list of the `SimpleBody` records of all bodies of a robot, the base first. `size` is the length of the
+    robot [m], on which the thicknesses of the shapes depend.
 
     Args:
         tree: the robot.

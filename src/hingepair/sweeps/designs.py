@@ -87,8 +87,9 @@ def design_values(
 ) -> Float64Array:
     """Return the values of the VariedNumbers `varied` in every variant of a design, an array of shape (variants,
     numbers). `samples` is the number of variants of a random or Sobol design, and None in a grid; `seed` is the seed
-    of a random or Sobol design. Raise a SceneError that names `table` if there are too many variants or `samples` is
-    missing, and a MissingDependencyError for a Sobol design without SciPy.
+    of a random or Sobol design. Raise a SceneError that names `table` if a grid has too many variants, if a Sobol
+    design has too many numbers, or if `samples` is missing, and a MissingDependencyError for a Sobol design without
+    SciPy.
 
     In a grid, the last number changes fastest.
 

@@ -216,9 +216,9 @@ def run_sweep(
 ) -> Path:
     """Compute all chunks of a Sweep that are not stored yet, write the store, and return its path `out`. `scheduler`
     is the address of a Dask scheduler; None computes on `workers` threads of this process (-1: one on every core).
-    `progress` is called after each chunk with the numbers of finished and of all chunks. Raise an ArgumentError if a
-    variant cannot be computed or the store cannot be written; finished chunks are kept, and the next call continues
-    from them.
+    Call `progress`, if not None, after each chunk with the numbers of finished and of all chunks. Raise an
+    ArgumentError if a variant cannot be computed or the store cannot be written; finished chunks are kept, and the
+    next call continues from them. Raise a MissingDependencyError if a package is not installed.
 
     Args:
         sweep: a sweep from `load_sweep`.
@@ -418,10 +418,10 @@ def compute_chunk(
 def _compute_one_by_one(
     computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Compute variants one at a time with a VariantComputer, and yield for each a dict of arrays of one row by column
-    name. The SweepTask `task` names the outputs and reductions, `numbers` are the values of the varied numbers, shape
-    (variants, numbers), and `first_variant` is the index of the first variant in the sweep. Raise an ArgumentError
-    that names the chunk and the variant that cannot be computed.
+    """Compute variants one at a time with a VariantComputer; for each variant, yield a dict from a column's name to
+    an array of one row. The SweepTask `task` names the outputs and reductions, `numbers` are the values of the varied
+    numbers, shape (variants, numbers), and `first_variant` is the index of the first variant in the sweep. Raise an
+    ArgumentError that names the chunk and the variant that cannot be computed.
     """
     for i, row in enumerate(numbers):
         try:

@@ -68,8 +68,9 @@ class CachedMotion:
 
 
 def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
-    """Return the path of keys and list indices that the text `key` means, as a tuple of strings and integers:
-    "pair.u1[0]" gives ("pair", "u1", 0). Raise a SceneError that names `table` if the text is not of this form.
+    """Parse the string `key` into a path of keys and list indices, and return the path as a tuple of strings and
+    integers: "pair.u1[0]" gives ("pair", "u1", 0). Raise a SceneError that names `table` if the string is not of this
+    form.
     """
     steps: list[str | int] = []
     for part in key.split("."):

@@ -288,8 +288,8 @@ class RobotRecord:
             raise URDFError("child link", "each name once", f"{name!r} twice")
 
     def tree(self) -> tuple[str, tuple[JointRecord, ...]]:
-        """Return (name of the root link, tuple of all JointRecords in depth-first order); the joints of one link are
-        sorted by name. Raise a URDFError if the links and joints do not form a tree.
+        """Return (name of the root link, tuple of all JointRecords in depth-first order). Joints with the same parent
+        link are sorted by name. Raise a URDFError if the links and joints do not form a tree.
 
         Raises:
             URDFError: the links and joints are no tree: names the joint or the links that are wrong.
