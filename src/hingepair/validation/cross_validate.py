@@ -78,7 +78,8 @@ def cross_validate(
     For a robot, the motion and the Jacobians of links (see `frames`) and the mass matrix are compared. If qd is
     given, energies and momenta are compared too, and if qdd is given, forces and torques. Forward dynamics is checked
     by its residual: Pinocchio's inverse dynamics computes the forces that hingepair's accelerations require, and
-    these forces are compared with the applied forces.
+    these forces are compared with the applied forces. Samples at which the mass matrix is singular are left out of
+    this comparison.
 
     Args:
         pair: a `HingePair`, a `PlanarPair` or a `Mechanism` (robot). A planar pair is compared in the plane, with the
@@ -97,10 +98,10 @@ def cross_validate(
 
     Returns:
         For a pair a `CrossValidation` (hingepair.validation.report), for a robot a `RobotValidation`
-        (hingepair.validation.robot_report). Both have `.ok` (True if all outputs agree), `.verdict` (text of one
-        line), `.to_json()` (the report as JSON text), `.skipped` (number of samples that were left out because an
-        input is not finite) and `.rows`. `print` shows the report as a table. `.rows` is a tuple with a row for each
-        output, with these attributes:
+        (hingepair.validation.robot_report). Both have `.ok` (True if all compared outputs agree, False if no
+        sample could be compared), `.verdict` (text of one line), `.to_json()` (the report as JSON text), `.skipped`
+        (number of samples that were left out because an input is not finite) and `.rows`. `print` shows the report as
+        a table. `.rows` is a tuple with a row for each output, with these attributes:
 
         - `.output`: name of the output;
         - `.max_error`: largest error, in the unit of the output;
