@@ -226,7 +226,8 @@ class PairMotion:
 
     def rates(self, t: Array, states: Array) -> Array:
         """Compute the time derivatives of states, (m, k), at instants t, (m,), on the present branch of the hinge
-        torque; return an array (m, k). If the hinge is held, the derivatives of its angle and rate are 0.
+        torque; return an array (m, k). The derivatives of the hinge angle and the hinge rate are 0 if the hinge is
+        held, and the prescribed rate and acceleration if its motion is prescribed.
         """
         if self.held and not self._is_free_or_pinned:
             return np.zeros((len(t), 2))

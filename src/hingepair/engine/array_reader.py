@@ -131,8 +131,8 @@ _LLVM_KERNEL_CALL_INSTRUCTION: Final = "call void %kernel(ptr %table, i64 1, i64
 
 def call_ir() -> str:
     """Return the LLVM module, as text, of the function `call`, which Python calls with arrays or floats. The function
-    runs a kernel on these arguments without copying them, or returns without running it if it does not support one of
-    them. The text holds addresses of Python objects and is valid in this process only.
+    runs a kernel on these arguments without copying them, or does nothing if one of them is not supported; its result
+    says which. The text holds addresses of Python objects and is valid in this process only.
 
     The function's `self` is an array of the integers of `call_descriptor`. The function takes (input, ..., output,
     ..., constants, fresh). It returns True if it has run the kernel; the number of samples if the inputs are a batch

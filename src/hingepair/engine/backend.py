@@ -82,8 +82,9 @@ def _core_count() -> int:
 
 class BreakEvenCounter:
     """Counter of the estimated seconds that calls have lost because a kernel was not yet compiled. `count_call` and
-    `count_state_call` add the loss of one call and tell whether to compile the kernel now: the loss has reached the
-    time of compiling, or `compile_at_first_call` is active, and kernels are not disabled.
+    `count_state_call` add the loss of one call and return whether to compile the kernel now. It is to be compiled if
+    kernels are not disabled and either the loss has reached the time of compiling or `compile_at_first_call` is
+    active.
 
     A kernel is compiled once the time lost without it equals the time of compiling it (the break-even rule of the
     ski-rental problem). Whatever calls come, their time is at most twice that of the better backend in hindsight, and

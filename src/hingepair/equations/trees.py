@@ -479,8 +479,8 @@ class Matter(NamedTuple):
 
 
 def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement]) -> list[Matter]:
-    """Return a list of the `Matter` of composite bodies (T4), the base first: each body together with all bodies
-    beyond it, in the axes of that body.
+    """Return a list of the `Matter` of composite bodies, the base first: each body together with all bodies that it
+    carries, in the axes of that body (T4).
     """
     matter = [Matter(body.mass, body.first, body.second) for body in _bodies(base, links)]
     for number in range(len(links), 0, -1):
@@ -498,8 +498,8 @@ def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement
 
 
 def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
-    """Return the pair (force, torque), in body axes, that gives a body of this `Matter` the motion of q'' = 1 of a
-    joint alone: along the z axis if is_slider is true, else about it (T4).
+    """Return the pair (force, torque), in body axes, that gives a body of this `Matter` the acceleration q'' = 1 of a
+    joint alone: along the z axis if is_slider is true, otherwise about it (T4).
     """
     x, y, _ = matter.first
     if is_slider:

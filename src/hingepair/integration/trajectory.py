@@ -393,7 +393,9 @@ def trajectory_from_arrays(
 
 
 def _computed_errors(errors: NDArray[np.float64]) -> LazyValue | LazyValues:
-    """Return known errors as lazy values that need no computation: a LazyValue of one motion, LazyValues of many."""
+    """Return an array of known errors, with a number for each motion, as lazy values that need no computation:
+    LazyValues, or a LazyValue if the array has no axes.
+    """
     values = np.empty(errors.shape, object)
     for index in np.ndindex(errors.shape):
         values[index] = LazyValue(None, float(errors[index]))
