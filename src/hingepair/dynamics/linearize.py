@@ -29,7 +29,7 @@ _DIFFERENCE_STEP_TO_STATE_COMPONENT_SIZE_RATIO: Final = 1e-5
 _MIN_NONZERO_POLE_TO_LARGEST_POLE_RATIO: Final = 1e-5
 _MAX_EQUILIBRIUM_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
 _MAX_CHANGE_OF_ANY_ANGLE_PER_EQUILIBRIUM_ITERATION_RAD = 0.3  # rad: largest change of an angle in one of them
-_MAX_CONVERGED_EQUILIBRIUM_ANGLE_STEP_RAD: Final = 1e-13  # rad: a smaller Newton step ends the search
+_MAX_ANGLE_CHANGE_OF_CONVERGED_EQUILIBRIUM_ITERATION_RAD: Final = 1e-13  # rad: a smaller Newton step ends the search
 
 # Components of the state of a free or pinned pair; a carried pair has the last two.
 _STATE_COMPONENT_NAMES: Final = (
@@ -241,7 +241,7 @@ def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: 
             0
         ]
         size = float(np.abs(change).max())
-        if size <= _MAX_CONVERGED_EQUILIBRIUM_ANGLE_STEP_RAD and np.abs(residual).max() <= 1e-9 * max(
+        if size <= _MAX_ANGLE_CHANGE_OF_CONVERGED_EQUILIBRIUM_ITERATION_RAD and np.abs(residual).max() <= 1e-9 * max(
             1.0, float(np.abs(derivatives[rate_indices]).max())
         ):
             return state

@@ -29,13 +29,13 @@ class Step(NamedTuple):
 # Names of the components of q in space.
 SPATIAL_COORDINATE_NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 # Names of the parts of the coordinates and their derivatives in space.
-SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY = {
+SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME = {
     "q": ("R1", "phi", "psi"),
     "qd": ("v1", "phid", "psid"),
     "qdd": ("a1", "phidd", "psidd"),
 }
 PLANAR_COORDINATE_NAMES = ("x", "y", "phi", "psi")  # names of the components of q in the plane
-PLANAR_PART_NAMES_BY_COORDINATE_ARRAY = {
+PLANAR_PART_NAMES_BY_COORDINATE_ARRAY_NAME = {
     "q": ("R1", "phi1", "psi"),
     "qd": ("v1", "phi1d", "psid"),
     "qdd": ("a1", "phi1dd", "psidd"),
@@ -58,12 +58,12 @@ COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tu
 # Steps to the parts of q, qd, qdd in space.
 SPATIAL_COORDINATE_SPLIT_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))
-    for name, parts in SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY.items()
+    for name, parts in SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME.items()
     for part, place in zip(parts, (slice(0, 3), slice(3, 6), 6), strict=True)
 )
 PLANAR_COORDINATE_SPLIT_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))
-    for name, parts in PLANAR_PART_NAMES_BY_COORDINATE_ARRAY.items()
+    for name, parts in PLANAR_PART_NAMES_BY_COORDINATE_ARRAY_NAME.items()
     for part, place in zip(parts, (slice(0, 2), 2, 3), strict=True)
 )
 """Steps to the parts of q, qd, qdd in the plane."""

@@ -33,18 +33,18 @@ from hingepair.numeric.blocks import cosine, sine
 from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
 
 # Shapes of the constants of the base.
-SHAPE_BY_BASE_CONSTANT: Final = {"mass": (), "first": (3,), "second": (6,)}
+SHAPE_BY_BASE_CONSTANT_NAME: Final = {"mass": (), "first": (3,), "second": (6,)}
 # Shapes of the constants of each joint.
-SHAPE_BY_JOINT_CONSTANT: Final = {
+SHAPE_BY_JOINT_CONSTANT_NAME: Final = {
     "S": (9,),
     "u": (3,),
-    **SHAPE_BY_BASE_CONSTANT,
+    **SHAPE_BY_BASE_CONSTANT_NAME,
     "armature": (),
     "multiplier": (),
     "offset": (),
     "min_pivot": (),
 }
-SHAPE_BY_FRAME_CONSTANT: Final = {"R": (3,), "S": (9,)}
+SHAPE_BY_FRAME_CONSTANT_NAME: Final = {"R": (3,), "S": (9,)}
 """Shapes of the constants of each frame. The vector of constants holds those of the base, then those of each joint,
 then those of each frame, in the order of these three dictionaries."""
 
@@ -140,15 +140,15 @@ class Computation:
         numbers = iter(values["constants"])
         complete = [next(numbers) if known is None else known for known in (*form.known, *request.known)]
         parts = iter(complete)
-        self.base = eq.Base(**_take_numbers(parts, SHAPE_BY_BASE_CONSTANT))
-        joints = [_take_numbers(parts, SHAPE_BY_JOINT_CONSTANT) for _ in form.parents]
+        self.base = eq.Base(**_take_numbers(parts, SHAPE_BY_BASE_CONSTANT_NAME))
+        joints = [_take_numbers(parts, SHAPE_BY_JOINT_CONSTANT_NAME) for _ in form.parents]
         self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in joints]
         self.min_pivots = [joint.pop("min_pivot") for joint in joints]
         self.links = [
             eq.Link(parent, slides, **joint)
             for parent, slides, joint in zip(form.parents, form.slides, joints, strict=True)
         ]
-        self.frames = [(body, _take_numbers(parts, SHAPE_BY_FRAME_CONSTANT)) for body in request.frames]
+        self.frames = [(body, _take_numbers(parts, SHAPE_BY_FRAME_CONSTANT_NAME)) for body in request.frames]
 
     # ---- coordinates of joints, and what acts along them
 
@@ -732,7 +732,7 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
 """All that can be computed of a tree, by name."""
 
 # Shapes of the inputs that are no coordinates.
-_SAMPLE_SHAPE_BY_BASE_OR_GRAVITY_INPUT: Final[Mapping[str, ArrayShape]] = {
+_SAMPLE_SHAPE_BY_BASE_OR_GRAVITY_INPUT_NAME: Final[Mapping[str, ArrayShape]] = {
     **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
     "S1": (3, 3),
 }
@@ -753,7 +753,7 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
     for name in ("q", "qd", "qdd", "tau"):
         if name in names:
             shapes[name] = (form.dof,)
-    shapes |= {name: shape for name, shape in _SAMPLE_SHAPE_BY_BASE_OR_GRAVITY_INPUT.items() if name in names}
+    shapes |= {name: shape for name, shape in _SAMPLE_SHAPE_BY_BASE_OR_GRAVITY_INPUT_NAME.items() if name in names}
     return shapes | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 

@@ -9,7 +9,7 @@ from hingepair.pair.evaluate import count_operations
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, all_steps, default_outputs, make_plan
-from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY
+from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME
 from hingepair.scenes.known_motion import KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
@@ -88,7 +88,7 @@ def explain(
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()
     form = motion.sequence, "home" in pair.constants.values
     plan, others = make_plan(names, *form, kind=kind), [step.result for step in all_steps(*form, kind=kind)]
-    rows = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY, motion.derivatives, strict=False))
+    rows = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME, motion.derivatives, strict=False))
     operations = count_operations(make_plan(names, *form, kind=kind, given_names=tuple(rows)), pair.constants, rows)
     still, computed = {*constant} | {"u1", "u2", "n", "home", "lever_fixed", "lever_cos", "lever_sin"}, []
     for step in plan.steps:

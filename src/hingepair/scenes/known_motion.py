@@ -23,7 +23,7 @@ from hingepair.plans.steps import (
     PLANAR_COORDINATE_SPLIT_STEPS,
     SPATIAL_COORDINATE_NAMES,
     SPATIAL_COORDINATE_SPLIT_STEPS,
-    SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY,
+    SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
 )
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
@@ -124,7 +124,7 @@ class MotionByCoordinates:
         """Return a frozenset of the names of the coordinates, and of groups of coordinates such as phi, that do not
         change. Only values stored as floats count as constant.
         """
-        derivative_by_part = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY, self.derivatives, strict=False))
+        derivative_by_part = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
         for part, take, (name,) in SPATIAL_COORDINATE_SPLIT_STEPS if self.sequence else PLANAR_COORDINATE_SPLIT_STEPS:
             if name in derivative_by_part:
