@@ -104,8 +104,9 @@ def energy_balance(
     samples: MotionSamples,
 ) -> EnergyBalance:
     """Compute the `EnergyBalance` of a simulated motion at the instants t: the work of each load by quadrature over
-    `steps`, a sequence of StepRecords, and the energies from the MotionSamples `samples` at the instants.
-    `initial_state` is the state vector before the first event.
+    `steps`, a sequence of StepRecords, and the energies from the MotionSamples `samples` at the instants. Loads that
+    do no work are left out; if impacts change the energy, their work is named "impacts". `initial_state` is the state
+    vector before the first event.
 
     Args:
         motion: the equations of the motion.

@@ -270,8 +270,9 @@ class Arithmetic:
     # ---- the frame
 
     def _assign_slots(self) -> None:
-        """Assign a slot of the frame, the kernel's buffer of vectors, to each value that more than one function
-        reads; slots are reused. Sets the attributes that describe the frame, such as `slots` and `frame_size`.
+        """Assign a slot of the frame, the kernel's buffer of vectors, to each value that passes from one function of
+        the kernel to another; slots are reused. Sets the attributes that describe the frame, such as `slots` and
+        `frame_size`.
 
         A slot is used again when its value is not needed any more.
         """

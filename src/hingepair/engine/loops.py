@@ -212,8 +212,9 @@ class _LockFreeCachedProperty(functools.cached_property[_CachedType]):
 
 
 class Program:
-    """A loop's function, traced and folded for one pattern of inputs (which components are known numbers, constants
-    or arrays), with its generated Python functions and its compiled kernels.
+    """A loop's function, traced and folded for one pattern of inputs, which says which components are known numbers,
+    constants or arrays. The method `run` computes the outputs by NumPy, Python or a kernel; the generated Python
+    functions and the compiled kernels are cached.
 
     Args:
         loop: the loop.
@@ -232,9 +233,9 @@ class Program:
     def run(
         self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
     ) -> None:
-        """Compute the outputs from `bound`, the bound inputs, by NumPy, Python or a kernel, as `execution` says, and
-        write them into the arrays of `out`, a dictionary by output name. `shape` is the shape of the samples. May
-        compile a kernel; the backend "compiled" raises an error if that fails.
+        """Compute the outputs from the inputs `bound` by NumPy, Python or a kernel, as `execution` says, and write
+        them into the arrays of `out`, a dictionary by output name. `shape` is the shape of the samples. May compile a
+        kernel; the backend "compiled" raises an error if that fails.
         """
         targets = [
             view for name, sample_shape in self.loop.outputs for view in component_views(out[name], sample_shape)
@@ -503,9 +504,9 @@ class Program:
         shape: ArrayShape,
         dtype: np.dtype[Any],
     ) -> None:
-        """Run a scan, in which each sample takes results of the sample before it, by NumPy for all chains at once,
-        and write the results into `outputs`. `inputs` and `outputs` hold one array for each component; the chains run
-        along the last axis of `shape`.
+        """Run a scan, in which each sample takes results of the sample before it on the last axis of `shape`, by
+        NumPy for all other axes at once, and write the results into `outputs`. `inputs` and `outputs` hold one array
+        for each component.
         """
         names = [name for name, sample_shape in self.loop.inputs for _ in range(math.prod(sample_shape))]
         sources = [*zip(names, self.pattern, strict=True)]

@@ -38,8 +38,8 @@ class _RateIntegral:
     expected_rate: ClassVar[str]  # of messages on overflow
 
     def check_finite(self, rows: Array, steps: Steps) -> None:
-        """Raise an ArgumentError if `rows`, the results at the ends of steps, have overflowed. The error names the
-        first interval between instants in which they have.
+        """Raise an ArgumentError if the results of one motion at the ends of `steps`, given as `rows`, have
+        overflowed. The error names the first interval between instants in which they have.
         """
         if not np.isfinite(rows[-1]).all():
             first = int(np.argmin(np.isfinite(steps.at_instants(rows)).all(axis=1)))

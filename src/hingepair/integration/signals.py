@@ -68,7 +68,8 @@ class CallableSignal:
 
     def values_at(self, times: Array) -> Array:
         """Return the callable's values at times of any shape; the callable gets the times as an array (n,). Raise an
-        ArgumentError if the callable fails, if a value is not finite, or if there is not one value for each time.
+        ArgumentError if the callable fails, if a value is not finite, or if there is neither one value for each time
+        nor one for all times.
 
         Raises:
             ShapeError, DtypeError: the callable does not return one value for each time.
