@@ -36,9 +36,9 @@ _MIN_LOG_LIKELIHOOD_GAIN_PER_SAMPLE_OF_DISTANT_CLOCK_OFFSET = 0.5
 
 
 class ClockedPoses:
-    """Relative poses of two recordings whose clocks differ, computed for any clock offset. The offset is the time
-    by which body 2 was recorded later than body 1 at equal stamps. The motion of body 2 is smoothed once, at
-    construction.
+    """Relative poses of two recordings whose clocks differ, computed for any clock offset by the method `poses_at`;
+    `most_likely_offset` scans offsets. The offset [s] is the time by which body 2 was recorded later than body 1 at
+    equal stamps. The motion of body 2 is smoothed once, at construction.
     """
 
     def __init__(self, samples: Samples, loss: Loss | None) -> None:

@@ -200,8 +200,9 @@ def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: flo
 
 
 def _other_joint_sentence(poses: RelativePoses, tilt: float, tilt_text: str) -> str:
-    """Return a sentence that says which joint the relative poses show instead of a hinge: two hinges in series, a
-    ball joint, or neither. `tilt` [rad] is the rms tilt between the axes, `tilt_text` states it in words.
+    """Return a string of one or two sentences that say which joint the relative poses show instead of a hinge: two
+    hinges in series, a ball joint, or neither. `tilt` [rad] is the rms tilt between the axes, and the string
+    `tilt_text` states it in degrees.
     """
     thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_JOINT_TYPE)
     vectors = np.linalg.eigh(np.cov(thin.Q))
@@ -345,7 +346,7 @@ def probable_mistakes(body_poses: BodyPoses) -> list[str]:
 
 
 def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
-    """Yield a pair for each common mistake in recorded poses: a sentence that names the mistake, and the BodyPoses
+    """Yield a pair for each common mistake in recorded poses: a string that describes the mistake, and the BodyPoses
     with the mistake corrected.
     """
     for digit in "12":

@@ -215,8 +215,8 @@ class SampleResiduals(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """The most likely Hinge (`hinge`), with the Noise, the clock offset [s] and the EncoderLine (`line`) that were
-    estimated with it, and whether the estimate converged.
+    """The most likely Hinge (`hinge`), with the Noise, the clock offset [s] and the EncoderLine or None (`line`) that
+    were estimated with it, and whether the estimate converged.
     """
 
     hinge: Hinge
@@ -231,10 +231,10 @@ PosesAt = Callable[[float, int], RelativePoses]
 
 
 class HingeResiduals(NamedTuple):
-    """Residuals (`tilt`, `gap`, `turn`), whitened squared residuals (`whitened_squares`), weights and hinge angles of
-    all samples for a given hinge, the correlations of neighbouring residuals (`neighbour_correlations`), the number
-    of samples over which residuals are still correlated (`unresolved_lag`), and the covariance of the hinge's
-    parameters.
+    """Residuals (`tilt`, `gap`, `turn`), whitened squared residuals (`whitened_squares`), weights and hinge angles
+    (`psi`) of all samples for a given hinge, the correlations of neighbouring residuals (`neighbour_correlations`),
+    the number of samples over which residuals are still correlated (`unresolved_lag`), and the covariance of the
+    hinge's parameters.
     """
 
     tilt: Float64Array  # angle between the axes [rad]; shape (N,)

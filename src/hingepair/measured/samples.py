@@ -53,7 +53,7 @@ class Samples(NamedTuple):
     def noise_suspicions(self, noise: Noise) -> list[str]:
         """Return a list of sentences, one for the positions and one for the attitudes. Each is given only if the
         standard deviation of the estimated `noise` differs by more than a factor of 1.5 from the noise that the
-        arguments `noise1` and `noise2` of `fit` state.
+        arguments `noise1` and `noise2` of `fit` state. The list is empty if these arguments were None.
         """
         if self.mean_noise is None:
             return []

@@ -48,8 +48,9 @@ def tree_of_urdf(
 ) -> Tree:
     """Read a robot from a URDF file or from URDF text, which starts with "<", and return its Tree. `base` is "fixed"
     or "free". Joints in `locked`, a dict by name or None, are held at the given positions [rad or m]; a
-    DynamicsWarning names positions beyond limits. Angles within `snap` [rad] (0 for None) of a multiple of pi/2 are
-    replaced by that multiple. Raise a URDFError if the URDF does not describe a tree of hinges and sliders.
+    DynamicsWarning names positions beyond limits, and mimic joints whose leader does not exist. An rpy angle within
+    `snap` [rad] (0 for None) of a multiple of pi/2 is replaced by that multiple. Raise a URDFError if the URDF does
+    not describe a tree of hinges and sliders.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
@@ -64,7 +65,8 @@ def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] 
     """Return (Tree, kind of the base) for a Pinocchio model. The kind is `base`, "fixed" or "free"; for None, it is
     "free" if the model has a free-flyer, otherwise "fixed". Joints in `locked`, a dict by name or None, are held at
     the given positions [rad or m]. Issue a DynamicsWarning for a position beyond limits, and for a gravity that is
-    not the default. Raise an ArgumentError for a model with joints other than hinges, sliders and mimic joints.
+    not the default. Raise an ArgumentError for a model with joints other than hinges, sliders and mimic joints, and
+    for an unusable `base` or `locked`.
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.

@@ -36,8 +36,8 @@ _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
 class RobotConstants:
     """Constants of a robot's generated programs: the structure `form`, the joint names `names`, the parameters
     `numbers` with their error bounds `bounds`, the size below which each pivot is only rounding error
-    (`pivot_thresholds`), the rotations `axes` of the bodies, and a dict `cache` of objects that are made once for the
-    robot.
+    (`pivot_thresholds`), the rotations `axes` from the axes in which the programs compute to the own axes of each
+    body, and a dict `cache` of objects that are made once for the robot.
 
     Attributes:
         form: structure of the robot, on which programs depend.

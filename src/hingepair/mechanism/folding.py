@@ -28,8 +28,9 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_ine
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPart:
     """Record of a joint (of any kind, also fixed) and of the body that it carries: name and kind of the joint, number
-    of the parent part, pose and axis, limits and mimic rule, and the links, frames, inertias and shapes of the body.
-    The origin of the body is at the joint's point.
+    of the part that carries it (`parent`), pose and axis, limits and mimic rule, dicts by name of the poses of the
+    body's `links` and `frames` and of its `inertias`, and a tuple of its `shapes`. The origin of the body is at the
+    joint's point.
 
     Attributes:
         name: name of the joint.
@@ -76,8 +77,8 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
     """Return the Tree of the joints that move, from JointParts (the base, then the joints). `locked` is None or a
     dict of positions [rad or m] by joint name, at which joints are held. The bodies that fixed and locked joints
     connect are merged. If `base` is "fixed", notes on the masses of the base are left out. Issue a DynamicsWarning
-    for a joint that is locked beyond its limits. Raise an ArgumentError if a locked joint does not exist, or if
-    joints follow each other in a circle.
+    for a joint that is locked beyond its limits. Raise an ArgumentError if a locked joint does not exist, if joints
+    follow each other in a circle, or if numbers overflow.
 
     Args:
         name: name of the robot.

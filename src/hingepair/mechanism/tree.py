@@ -70,8 +70,9 @@ ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint(Frozen):
-    """Record of a joint that moves: name, kind, number of the parent body, point u, attitude S, axis n, mass
-    properties of the body that it moves, limits, armature of its motor, and mimic rule.
+    """Record of a joint that moves: name, kind, number of the body that carries it (`parent`), point u, attitude S,
+    axis n, MassProperties of the body that it moves (`body`), limits, armature of its motor, and a Mimic rule or
+    None.
 
     Attributes:
         name: name of the joint.
@@ -120,8 +121,9 @@ class Frame(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tree(Frozen):
-    """Record of a robot as a tree: its moving joints and their bodies, frames, last links, notes on masses, and
-    drawings. Bodies that fixed and locked joints connect are merged.
+    """Record of a robot as a tree: a tuple of its moving `joints`, the MassProperties of the `base`, dicts of Frames
+    by name (`links`, and further `frames`), the names of the last links (`tips`), notes on masses, and drawings of
+    the bodies. Bodies that fixed and locked joints connect are merged.
 
     Attributes:
         name: name of the robot.

@@ -21,9 +21,10 @@ _IDENTITY_ROTATION_MATRIX = read_only(np.eye(3))  # the default of home
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constants:
-    """Constants of a pair in the form in which calls take them: u1, u2, n, the rotation `home` unless it is the
-    identity, and the levers computed from them. `values` holds them as tuples of components, `arrays` as arrays, both
-    by name; `prepared` is a cache of compiled calls and of extended Constants for this pair.
+    """Constants of a pair in the form in which calls take them: u1, u2, n, the rotation `home`, and the levers
+    computed from them. The dict `values` holds them by name as tuples of components (without `home` if it is the
+    identity), and the dict `arrays` as arrays (always with `home`); `prepared` is a cache of compiled calls and of
+    extended Constants for this pair.
 
     Attributes:
         values: tuples of components by name; the components are floats for a single pair.

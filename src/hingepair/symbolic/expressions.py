@@ -175,9 +175,9 @@ _Function: TypeAlias = Callable[..., Any]
 
 
 class _OperatorGroup(NamedTuple):
-    """The operators + and -, or * and /, which make one chain with their operands. `node_types` are the classes of
-    the two operators in the syntax tree; the functions `operate_exactly` and `operate_on_floats` add or multiply all
-    operands. The function `invert` is applied first to operands that follow - or /.
+    """The operators + and -, or * and /, which form one sum or product with all their operands. `node_types` are the
+    classes of the two operators in the syntax tree; the functions `operate_exactly` and `operate_on_floats` add or
+    multiply all operands. The function `invert` is applied first to operands that follow - or /.
     """
 
     node_types: tuple[type[ast.operator], type[ast.operator]]
