@@ -426,9 +426,9 @@ class _OutputWriter:
         self.kernel.call_shared("rows", f"ptr %frame, ptr {self.tiles}, i64 {self.count}, {target}")
 
     def write_samples(self) -> None:
-        """Append to the kernel the stores that bring the rows of the block of `begin_samples` into the output: from
-        the frame, the kernel's buffer of vectors, or from the stage (a buffer on the stack) if the steps have written
-        the rows there.
+        """Append to the kernel the stores that bring the rows of the block of `begin_samples` into the output, from
+        the frame (the kernel's buffer of vectors) or from the stage (a buffer on the stack). With streaming stores,
+        they write the rows of the block before to the output, and leave the rows of this block in the stage.
         """
         f = self.f
         target = f"ptr {self.to}, i64 {self.stride}, i64 {self.step}, i64 {self.rest}"

@@ -72,8 +72,8 @@ def memory_functions(float_type: str) -> list[str]:
 
 
 def _begin_function(name: str, float_type: str) -> FunctionBuilder:
-    """Return the builder of the shared memory function with this short name, begun with its signature, for numbers of
-    type "double" or "float".
+    """Return the builder of the function with this short name, one of the functions by which all kernels read and
+    write memory, for numbers of type "double" or "float". The builder holds only the function's signature.
     """
     return FunctionBuilder(
         f"void {shared_name(name, float_type)}({LLVM_PARAMETER_LIST_BY_MEMORY_FUNCTION_NAME[name]})"
@@ -222,9 +222,9 @@ def _rows_function(float_type: str, number_bytes: int) -> str:
 
 def _panels_function(float_type: str, number_bytes: int) -> str:
     """Return the LLVM code of the function `panels`, which stores up to eight samples of an output with very many
-    components into memory of any strides. It reads 64 components at a time from the frame (the buffer in which a
-    kernel keeps its vectors), writes them as rows into the stage (a buffer on the stack), and copies these rows to
-    the output.
+    components into memory of any strides. It reads 64 components at a time (up to 127 the last time) from the frame
+    (the buffer in which a kernel keeps its vectors), writes them as rows into the stage (a buffer on the stack), and
+    copies these rows to the output.
 
     The last panel may be twice as wide as the others.
     """
