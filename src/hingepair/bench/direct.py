@@ -157,8 +157,8 @@ def allocate_at_offset(shape: tuple[int, ...], offset_bytes: int) -> NDArray[np.
 
 def method_errors(pair: HingePair, methods: Iterable[Method], exact_results: ExactResults) -> dict[str, float]:
     """Compute the states of `exact_results` by each method; return a dict from the method's name to its largest error
-    in units of u * scale, the unit roundoff times the scale of the output. The error is inf if the method refuses a
-    state or a result is not finite. Methods that only copy are left out.
+    in units of u * scale, the unit roundoff times the scale of the output. The error is inf if the method raises a
+    ValueError or a result is not finite. Methods that only copy are left out.
     """
     largest_errors = {}
     for method in methods:

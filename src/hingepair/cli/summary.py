@@ -102,8 +102,8 @@ class RunSummary:
 
     @property
     def coincident_frames(self) -> dict[str, str]:
-        """Dict from the name of each frame of a mechanism that has moved exactly as an earlier frame to the name of
-        the earlier frame.
+        """Dict of names of frames: it maps each frame of a mechanism that has moved exactly as an earlier frame in
+        all blocks to this earlier frame. It is empty for a pair.
         """
         return self._coincident or {}
 
@@ -136,7 +136,7 @@ class RunSummary:
 
 
 def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]) -> dict[str, str]:
-    """Return a dict from the name of each frame that moves exactly as an earlier one of `frames` to the name of the
+    """Return a dict of names of frames that maps each frame that moves exactly as an earlier one of `frames` to this
     earlier frame. `arrays` is a dict of the quantities of the frames by output name, such as R_tool.
     """
     motions: dict[str, dict[str, NDArray[Any]]] = {}

@@ -22,8 +22,9 @@ _MAX_SOBOL_DIMENSIONS: Final = 21201  # that SciPy has directions for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VariedNumber:
-    """Number of a scene that a sweep varies: its `key` in the scene file, in a grid the array `values`, and in other
-    designs its distribution, `spread`, which is (low, high) or, if `normal` is True, (mean, standard deviation).
+    """Number of a scene that a sweep varies, and its `key` in the scene file. In a grid, `values` is the array of its
+    values. In other designs, `spread` is its distribution: (low, high) or, if `normal` is True, (mean, standard
+    deviation).
 
     Attributes:
         key: where the number stands in the scene file, such as "pair.body2.mass" or "pair.u1[0]".

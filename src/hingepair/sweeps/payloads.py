@@ -244,10 +244,10 @@ def payload_variant_computer(
     keys: Sequence[Sequence[str | int]],
     outputs: Sequence[str] | None,
 ) -> PayloadVariantComputer | None:
-    """Return a PayloadVariantComputer of variants of a MechanismScene, or None unless all `keys`, paths of the varied
-    numbers in the scene file, lead to masses, centres of mass or principal inertias of payloads. `unloaded_robot` is
-    the Mechanism without payloads, `mechanism_table` the scene's Table [mechanism], and `outputs` names the outputs
-    to compute (None for all of the scene). Raise a SceneError if a table does not describe a body.
+    """Return a PayloadVariantComputer of variants of a MechanismScene if all `keys`, paths of the varied numbers in
+    the scene file, lead to masses, centres of mass or principal inertias of payloads; otherwise return None.
+    `unloaded_robot` is the Mechanism without payloads, `mechanism_table` the scene's Table [mechanism], and `outputs`
+    names the outputs to compute (None for all of the scene). Raise a SceneError if a table does not describe a body.
 
     Args:
         scene: scene as its file describes it.

@@ -45,8 +45,8 @@ _SINE_AND_COSINE_BY_QUARTER_TURN_COUNT = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (
 
 
 class Visual(NamedTuple):
-    """Shape by which a link is drawn or collides: its kind such as "box", a tuple of its sizes [m], and its FramePose
-    in the link's axes.
+    """Shape by which a link is drawn or collides: its kind, such as "box" or "mesh", a tuple of its sizes [m], which
+    is empty unless the kind is box, cylinder or sphere, and its FramePose in the axes of the link.
 
     Attributes:
         kind: "box", "cylinder", "sphere", or another tag such as "mesh".
