@@ -89,7 +89,7 @@ stop = 2
 samples = 101
 """
 # Scene, output and varied key of each sweep, by the name of its case.
-_SCENE_OUTPUT_AND_VARIED_KEY_BY_CASE_NAME: Final = {
+_SCENE_TOML_OUTPUT_NAME_AND_VARIED_KEY_BY_CASE_NAME: Final = {
     "forces of a hinge, 2001 instants": (_ARM_SCENE_TOML, "hinge_torque", "pair.body2.mass"),
     "torques of Panda, 101 instants": (_PANDA_SCENE_TOML, "tau", "mechanism.payload.panda_hand.mass"),
 }
@@ -256,7 +256,7 @@ def _measure_sweeps(threads: int) -> list[Row]:
     including the start of the process; return a list of table rows. Raise a CalledProcessError if a process fails.
     """
     rows = []
-    for case, (scene, output, key) in _SCENE_OUTPUT_AND_VARIED_KEY_BY_CASE_NAME.items():
+    for case, (scene, output, key) in _SCENE_TOML_OUTPUT_NAME_AND_VARIED_KEY_BY_CASE_NAME.items():
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "scene.toml").write_text(scene, encoding="utf-8")
             design = (

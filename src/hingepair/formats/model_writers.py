@@ -47,7 +47,7 @@ BASE_JOINT_NAME, HINGE_JOINT_NAME = "base", "hinge"
 _ZERO_ROLL_PITCH_YAW_IN_RADIANS = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 # Beyond, a viewer shows nothing, and what is drawn has the size of one metre.
 _DRAWABLE_LENGTH_RANGE_IN_METRES = (1e-9, 1e9)
-_INERTIA_TRIANGLE_MARGIN_TO_LARGEST_PRINCIPAL_MOMENT = 2.0**-46
+_INERTIA_TRIANGLE_MARGIN_TO_LARGEST_MOMENT_RATIO = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
 2^-50 was enough in all of 1,000 flat bodies.
@@ -353,7 +353,7 @@ def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
     given rounded.
     """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
-    lift = _INERTIA_TRIANGLE_MARGIN_TO_LARGEST_PRINCIPAL_MOMENT * largest + largest - sum(smaller)
+    lift = _INERTIA_TRIANGLE_MARGIN_TO_LARGEST_MOMENT_RATIO * largest + largest - sum(smaller)
     return inertia + lift * np.eye(3) if lift > 0 else inertia
 
 

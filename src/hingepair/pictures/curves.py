@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # Colours of the components x, y and z: Okabe and Ito's blue, vermilion and green.
 VECTOR_COMPONENT_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
-PATHS_CURVE_NAME: Final = "paths"
+NAME_OF_CURVE_OF_ALL_PATHS: Final = "paths"
 """Name of the curve that holds the paths in space."""
 # A panel has fewer columns of pixels, also in print.
 _MAX_INTERVALS_OF_THINNED_TIME_CURVE: Final = 2000
@@ -62,7 +62,7 @@ class CurveCollector:
             if array.ndim == 3:
                 values = _continuous_euler_angles(array, self._angles.get(name, np.empty((0, 3))))
                 self._angles[name] = values[np.isfinite(values).all(axis=1)][-1:]
-            is_path = name == PATHS_CURVE_NAME
+            is_path = name == NAME_OF_CURVE_OF_ALL_PATHS
             intervals = _MAX_INTERVALS_OF_THINNED_SPACE_PATH if is_path else _MAX_INTERVALS_OF_THINNED_TIME_CURVE
             rows = _envelope_rows(values.reshape(len(t), -1), -(-num_instants // intervals))
             self._pieces.setdefault(name, []).append((t[rows], values[rows]))

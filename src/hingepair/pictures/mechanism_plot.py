@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hingepair.pictures.curves import (
-    PATHS_CURVE_NAME,
+    NAME_OF_CURVE_OF_ALL_PATHS,
     VECTOR_COMPONENT_COLOURS,
     Curve,
     CurveCollector,
@@ -64,7 +64,7 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
             for joint, values in _columns_by_joint(part, name).items()
         }
         positions = [part[frame].R for frame in scene.frames]
-        paths = {PATHS_CURVE_NAME: np.concatenate(positions, axis=1)} if positions else {}
+        paths = {NAME_OF_CURVE_OF_ALL_PATHS: np.concatenate(positions, axis=1)} if positions else {}
         collector.add_piece(part.t, scene.samples, columns | paths)
     figure_type = figure_class()
     return finish_figure(_draw_joint_panels(figure_type, scene, quantities, collector.curves()), scene.title)
@@ -119,8 +119,8 @@ def _draw_joint_panels(
                 axes.set_ylabel(label, fontsize=8)
                 if len(group) > 1:
                     axes.legend(fontsize=6, loc="best")
-    if PATHS_CURVE_NAME in curves:
-        points = np.split(curves[PATHS_CURVE_NAME].values, len(scene.frames), axis=1)
+    if NAME_OF_CURVE_OF_ALL_PATHS in curves:
+        points = np.split(curves[NAME_OF_CURVE_OF_ALL_PATHS].values, len(scene.frames), axis=1)
         colours = [
             _COLOUR_CYCLE_OF_JOINTS_AND_PATHS[i % len(_COLOUR_CYCLE_OF_JOINTS_AND_PATHS)] for i in range(len(points))
         ]

@@ -10,7 +10,7 @@ import numpy as np
 from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
-    PATHS_CURVE_NAME,
+    NAME_OF_CURVE_OF_ALL_PATHS,
     VECTOR_COMPONENT_COLOURS,
     Curve,
     CurveCollector,
@@ -125,7 +125,13 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
         residual = np.abs(samples.hinge - R2 - S2 @ pair.u2).max(axis=1)
         paths = np.concatenate([R1, R2, samples.hinge], axis=1)
     rounding = np.finfo(float).eps / 2 * scale
-    quantities = {"R2": R2, "S2": S2, **samples.outputs_by_name, "psi": samples.psi, PATHS_CURVE_NAME: paths}
+    quantities = {
+        "R2": R2,
+        "S2": S2,
+        **samples.outputs_by_name,
+        "psi": samples.psi,
+        NAME_OF_CURVE_OF_ALL_PATHS: paths,
+    }
     return {**quantities, "residual": np.stack([residual, rounding], axis=1)}
 
 
@@ -149,7 +155,7 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
             axes = figure.add_subplot(grid[row, 2 * column : 2 * column + 2], sharex=first)
             first = first or axes
             draw_over_time(axes, *_title_and_unit(name), curves[name])
-    points = np.split(curves[PATHS_CURVE_NAME].values, 3, axis=1)
+    points = np.split(curves[NAME_OF_CURVE_OF_ALL_PATHS].values, 3, axis=1)
     draw_paths(
         figure,
         grid[2, :columns],

@@ -31,7 +31,7 @@ SLIDER_JOINT_TYPE_NAMES = ("prismatic",)
 # A number as URDF writes it.
 _URDF_NUMBER_PATTERN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
-DEFAULT_BY_SIZE_ATTRIBUTE_NAME_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
 }  # fmt: skip
 """Attributes that give the sizes of a shape, by its kind, and what they are where they are not given."""
@@ -116,7 +116,7 @@ class LinkRecord:
             pose = _pose(element.find("origin"), label, self.snap)
             groups = [
                 _numbers(shape, key, f"{label}, {kind}", zero)
-                for key, zero in DEFAULT_BY_SIZE_ATTRIBUTE_NAME_BY_SHAPE_KIND.get(kind, {}).items()
+                for key, zero in DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND.get(kind, {}).items()
             ]
             shapes.append(Visual(kind, tuple(size for group in groups for size in group), pose))
         return shapes
