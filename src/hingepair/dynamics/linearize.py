@@ -122,7 +122,7 @@ def linearize(
             "pinned".
         body1: motion of body 1 as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
             callable.
-        psi_0: hinge angle [rad].
+        psi_0: hinge angle [rad]; with `equilibrium`, the angle at which the search for the equilibrium starts.
         psid_0: hinge rate [rad/s]; 0 by default.
         hinge_torque: torque at the hinge [N m], as for `simulate`; 0 by default. A HingeLoad with dry friction needs
             a friction_rate if the hinge is at rest: friction without friction_rate holds the hinge, and the motion
@@ -136,14 +136,16 @@ def linearize(
         t: instant at which loads and a callable base are evaluated [s]; 0 by default.
         equilibrium: whether to linearize about the stable equilibrium near the given state. The given state must then
             be a state of rest. By default (False) the motion is linearized about the given state.
-        backend: as for `forward_kinematics`.
+        backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
     Returns:
         A `Linearization` with the matrices `.A` (k, k) and `.B` (k,) of x' = A x + B u. Here x is the deviation of
         the state, and u is the deviation of the torque at the hinge [N m]. `.names` lists the names of the k
-        components of the state; k is 14 for a free or pinned base and 2 for a base that is fixed or a callable.
-        Further attributes are the hinge angle `.psi` about which the motion is linearized [rad], and the arrays
-        `.poles` [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios` with one value for each pole.
+        components of the state. For a base that is "fixed" or a callable, k is 2 (psi and psi'). For a free or pinned
+        base, k is 14: position, momentum, angular momentum and small rotations, each with three components, then psi
+        and psi'. `.psi` is the hinge angle about which the motion is linearized [rad]. The array `.poles` [1/s] holds
+        the eigenvalues of A that are not 0, but only one eigenvalue of each complex conjugate pair. The arrays
+        `.natural_frequencies` [rad/s] and `.damping_ratios` have one value for each element of `.poles`.
 
     Raises:
         ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the

@@ -211,8 +211,8 @@ def simulate(
             use these seconds.
         body1: motion of body 1 at t[0] as a BodyMotion: R and S; v and omega are zero by default. None if `base` is a
             callable.
-        psi_0: hinge angle at t[0] [rad]. None if `hinge` is a callable.
-        psid_0: hinge rate at t[0] [rad/s]. None if `hinge` is a callable.
+        psi_0: hinge angle at t[0] [rad]; required, except if `hinge` is a callable.
+        psid_0: hinge rate at t[0] [rad/s]; required, except if `hinge` is a callable.
         hinge: "free" (the default): the loads determine the motion of the hinge. A callable of times (n,) that
             returns psi, psi' and psi'', each (n,), prescribes the motion of the hinge. The argument hinge_torque must
             then be 0, and `loads["hinge_torque"]` of the result is the torque that this motion needs.
@@ -246,9 +246,10 @@ def simulate(
             1 - now.psi, instead of one that stays at 0, such as np.maximum(1 - now.psi, 0).
         tol: tolerance of each step, a number from 1e-14 to 1e-2; 1e-10 by default. The error of an angle in one step
             is at most tol [rad]. The error of a position is at most tol times the sum of the lengths of u1, u2 and
-            both bodies' center_of_mass [m].
-        outputs: as for `forward_kinematics`; by default all outputs of body 2.
-        backend: as for `forward_kinematics`.
+            both bodies' center_of_mass [m], or times 1 m if all of them are zero.
+        outputs: tuple of the names of the outputs to compute, such as ("R2", "v2"), as for `forward_kinematics`. By
+            default, all outputs of body 2.
+        backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
     Returns:
         A `SimulatedMotion`, which is a `Trajectory` with `.t`, `.S1`, `.psi`, `.R2` and so on. For a PlanarPair, a

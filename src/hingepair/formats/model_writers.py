@@ -109,7 +109,7 @@ def to_urdf(
     Raises:
         ArgumentError: `base` is unknown; a name holds a character that XML does not allow; the argument body1 is
             given although `base` is not "fixed"; or hinge_torque or body1 is given with a robot.
-        ShapeError: u1, u2, n or home of the pair differ from sample to sample.
+        ShapeError: u1, u2, n or home of the pair has leading axes.
 
     >>> import hingepair as hp
     >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), limits=(-1, 1))
@@ -185,9 +185,10 @@ def to_mjcf(
         pair: the pair, whose limits, torque_limit and mass properties (pair.body1 and pair.body2) are written. Its
             rate_limit is not written, since MuJoCo has no rate limits. A torque_limit of 0, which MuJoCo does not
             allow, is left out with a `DynamicsWarning`.
-        base: "free" (default): body 1 has a free joint. "pinned": body 1 has a ball joint at R1, and qpos is
-            (quat_wxyz, psi). The attitude S1 is then the product of the initial attitude and the rotation matrix of
-            quat_wxyz, in this order. "fixed": body 1 does not move, and qpos is (psi).
+        base: "free" (default): body 1 has a free joint. "pinned": body 1 has a ball joint at R1, qpos is (quat_wxyz,
+            psi), and qvel is (S1^T omega1, psi'). The attitude S1 is then the product of the initial attitude and the
+            rotation matrix of quat_wxyz, in this order. "fixed": body 1 does not move, qpos is (psi), and qvel is
+            (psi').
         hinge_torque: `HingeLoad` at the hinge. Its spring, damping and friction are written. If it has stops, they
             are written in place of the limits of the pair; the softness of the stops depends on MuJoCo's solver. A
             `DynamicsWarning` lists its other properties, which MJCF cannot hold.
@@ -198,7 +199,7 @@ def to_mjcf(
     Raises:
         ArgumentError: `base` is unknown, another argument cannot be used, or the name of the pair holds a character
             that XML does not allow.
-        ShapeError: u1, u2, n or home of the pair differ from sample to sample.
+        ShapeError: u1, u2, n or home of the pair has leading axes.
 
     >>> import xml.etree.ElementTree as ET
     >>> import hingepair as hp

@@ -25,7 +25,7 @@ ROBOT_DATA_DISTRIBUTION_NAME = "example-robot-data"  # the distribution that hol
 def load_robot(
     name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
-    """Return the named robot of the package example-robot-data as a Mechanism. `base` is "fixed" or "free". `locked`
+    """Return the robot `name` of the package example-robot-data as a Mechanism. `base` is "fixed" or "free". `locked`
     is a dict from names of joints to the positions at which these joints are held. Angles (rpy) of the URDF's origins
     that are within `snap` [rad] of a multiple of pi/2 are replaced by this multiple. Warn as `Mechanism.from_urdf`
     does, for example if a joint is locked beyond its limits.
@@ -58,8 +58,9 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
     """Return one hinge of a robot of the package example-robot-data as a HingePair. `robot` and `joint` are the names
     of the robot and of the joint.
 
-    The parent link is body 1, the child link is body 2. u1 and home are the position and the rotation of the joint's
-    `<origin>` (home is the attitude of body 2 relative to body 1 at psi = 0); u2 is zero.
+    (R1, S1) is the frame of the parent link of the joint, and (R2, S2) is the frame of the child link. u1 and home
+    are the position and the rotation of the joint's `<origin>` (home is the attitude of body 2 relative to body 1 at
+    psi = 0); u2 is zero.
 
     Args:
         robot: name of the robot: the stem of its URDF file, such as "talos_reduced", or "folder/stem".
@@ -67,9 +68,10 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
 
     Returns:
         The pair, named `robot/joint`, with the limits and the mass properties that `hingepair.from_urdf` gives it.
-        body1 combines the parent link and all links that are fixed to it, and body2 combines the child link and all
-        links that are fixed to it. A body is None if none of its links has mass, or if no rigid body can have the
-        combined mass properties. `hingepair.from_urdf` warns of such mass properties; this function does not.
+        `body1` combines the parent link and all links that are rigidly fixed to it, and `body2` combines the child
+        link and all links that are rigidly fixed to it. A body is None if none of its links has mass, or if no rigid
+        body can have the combined mass properties. `hingepair.from_urdf` warns of such mass properties; this function
+        does not.
 
     Raises:
         ArgumentError: there is no robot of this name, or there are several.

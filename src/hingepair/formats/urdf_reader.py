@@ -40,8 +40,10 @@ def from_urdf(
     Returns:
         The pair, which has the name of the joint:
 
-        - With the default frames, u1 and home are the position and the rotation of the joint's `<origin>` (home is
-          the attitude of body 2 relative to body 1 at psi = 0), and u2 is zero.
+        - u1 is the vector from R1 to the joint, and n is the axis of the joint, both in the axes of body 1. u2 is the
+          vector from R2 to the joint, in the axes of body 2. home is the attitude of body 2 relative to body 1 at psi
+          = 0. With the default frames, u1 and home are the position and the rotation of the joint's `<origin>`, and
+          u2 is zero.
         - `limits` are the limits of a revolute joint. They are None for a continuous joint, and for a revolute joint
           whose lower and upper limit are equal or are not stated.
         - `torque_limit` is the effort of the joint, and `rate_limit` is the velocity of the joint; each is None if
@@ -57,7 +59,8 @@ def from_urdf(
         They are read like any other values.
 
     Raises:
-        URDFError: one of these faults was found; errors in other parts of the robot are ignored:
+        URDFError: one of the faults in this list was found. Other faults of links and joints that do not belong to
+            the two bodies are ignored.
 
             - The URDF cannot be read.
             - The URDF has no such hinge or frame. The message lists the hinges or frames that can be used.

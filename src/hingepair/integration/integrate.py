@@ -199,22 +199,24 @@ def integrate(
         psi_0: hinge angle at t[0] [rad]; shape (...,); 0 by default.
         method: name of one of the methods above; "magnus6" by default.
         frame: axes of omega1 and alpha1: "world" (the default) or "body" (for a HingePair only).
-        tol: largest error of the attitude and of psi at any instant [rad]. By default there is no limit, and each
-            interval of t is one step (`dop853` chooses its own steps). If tol is given, the steps are divided until
-            the error is small enough. A callable is then evaluated in about 500 steps or more that cover the whole
-            time. A jump or a kink of a callable costs about sixty further steps, or none if it is at one of the
-            instants t. A feature that is narrower than a step may be missed, also by `error_estimate`.
+        tol: largest error of the attitude and of psi at any instant [rad]. By default, each interval of t is one
+            step, and the error has no limit; but `dop853` chooses its own steps, with a tolerance of 1e-12 rad. If
+            tol is given, the steps are divided until the error is small enough. A callable is then evaluated in about
+            500 steps or more that cover the whole time. A jump or a kink of a callable costs about sixty further
+            steps, or none if it is at one of the instants t. A pulse of a callable that is shorter than a step may be
+            missed; `error_estimate` may then be too small.
         alpha1: angular acceleration of body 1 [rad/s^2]. Without alpha1, a2 and alpha2 of the result are None.
         psidd: hinge acceleration psi'' [rad/s^2]. Without psidd, a2 and alpha2 of the result are None.
-        outputs: as for `forward_kinematics`. By default, all outputs of body 2 that can be computed from the inputs;
-            () for none.
-        backend: as for `forward_kinematics`.
+        outputs: tuple of the names of the outputs to compute, such as ("R2", "v2"), as for `forward_kinematics`; ()
+            for none. By default, all outputs of body 2 that can be computed from the inputs.
+        backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
     Returns:
         A `Trajectory`, for a PlanarPair a `PlanarTrajectory`. A Trajectory has the instants `.t` (N,) [s], the
         attitude of body 1 as `.S1` (..., N, 3, 3) and `.quat_wxyz` (..., N, 4), the hinge angle `.psi` (..., N)
         [rad], the outputs, such as `.R2` (..., N, 3) [m], and the estimated errors `.error_estimate` and
-        `.psi_error_estimate` (...,) [rad]. If there are many motions, `trajectory[i]` is the trajectory of motion i.
+        `.psi_error_estimate` (...,) [rad]. In place of `.S1` and `.quat_wxyz`, a PlanarTrajectory has the angle of
+        body 1 as `.phi` (..., N) [rad]. If there are many motions, `trajectory[i]` is the trajectory of motion i.
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite (the error gives the first index), or tol is

@@ -56,24 +56,27 @@ class ClusterFit:
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:
     """Fit the pose of a body at each of N samples to the recorded positions `markers` (N, M, 3) of M markers on the
     body, by least squares (Kabsch's algorithm), and return a ClusterFit. `reference` (M, 3) holds the places of the
-    markers in the body's axes; if `reference` is None, these places are fitted too. Raise FitError if the markers do
-    not determine the attitude.
+    markers on the body: vectors in the body's axes. If `reference` is None, the places are fitted too. Raise FitError
+    if the pose of the body, or the place of a marker, cannot be determined.
 
     Args:
         markers: positions of the markers in world axes [m], NaN where a marker is not seen; shape (N, M, 3). There
-            must be three markers or more that are not on a line.
-        reference: places of the markers, from the body's reference point, in the body's axes [m]; shape (M, 3). If
-            `reference` is None, the body's axes are parallel to the world axes at the first of the samples that
-            show the most markers, and the body's reference point is the mean of the fitted places of all markers.
+            must be three markers or more, not all on one line.
+        reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
+            the body's axes [m]; shape (M, 3). If `reference` is None, the body's axes are parallel to the world axes
+            at the first of the samples that show the most markers, and the body's reference point is the mean of the
+            fitted places of all markers.
 
     Returns:
         A ClusterFit. Its attribute `.body` is a BodyMotion of shape (N,) with R and S, which `fit` and `smooth`
-        accept. R and S are NaN at samples that show fewer than three markers.
+        accept. R and S are NaN at samples that show fewer than three markers. If the markers that a sample shows are
+        all on one line, R and S are finite there, but the rotation about this line is arbitrary.
 
     Raises:
-        FitError: no sample shows three markers, or the markers are on a line. If `reference` is None, the places of
-            the markers in the sample with the most markers are found first. The error is then also raised if another
-            marker is never seen together with three markers whose places have been found.
+        FitError: no sample shows three markers; the markers are on one line; or `reference` is None and the place of
+            a marker cannot be found. The fit first finds the places of the markers in the sample that shows the most
+            markers. To find the place of a further marker, it needs a sample that shows this marker and three markers
+            whose places have been found before.
         ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np

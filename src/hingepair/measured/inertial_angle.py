@@ -92,21 +92,23 @@ def fit_angle(
     from the sensors to the hinge point; `fit_axis` and `fit_anchor` find them. `gaps` is the longest time without
     samples over which rates are integrated [s]. Raise FitError if there are too few samples.
 
-    Body 1's axes and body 2's axes are the axes in which the two sensors give their readings. Two vectors
-    are common to both bodies: the specific force at the hinge point, and the part of the angular velocity that is
-    perpendicular to the hinge axis. The fit computes each of them twice: from sensor 1 in body 1's axes, and from
-    sensor 2 in body 2's axes. At each instant, the two directions found for a vector determine the hinge angle,
-    unless the vector is parallel to the hinge axis. The hinge rate is the difference of the two angular velocities
-    along the axis. The integral of the hinge rate connects the angles of different instants.
+    Body 1's axes and body 2's axes are the axes in which the two sensors give their readings. Two vectors are common
+    to both bodies: the specific force at the hinge point, and the part of the angular velocity that is perpendicular
+    to the hinge axis. The fit computes each of them twice: from sensor 1 in body 1's axes, and from sensor 2 in body
+    2's axes. At each instant, the two directions found for a vector determine the hinge angle, unless the vector is
+    parallel to the hinge axis. The hinge rate is the component of body 2's angular velocity along the hinge axis
+    minus that of body 1. The integral of the hinge rate connects the angles of different instants.
 
     Each of the four records may have NaN where a sample is missing. An instant is used if all four records are finite
     there, and if it belongs to a series of at least 8 such instants without a gap.
 
     Args:
-        t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,).
+        t: instants of the samples of both sensors, increasing: seconds (floats), datetime64, or nanoseconds since
+            1970 (integers); shape (N,).
         omega1_b1: angular velocity of body 1 in body 1's axes [rad/s]; shape (N, 3).
-        f1_b1: specific force that accelerometer 1 measures, in body 1's axes [m/s^2]; shape (N, 3). It is S1^T
-            (a1 - g), where a1 is the acceleration of the sensor and g = (0, 0, -9.81), both in world axes.
+        f1_b1: specific force that accelerometer 1 measures, in body 1's axes [m/s^2]; shape (N, 3). This specific
+            force is S1^T (a1 - g), where a1 is the acceleration of the sensor and g = (0, 0, -9.81), both in world
+            axes.
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
         f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
         n1: hinge axis in body 1's axes; shape (3,).
@@ -124,11 +126,11 @@ def fit_angle(
         An AngleFit, with the hinge angle as `.psi` [rad], shape (N,), NaN at the instants that are not used. At psi =
         0, the attitude of body 2 relative to body 1 is the rotation by the smallest angle that turns n2 into n1. If
         n1 = n2, the axes of body 1 and body 2 are parallel at psi = 0. If n1 and n2 are more than 154 degrees apart,
-        the rule that `fit` states for `home` applies instead, with n = n1. Check `.ok` and `.findings` before you use
-        the numbers of the fit.
+        the attitude at psi = 0 is instead the rotation `home` that the documentation of `fit` defines, with n = n1.
+        Check `.ok` and `.findings` before you use the numbers of the fit.
 
     Raises:
-        FitError: no series of samples without a gap has 8 samples or more.
+        FitError: no series of 8 instants without a gap has finite values in all four records.
         ArgumentError: an argument cannot be used; the error names it.
         MissingDependencyError: SciPy is not installed.
     """

@@ -37,10 +37,11 @@ def resample(
     are more than `gaps` seconds apart. Issue a MeasurementWarning for wrapped angles and for instants that are
     probably not in seconds.
 
-    The interpolant is the cubic polynomial through the four nearest samples; its error is of order h^4 for a time
-    step h. Attitudes are interpolated as rotation vectors relative to a neighbouring sample. Samples that are not
-    finite are skipped. At the instant of a finite sample, the result is the sample itself. Nothing is extrapolated.
-    Angles must have no jumps of 2 pi (`numpy.unwrap` removes them).
+    The interpolant is the cubic polynomial through the four nearest samples of a series without a gap; its error is
+    of order h^4 for a time step h. In a series of two or three samples, it is the polynomial through all of them.
+    Attitudes are interpolated as rotation vectors relative to a neighbouring sample. Samples that are not finite are
+    skipped. At the instant of a finite sample, the result is the sample itself. Nothing is extrapolated. Angles must
+    have no jumps of 2 pi (`numpy.unwrap` removes them).
 
     Attitudes should be given as a BodyMotion, since the elements of an array are interpolated one by one. If `values`
     is an array (N, ..., 4) whose norms along the last axis are all within 0.01 of 1, it is assumed to hold
@@ -51,7 +52,7 @@ def resample(
             shape (N,).
         values: numbers with time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), whose arrays are
             all resampled.
-        to: the new instants, on the same clock and in the same form as t; shape (M,).
+        to: the new instants, on the same clock and in the same form as t, in any order; shape (M,).
         gaps: longest time between two samples across which values are interpolated [s]. A value below 1.5 times the
             median time step counts as 1.5 times the median time step.
 

@@ -154,15 +154,16 @@ def smooth(
     """Smooth `body`, a BodyMotion or an angle (N,) recorded at instants t, and return a SmoothedMotion or a
     SmoothedAngle with first and second time derivatives. If `bandwidth` [Hz] is None, cross validation chooses one.
     `gaps` is the longest time without samples that is filled [s]; `loss` names the loss function. Issue a
-    MeasurementWarning if the samples have large noise or outliers, or seem to be filtered or in wrong units.
+    MeasurementWarning if the samples have large noise or outliers, or seem to be filtered or in the wrong units.
 
     The method is a smoothing spline; attitudes are smoothed on the rotation group. Smoothing causes no delay. If no
     bandwidth is given, generalised cross validation chooses it. The noise may be white, or the noise of neighbouring
     samples may be correlated. If the samples were filtered before, the noise cannot be distinguished from motion, and
     a warning says so.
 
-    A time of more than `gaps` seconds without a sample is a gap. Results are NaN in a gap, and nothing is
-    differentiated across a gap. Shorter times without a sample are filled.
+    A time of more than `gaps` seconds without a sample is a gap. Results are NaN in a gap, and also where gaps leave
+    a series of fewer than 8 samples. Nothing is differentiated across a gap. Shorter times without a sample are
+    filled.
 
     Args:
         t: instants, increasing, not necessarily uniform: seconds (floats), datetime64, or nanoseconds since 1970
@@ -171,7 +172,8 @@ def smooth(
             [rad], shape (N,). Wrapped angles, which jump by nearly 2 pi, are unwrapped. Samples that were not
             recorded are NaN.
         bandwidth: frequency at which smoothing halves the amplitude [Hz]; much lower frequencies pass, much higher
-            frequencies are removed. By default it is chosen from the data.
+            frequencies are removed. For a BodyMotion, the given bandwidth applies to R and to S. By default, the
+            bandwidth is chosen from the data, for a BodyMotion separately for R and for S.
         gaps: longest time without a sample that is filled [s]. A value below 1.5 times the median time step
             counts as 1.5 times the median time step.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
@@ -180,13 +182,14 @@ def smooth(
 
     Returns:
         For a BodyMotion, a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles, a
-        SmoothedAngle, which unpacks as psi, psid, psidd, each (N,). Both have the dict `.std` with the standard
-        deviations of each result at every sample, the dict `.noise` with the standard deviations of the noise, and
-        the bandwidth `.bandwidth` [Hz]. For a BodyMotion, `.bandwidth` is a dict with the keys "R" and "S".
+        SmoothedAngle, which unpacks as psi, psid, psidd, each (N,). Both have two dicts whose keys are the names of
+        the results, such as "R" or "psi": `.std` holds the standard deviations of each result at every sample, and
+        `.noise` the standard deviations of the noise. `.bandwidth` is the bandwidth [Hz]. For a BodyMotion,
+        `.bandwidth` is a dict with the keys "R" and "S".
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go
-            back, and wrapped angles in degrees.
+            back, wrapped angles in degrees, and recordings without a series of 8 samples.
         MissingDependencyError: SciPy is not installed.
 
     Warns:

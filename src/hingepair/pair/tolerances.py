@@ -136,7 +136,8 @@ def sample_pairs(
             gives other pairs.
 
     Returns:
-        A HingePair. Each of its attributes u1, u2, n and home that deviates has the leading shape (samples,).
+        A HingePair. Each of its attributes u1, u2, n and home that deviates has the leading shape (samples,). All
+        other attributes are those of `pair`.
 
     Raises:
         ArgumentError: an argument cannot be used, no tolerance is given (all standard deviations are 0), or a

@@ -60,7 +60,8 @@ def view(
     Args:
         source: a robot; a scene or its result; a trajectory of `integrate` or `simulate`; or a pair. For a pair, the
             hinge angle moves from its lower to its upper limit and back, or through a whole turn if the pair has no
-            limits. Use `to_spatial()` of a PlanarPair; a PlanarTrajectory of `integrate` cannot be shown.
+            limits. For a PlanarPair, give `pair.to_spatial()`. The result of `simulate` for a PlanarPair can be
+            shown, the result of `integrate` for a PlanarPair cannot.
         path: file to write the page to, ending in .html; by default no file is written.
         q: coordinates of a robot at T instants [rad or m]; shape (T, dof), in the order of `robot.names`, or a table
             with a column for each of these names. By default the page of a robot has no motion, only sliders.
@@ -70,7 +71,8 @@ def view(
 
     Returns:
         A Page. Its attribute `html` is the text of the page, and its method `save(path)` writes it. A notebook
-        displays the page.
+        displays the page. `print` shows the number of instants of the motion as `frames`, or, if there is no motion,
+        the number of sliders as `joints`.
 
     Raises:
         ArgumentError: the source is of another kind, or is a trajectory that holds many motions; q, t or base_motion

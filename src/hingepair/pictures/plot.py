@@ -58,15 +58,17 @@ def plot(
 
     Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point. The residual is the largest
     component of the difference between the two [m]. For a scene of a robot, the figure shows position, rate and
-    torque of each joint that moves, the limits of these quantities, and the paths of the scene's frames. Limits far
-    from the curve are given as text. No extreme value is lost: for more than 4,000 samples, the curves go through the
-    smallest and the largest value of each of 2,000 intervals.
+    torque of each joint that moves, the limits of these quantities, and the paths of the frames of the scene. For the
+    result of `smooth`, the figure shows each smoothed quantity and its derivatives over time, with a band from two
+    standard deviations below the curve to two above it. Limits far from the curve are given as text. No extreme value
+    is lost: for more than 4,000 samples, the curves go through the smallest and the largest value of each of 2,000
+    intervals.
 
     Args:
-        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; or the result of `smooth`,
-            which is drawn with a band of two standard deviations on either side. For a pair, the hinge angle moves
-            from its lower to its upper limit and back, or through a whole turn if the pair has no limits. Use
-            `to_spatial()` of a PlanarPair; a PlanarTrajectory of `integrate` cannot be drawn.
+        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; or the result of `smooth`.
+            For a pair, the hinge angle moves from its lower to its upper limit and back, or through a whole turn if
+            the pair has no limits. For a PlanarPair, give `pair.to_spatial()`. The result of `simulate` for a
+            PlanarPair can be drawn, the result of `integrate` for a PlanarPair cannot.
         outputs: names of the outputs to draw over time instead of the whole figure. For a scene, these are outputs of
             its method `evaluate`; for a trajectory or the result of `smooth`, outputs that it holds; for a pair, R1,
             S1, R2, S2 and psi. Attitudes are drawn as XYZ Euler angles.

@@ -82,9 +82,9 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     [0, pi]. The other two angles lie in [-pi, pi].
 
     At gimbal lock, only the sum or the difference of the first and the third angle is determined. No convention fixes
-    the two angles there; rounding errors decide which of the possible pairs is returned. If S is a rotation to within
-    rounding errors, the rotation matrix of the returned angles differs from S by at most 6 u (u = 2^-53) in every
-    component, at gimbal lock too.
+    the two angles there; rounding errors decide which of the possible pairs is returned. In double precision, if S is
+    a rotation to within rounding errors, every component of the rotation matrix of the returned angles differs from
+    the component of S by at most 6 * 2^-53, at gimbal lock too.
 
     Args:
         S: rotation matrices, body to world; shape (..., 3, 3).

@@ -53,7 +53,7 @@ def unskew(W: ArrayLike) -> FloatArray:
         W: antisymmetric matrices; shape (..., 3, 3).
 
     Returns:
-        Vectors; shape (..., 3).
+        Vectors; shape (..., 3). A matrix W that is not finite is not checked.
 
     Raises:
         ArgumentError: the symmetric part of a finite W has an element larger than 1e-9 times the largest element of W
@@ -84,7 +84,7 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
         psi: rotation angle by the right-hand rule about n [rad]; shape (...,), broadcasts against n.
 
     Returns:
-        Rotation matrices; shape (..., 3, 3).
+        Rotation matrices; shape (..., 3, 3); NaN where psi is not finite.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -106,13 +106,13 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of rotation vectors `rotvec` (..., 3) (E6). A rotation vector is the
     unit vector of the rotation axis times the angle [rad]. For a Dask array, the result is a lazy Dask array.
 
-    The error of every component is at most 6 u, where u = 2^-53, for angles up to 1e15.
+    In double precision, the error of every component is at most 6 * 2^-53 for angles up to 1e15 rad.
 
     Args:
         rotvec: rotation vectors [rad]; shape (..., 3).
 
     Returns:
-        Rotation matrices; shape (..., 3, 3).
+        Rotation matrices; shape (..., 3, 3); NaN where a rotation vector is not finite.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -164,9 +164,9 @@ def rotation_log(S: ArrayLike) -> FloatArray:
     vector of the rotation axis times the angle [rad], which is in [0, pi]. Raise RotationError if a finite S is not a
     rotation.
 
-    If S is a rotation to within rounding errors, the error is at most 6 u times the angle, where u = 2^-53. For a
-    rotation vector `rotvec` shorter than pi by more than 2e-15, `rotation_log(rotation_exp(rotvec))` equals rotvec to
-    within this error. If S is not finite, the result is NaN.
+    In double precision, `rotation_log(rotation_exp(rotvec))` differs from the vector `rotvec` by at most 6 * 2^-53
+    times the length of `rotvec`, if this length is less than pi by more than 2e-15. If S is not finite, the result is
+    NaN.
 
     Args:
         S: rotation matrices; shape (..., 3, 3).
@@ -258,9 +258,9 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
     """Return the rotation matrices (..., 3, 3) nearest to the matrices M. They are the orthogonal polar factors of M.
     If a matrix is not finite, its result is NaN. Raise RotationError if a determinant is not positive.
 
-    The error of every component is at most 6 u, where u = 2^-53, if there is a rotation matrix from which every
-    component of M differs by at most 1e-2. Otherwise the error grows with the ratio of the largest singular value of
-    M to the sum of the two smallest.
+    In double precision, the error of every component is at most 6 * 2^-53 if there is a rotation matrix from which
+    every component of M differs by at most 1e-2. Otherwise the error grows with the ratio of the largest singular
+    value of M to the sum of the two smallest.
 
     Args:
         M: matrices with a positive determinant; shape (..., 3, 3).

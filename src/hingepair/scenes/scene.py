@@ -582,7 +582,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
         the scene.
 
     Raises:
-        SceneError: the file cannot be read as a scene. The message names the file, the table and the key in one line.
+        SceneError: the file cannot be read as a scene. The message is one line; it names the file and, if a key of
+            the scene is wrong, the table and the key.
         MissingDependencyError: the file names a robot of example-robot-data, and that package is not installed.
     """
     return scene_from_tables(load_tables(path), path)
