@@ -139,8 +139,8 @@ def shorten(value: object) -> str:
 
 
 def _brief(value: object) -> str:
-    """Return the repr of a value, shortened: of a long collection only the first 30 items, of a long string only its
-    two ends. An integer with too many digits to be written is described by its type.
+    """Return the shortened repr of a value. For a long collection, it shows only the first 30 items, and for a long
+    string only the two ends. An integer with too many digits to be written is described by its type.
     """
     brief = reprlib.Repr()
     brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = (
@@ -154,7 +154,9 @@ def _brief(value: object) -> str:
 
 
 def quoted(value: object) -> object:
-    """Return a value for the `got` of a message: a text as its repr, since '2' is not 2, all else as it is."""
+    """Return a value for the argument `got` of an ArgumentError: for a string, the repr of its first 240 characters,
+    since '2' is not 2; any other value unchanged.
+    """
     return repr(value[: 2 * _MAX_LENGTH_OF_VALUE_IN_MESSAGE]) if isinstance(value, str) else value
 
 
@@ -172,7 +174,7 @@ def nearest(name: str, known_names: Collection[str]) -> str:
 
 
 def choices(names: Sequence[str]) -> str:
-    """Return `one of a, b, c` for messages. Of more than 64 names, the text has the number and only the first 32."""
+    """Return `one of a, b, c` for messages. For more than 64 names, it gives their number and only the first 32."""
     if len(names) <= 64:
         return "one of " + ", ".join(names)
     return f"one of {len(names)} names: {', '.join(names[:32])}, ..."
@@ -180,8 +182,8 @@ def choices(names: Sequence[str]) -> str:
 
 def line_with_caret(line: str, column: int) -> str:
     """Return text of two lines, both indented by two spaces: `line` with escaped control characters, and a caret
-    under the character at `column`, counted from 1. Of a long line, only the 60 characters before the column and the
-    61 from it on are kept.
+    under the character at `column`, counted from 1. A long line is cut to the 60 characters before the column and the
+    61 from it on.
 
     >>> print(line_with_caret("psi = 2*", 9))
       psi = 2*

@@ -37,7 +37,7 @@ class Library(NamedTuple):
 
     def array(self, value: Any) -> ForeignArray:
         """Return a value, a number or a NumPy array, as an array of this library, with its dtype and on its device.
-        Return an array of another library than NumPy as it is.
+        Return an array of a library other than NumPy as it is.
         """
         if is_foreign(value):
             return value
@@ -63,7 +63,7 @@ class Library(NamedTuple):
 
 
 def is_foreign(value: Any) -> bool:
-    """Return whether a value is an array of another library than NumPy."""
+    """Return whether a value is an array of a library other than NumPy."""
     if isinstance(value, _TYPES_NEVER_FOREIGN_ARRAYS) or not (
         hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")
     ):
@@ -74,8 +74,8 @@ def is_foreign(value: Any) -> bool:
 
 
 def library_of(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the Library of the arguments, a mapping from name to value, or None if no value is an array of another
-    library than NumPy. Raise ArgumentError if such an array comes with a value that is neither an array of the same
+    """Return the Library of the arguments, a mapping from name to value, or None if no value is an array of a library
+    other than NumPy. Raise ArgumentError if such an array comes with a value that is neither an array of the same
     library nor a number nor None, and DtypeError for a dtype other than float32 and float64.
 
     Raises:
@@ -134,7 +134,7 @@ def check_sample_shape(name: str, array: ForeignArray, *sample_shape: int) -> No
 
 
 def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
-    """Compute a function of each element of `x`, an array of another library than NumPy, and return the results as
+    """Compute a function of each element of `x`, an array of a library other than NumPy, and return the results as
     such an array. `function_name` is "sine", "cosine", "versine" (1 - cos x) or "square_root".
 
     The versine, 1 - cos x, is 2 sin^2(x/2): all its digits where x is small, and derivatives everywhere.

@@ -273,7 +273,9 @@ def number_not_below_0(name: str, value: object) -> float:
 
 
 def _describe(array: NDArray[Any]) -> str:
-    """Return the dtype and shape of an array for a message; of a single text or object, the text itself."""
+    """Return the dtype and shape of an array as a phrase for a message. For a single string, bool or object, return
+    its repr.
+    """
     if array.ndim == 0 and array.dtype.kind in "OUSb":
         return repr(array.item())
     return f"{array.dtype.name} of shape {array.shape}"

@@ -39,9 +39,9 @@ Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
 class ColumnRequest(NamedTuple):
-    """Description of the columns to read from a file: `choose`, a function that chooses among the names of all
-    columns; `names_of`, a function that names the columns of an array with several axes; and `exact`, the name of a
-    column to read without conversion to float64, or "".
+    """Description of the columns to read from a file: `choose`, a function from the list of the names of all columns
+    to the list of those to read; `names_of`, a function from the name and the sample shape of an array with several
+    axes to the names of its columns; and `exact`, the name of a column to read without conversion to float64, or "".
 
     Attributes:
         choose: takes the names of all columns; returns those to read, in the order of the result, or raises an error.
@@ -149,7 +149,7 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
 
 def _csv_names(stream: IO[str]) -> list[str]:
     """Read the first line of an open CSV file and return the column names in it as a list. Raise ArgumentError for
-    other separators than commas, and for a line that is empty, too long or all numbers.
+    separators other than commas, and for a line that is empty, too long or all numbers.
     """
     line = stream.readline(_MAX_CSV_HEADING_LINE_CHARACTERS)
     if len(line) == _MAX_CSV_HEADING_LINE_CHARACTERS:
@@ -177,12 +177,14 @@ def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDA
 
 
 def _cell_number(text: str) -> float:
-    """Return the number in the text of a cell as a float, NaN for an empty text. Raise ValueError for no number."""
+    """Return the number in a cell's text as a float, NaN if the text is blank. Raise ValueError if it is not a
+    number.
+    """
     return float(text) if text.strip() else math.nan
 
 
 def _is_number(text: str) -> bool:
-    """Return whether `float` can read the text of a cell. The result is False for an empty text."""
+    """Return whether `float` can read the text of a cell. The result is False for an empty cell."""
     try:
         float(text)
     except ValueError:

@@ -181,7 +181,7 @@ class _ArrayIndex(NamedTuple):
 
 class _ObjectTemplate(NamedTuple):
     """Template of an argument that is an object: `object_class`, its class, and `attributes`, a mapping of its
-    attributes with indices in place of arrays.
+    attributes with an `_ArrayIndex` in place of each array that has chunks.
     """
 
     object_class: type
@@ -211,11 +211,12 @@ def apply_to_chunks(
     template_function: Callable[..., Any] | None = None,
     first_index_name: str | None = None,
 ) -> Returned:
-    """Return the result of `method` for `arguments` by name, some of which hold Dask arrays, with lazy Dask arrays in
-    it: one task computes each chunk, when Dask is asked for it. `sample_shapes` holds the shape of one sample by
-    argument; arguments without an entry are options. The method, or `template_function` if given, is called once with
-    one made-up sample, whose result shows the shapes. Raise the ArgumentError of this call, or one for an `out` that
-    is not None.
+    """Return the result of `method` for `arguments` by name, some of which hold Dask arrays. The arrays in the result
+    are lazy Dask arrays; one task computes each chunk, when Dask is asked for it. `sample_shapes` holds the shape of
+    one sample by argument; arguments without an entry are options. `column_names_of` chooses the columns of a table,
+    and `first_index_name` names an argument of the method that receives the index of the chunk's first sample. The
+    method, or `template_function` if given, is called once with one made-up sample, whose result shows the shapes.
+    Raise the ArgumentError of this call, or one for an `out` that is not None.
 
     The method is called with one made-up sample, which shows the shapes and dtypes of its results; arguments that it
     cannot use are refused then. Axes of samples may be chunked in any way; the axes of one sample are made one chunk.
@@ -333,7 +334,9 @@ def _placeholder_sample(argument: _ChunkedArgument) -> NDArray[Any]:
 
 
 def _fill_in_arrays(template: Any, arrays: Sequence[NDArray[Any]]) -> Any:
-    """Return an argument made of its template, with the elements of `arrays` in place of their indices."""
+    """Return an argument made of its template: each `_ArrayIndex` is replaced by the element of `arrays` that has
+    this index.
+    """
     if isinstance(template, _ArrayIndex):
         return arrays[template.value]
     if isinstance(template, _ObjectTemplate):

@@ -65,9 +65,9 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
 
 
 def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
-    """Yield finite-difference stencils block by block, tuples (rows, neighbours, first weights, second weights): the
-    slice of the samples, the indices of their neighbours, and the neighbours' weights in the first and in the second
-    derivative. t are the instants, and `order` is the order of accuracy.
+    """Yield, for each block of samples, their finite-difference stencils as a tuple (rows, neighbours, first weights,
+    second weights): the slice of the samples, the indices of their neighbours, and the neighbours' weights in the
+    first and in the second derivative. t are the instants, and `order` is the order of accuracy.
     """
     half, wide = order // 2, min(order + 5, t.size)
     for start in range(half, t.size - half, _STENCILS_PER_BLOCK):

@@ -40,7 +40,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     """Return (seconds, reference): the float64 seconds since a reference instant, and this instant, which is `since`
     or by default the first of t. t are float seconds, datetime64, timedelta64 or integer nanoseconds since 1970.
     Raise ShapeError for no instants, ArgumentError for instants that are not finite, and DtypeError for integers
-    whose unit is in doubt or a `since` of another kind than t; the error names the argument `name`.
+    whose unit is in doubt or a `since` whose kind is not that of t; the error names the argument `name`.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
     how they came; they are not rounded again.

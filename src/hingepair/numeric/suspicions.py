@@ -78,7 +78,7 @@ def _finite_norms(vectors: Float64Array) -> Float64Array:
 
 def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
     """Return a list with one sentence, which calls the data `name`, if the readings `omega` (N, 3) of a gyroscope are
-    probably in degrees a second and not in rad/s, judged by the largest; an empty list otherwise.
+    probably in degrees a second and not in rad/s, judged by the largest magnitude; an empty list otherwise.
 
     Args:
         name: what the caller's messages call the readings, such as "omega1_b1".
@@ -96,7 +96,8 @@ def gyroscope_suspicions(name: str, omega: Float64Array) -> list[str]:
 
 def accelerometer_suspicions(name: str, force: Float64Array) -> list[str]:
     """Return a list with one sentence, which calls the data `name`, if the readings `force` (N, 3) of an
-    accelerometer are probably multiples of g and not in m/s^2, judged by their median size; an empty list otherwise.
+    accelerometer are probably multiples of g and not in m/s^2, judged by their median magnitude; an empty list
+    otherwise.
 
     Args:
         name: what the caller's messages call the readings, such as "f1_b1".

@@ -70,7 +70,7 @@ def ruled_table(lines: Sequence[Sequence[str]], key_columns: int = 1, width: int
 
 def left_out_remark(skipped: int, samples: int) -> str:
     """Return a remark in brackets, to follow a verdict, that says how many samples (`skipped` of `samples`) were left
-    out because they are not finite; an empty text if none were.
+    out because they are not finite; an empty string if none were.
 
     >>> left_out_remark(1, 20)
     ' (1 of 20 samples is not finite and was left out)'
@@ -82,8 +82,8 @@ def left_out_remark(skipped: int, samples: int) -> str:
 
 
 def instant_text(t: float) -> str:
-    """Return an instant [s] as text: with six digits, or from 1e5 s on with all digits, since six would not
-    distinguish it from its neighbours.
+    """Return an instant [s] as text: with six significant digits, or from 1e5 s on with all digits, since six would
+    not distinguish it from its neighbours.
 
     >>> instant_text(1 / 3), instant_text(1763746391.25)
     ('0.333333', '1763746391.25')
@@ -97,7 +97,7 @@ def finite_or_none(number: float) -> float | None:
 
 
 def json_text(report: Any) -> str:
-    """Return a report of nested mappings, lists and values as a JSON text; numbers that are not finite become null.
+    """Return a report of nested mappings, lists and values as JSON text; numbers that are not finite become null.
 
     >>> print(json_text({"largest": math.inf}))
     {
@@ -138,7 +138,7 @@ _MAX_NUMBERS_SHOWN_PER_TABLE_CELL = 9  # of a cell; of more only the count or th
 
 
 class Sheet(NamedTuple):
-    """A table of texts: a `title`, `rows` of cells of which the first is the heading, and `notes`, sentences below
+    """A table of strings: a `title`, `rows` of cells of which the first is the heading, and `notes`, sentences below
     the table.
 
     Attributes:
@@ -186,8 +186,8 @@ def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str]
 
 
 def cell_text(value: Any) -> str:
-    """Return a value, which is a text, a number, an array or a sequence of numbers, as a short text for a cell of a
-    table. Of more than nine numbers only the count or the shape is given.
+    """Return a value (a string, a number, an array or a sequence of numbers) as short text for a cell of a table. For
+    more than nine numbers, the text gives only their count or, for an array, its shape.
 
     >>> cell_text((0.5, 0, 1 / 3)), cell_text("a"), cell_text(range(10))
     ('0.5, 0, 0.333333', 'a', '10 numbers')
@@ -206,8 +206,8 @@ def cell_text(value: Any) -> str:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of the output with this name (such as omega2), or of one of its components (R2_x), as text; "1"
-    if it has none.
+    """Return the unit of the output with this name (such as omega2), or of one of its components (R2_x), as a string;
+    "1" if it has none.
 
     >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
     ('rad/s', 'm', '1', 'N m')

@@ -51,8 +51,8 @@ def twofold_product(a: HighLow, b: HighLow) -> HighLow:
 
 
 def twofold_quotient(a: HighLow, divisor: Component) -> HighLow:
-    """Return the quotient a / divisor of a number of twice the precision, given as (high, low), and a double, as
-    (high, low).
+    """Return the quotient a / divisor as a tuple (high, low) of two doubles, whose sum has twice the precision of a
+    double. The number `a` is given in the same form, and `divisor` is a double.
     """
     quotient = a[0] / divisor
     high, lost = exact_product(quotient, divisor)
@@ -60,8 +60,8 @@ def twofold_quotient(a: HighLow, divisor: Component) -> HighLow:
 
 
 def normal(high: Component, low: Component) -> HighLow:
-    """Return the exact sum of two doubles, of which `low` is much smaller than `high`, as the tuple (high, low) of
-    the rounded sum and its rounding error.
+    """Return the exact sum of two doubles as the tuple (high, low) of the rounded sum and its rounding error. This
+    requires that `low` is not larger than `high` in absolute value, which is not checked.
     """
     total = high + low
     return total, (high - total) + low

@@ -27,8 +27,8 @@ def angular_velocity(
     S: ArrayLike, S_dot: ArrayLike, with_defect: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
     """Return the angular velocity omega (..., 3), in world axes, of rotation matrices S with time derivatives S_dot
-    (E3). With `with_defect`, return (omega, defect), where defect says how far S_dot is from the derivative of a
-    rotation. Raise RotationError if a finite S is not a rotation.
+    (equation E3). With `with_defect`, return (omega, defect), where defect says how far S_dot is from the derivative
+    of a rotation. Raise RotationError if a finite S is not a rotation.
 
     The angular velocity satisfies [omega]x = S' S^T. Here S' is S_dot, and [omega]x is the cross-product matrix of
     omega. If an element of S or S_dot is not finite, the components of omega that depend on this element are not
@@ -90,8 +90,8 @@ def angular_velocity_from_samples(
     t: ArrayLike, S: ArrayLike, order: int = 6, with_alpha: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
     """Return the angular velocity omega (..., N, 3), in world axes, from the rotation matrices S (..., N, 3, 3) at N
-    instants t (E3). The finite differences have an error proportional to the time step to the power `order`. With
-    `with_alpha`, return (omega, alpha), where alpha is the angular acceleration. Raise ArgumentError if the body
+    instants t (equation E3). The finite differences have an error proportional to the time step to the power `order`.
+    With `with_alpha`, return (omega, alpha), where alpha is the angular acceleration. Raise ArgumentError if the body
     turns by pi or more between two samples that one finite difference uses.
 
     For each sample i, `S(t) = exp([theta(t)]x) S_i` defines the rotation vector theta(t) in world axes; [theta]x is

@@ -40,9 +40,9 @@ def _gimbal_lock_limit(array: NDArray[Any]) -> float:
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
     """Return the rotation matrices (..., 3, 3) of Euler angles phi (..., 3) [rad] in one of 24 sequences such as
-    "XYZ" (E10). The error of every component is at most 6 u, where u is 2^-53, or 2^-24 for angles in float32.
-    Components that depend on an angle that is not finite are NaN. Raise ArgumentError for angles of the wrong shape
-    or an unknown sequence.
+    "XYZ" (equation E10). The error of every component is at most 6 u, where u is 2^-53, or 2^-24 for angles in
+    float32. Components that depend on an angle that is not finite are NaN. Raise ArgumentError for angles of the
+    wrong shape or an unknown sequence.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -74,9 +74,9 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
-    """Return the Euler angles (..., 3) [rad] of rotation matrices S in one of 24 sequences such as "XYZ" (E10). With
-    `with_lock`, return (angles, locked), where the bool array `locked` is True for matrices at gimbal lock. Raise
-    RotationError if a finite S is not a rotation.
+    """Return the Euler angles (..., 3) [rad] of rotation matrices S in one of 24 sequences such as "XYZ" (equation
+    E10). With `with_lock`, return (angles, locked), where the bool array `locked` is True for matrices at gimbal
+    lock. Raise RotationError if a finite S is not a rotation.
 
     The middle angle lies in [-pi/2, pi/2]; for sequences whose first axis is also the last, such as XYX, it lies in
     [0, pi]. The other two angles lie in [-pi, pi].
@@ -133,8 +133,8 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the matrix J (..., 3, 3) for which omega = J phi' (E4). phi are Euler angles in one of 24 sequences such
-    as "XYZ", phi' are their time derivatives, and omega is the angular velocity in world axes.
+    """Return the matrix J (..., 3, 3) for which omega = J phi' (equation E4). phi are Euler angles in one of 24
+    sequences such as "XYZ", phi' are their time derivatives, and omega is the angular velocity in world axes.
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -173,8 +173,8 @@ def _matrices_of_angles(
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
     """Return the time derivatives phi' = J^-1 omega (..., 3) [rad/s] of Euler angles phi for an angular velocity
-    omega in world axes (E4); `euler_rate_matrix` returns the matrix J. At gimbal lock, raise GimbalLockError, or
-    return least-squares rates if `at_lock` is "least_squares".
+    omega in world axes (equation E4); `euler_rate_matrix` returns the matrix J. At gimbal lock, raise
+    GimbalLockError, or return least-squares rates if `at_lock` is "least_squares".
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
@@ -228,8 +228,8 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
     """Return the rates of the three canonical angles of a Sequence as a tuple, for the angular velocity `omega` in
-    world axes (E4). `trig` is the flat tuple (sin, cos, sin, cos, sin, cos) of the canonical angles. The rates are
-    not finite at gimbal lock.
+    world axes (equation E4). `trig` is the flat tuple (sin, cos, sin, cos, sin, cos) of the canonical angles. The
+    rates are not finite at gimbal lock.
     """
     axes = sequence.axes(trig)
     x, y, z = (omega[sequence.place.index(i)] for i in range(3))
@@ -260,8 +260,8 @@ def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EulerKinematics(Frozen):
-    """The matrices J, J_inverse and J_dot (J', or None) of omega = J phi' for Euler angles phi (E4), the condition
-    number `condition` of J, and the angle `lock_distance` from gimbal lock.
+    """The matrices J, J_inverse and J_dot (J', or None) of omega = J phi' for Euler angles phi (equation E4), the
+    condition number `condition` of J, and the angle `lock_distance` from gimbal lock.
 
     With them, phi' = J^-1 omega and alpha = J phi'' + J' phi'. Omega and alpha are in world axes.
 
@@ -282,9 +282,9 @@ class EulerKinematics(Frozen):
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """Return the `EulerKinematics` of Euler angles phi (E4), an object with J, J^-1, the condition number of J, and
-    the distance of the middle angle from gimbal lock. J is the matrix for which omega = J phi'. If the rates phid are
-    given, the object also has the time derivative J'. `sequence` is one of 24 Euler sequences such as "XYZ".
+    """Return the `EulerKinematics` of Euler angles phi (equation E4), an object with J, J^-1, the condition number of
+    J, and the distance of the middle angle from gimbal lock. J is the matrix for which omega = J phi'. If the rates
+    phid are given, the object also has the time derivative J'. `sequence` is one of 24 Euler sequences such as "XYZ".
 
     The angular velocity omega is in world axes. The columns of J are the axes of the three rotations. The second axis
     is perpendicular to the first and the third. If g is the cosine of the angle between the first and the third axis,

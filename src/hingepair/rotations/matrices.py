@@ -76,8 +76,8 @@ def unskew(W: ArrayLike) -> FloatArray:
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of rotations by the angle psi [rad] about the axis n (E6). The axis
-    may have any non-zero length. Raise AxisError if an axis is zero or not finite.
+    """Return the rotation matrices (..., 3, 3) of rotations by the angle psi [rad] about the axis n (equation E6).
+    The axis may have any non-zero length. Raise AxisError if an axis is zero or not finite.
 
     Args:
         n: rotation axis of any non-zero length; shape (..., 3).
@@ -103,8 +103,8 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of rotation vectors `rotvec` (..., 3) (E6). A rotation vector is the
-    unit vector of the rotation axis times the angle [rad]. For a Dask array, the result is a lazy Dask array.
+    """Return the rotation matrices (..., 3, 3) of rotation vectors `rotvec` (..., 3) (equation E6). A rotation vector
+    is the unit vector of the rotation axis times the angle [rad]. For a Dask array, the result is a lazy Dask array.
 
     In double precision, the error of every component is at most 6 * 2^-53 for angles up to 1e15 rad.
 
@@ -126,8 +126,8 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Named) -> tuple[Any, ...]:
-        """Return the nine entries of the rotation matrix of a rotation vector (E6) as a tuple, corrected for the
-        rounding of axis and angle. `values` is a dict from "rotvec" to a tuple of three components.
+        """Return the nine entries of the rotation matrix of a rotation vector (equation E6) as a tuple, corrected for
+        the rounding of axis and angle. `values` is a dict from "rotvec" to a tuple of three components.
         """
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
@@ -145,8 +145,8 @@ def _rounding_correction(
     n: eq.Vector, twofold_axis: tuple[Twofold, ...], trig: eq.HingeTrig, trig_low: eq.HingeTrig
 ) -> tuple[Any, ...]:
     """Return nine entries to add to the rotation matrix that was computed from the rounded axis n and `trig` = (sin,
-    1 - cos) of the rounded angle (E6); they restore what rounding lost. `twofold_axis` is a tuple of the axis's three
-    components in twice the precision, and `trig_low` the low-order parts of `trig`.
+    1 - cos) of the rounded angle (equation E6); they restore what rounding lost. `twofold_axis` is a tuple of the
+    axis's three components in twice the precision, and `trig_low` the low-order parts of `trig`.
     """
     (s, k), (s_low, k_low) = trig, trig_low
     x, y, z = n
@@ -160,9 +160,9 @@ def _rounding_correction(
 
 
 def rotation_log(S: ArrayLike) -> FloatArray:
-    """Return the rotation vectors (..., 3) of rotation matrices S (inverse of E6). A rotation vector is the unit
-    vector of the rotation axis times the angle [rad], which is in [0, pi]. Raise RotationError if a finite S is not a
-    rotation.
+    """Return the rotation vectors (..., 3) of rotation matrices S (inverse of equation E6). A rotation vector is the
+    unit vector of the rotation axis times the angle [rad], which is in [0, pi]. Raise RotationError if a finite S is
+    not a rotation.
 
     In double precision, `rotation_log(rotation_exp(rotvec))` differs from the vector `rotvec` by at most 6 * 2^-53
     times the length of `rotvec`, if this length is less than pi by more than 2e-15. If S is not finite, the result is

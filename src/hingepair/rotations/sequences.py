@@ -46,29 +46,29 @@ class Sequence(NamedTuple):
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
     def attitude(self, trig: tuple[Any, ...]) -> eq.Matrix:
-        """Return the nine entries of the rotation matrix S as a tuple (E10). `trig` is the flat tuple (sin, cos, sin,
-        cos, sin, cos) of the three canonical angles.
+        """Return the nine entries of the rotation matrix S as a tuple (equation E10). `trig` is the flat tuple (sin,
+        cos, sin, cos, sin, cos) of the three canonical angles.
         """
         S = eq.proper_euler_attitude(trig) if self.proper else eq.tait_bryan_attitude(trig)
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 
     def axes(self, trig: tuple[Any, ...]) -> tuple[Any, ...]:
         """Return a tuple of the five entries of J that are not constant, column by column. J is the matrix that turns
-        rates of the canonical angles into the angular velocity in canonical axes (E4). `trig` is the flat tuple (sin,
-        cos, sin, cos, sin, cos) of the canonical angles.
+        rates of the canonical angles into the angular velocity in canonical axes (equation E4). `trig` is the flat
+        tuple (sin, cos, sin, cos, sin, cos) of the canonical angles.
         """
         return eq.proper_euler_axes(trig) if self.proper else eq.tait_bryan_axes(trig)
 
     def angular_velocity(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> eq.Vector:
-        """Return omega = J phi' (E4) in world axes as a tuple. `canonical_axes` is the result of the method `axes`;
-        the rates phid are in the order of the sequence's letters.
+        """Return omega = J phi' (equation E4) in world axes as a tuple. `canonical_axes` is the result of the method
+        `axes`; the rates phid are in the order of the sequence's letters.
         """
         return self.vector(eq.angular_velocity1(canonical_axes, self.angles(phid)))
 
     def angular_acceleration(self, canonical_axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
-        """Return alpha = J phi'' + J' phi' (E4 differentiated) in world axes as a tuple. `canonical_axes` is the
-        result of the method `axes`; the derivatives phid and phidd of the angles are in the order of the sequence's
-        letters.
+        """Return alpha = J phi'' + J' phi' (equation E4, differentiated) in world axes as a tuple. `canonical_axes`
+        is the result of the method `axes`; the derivatives phid and phidd of the angles are in the order of the
+        sequence's letters.
         """
         return self.vector(eq.angular_acceleration1(canonical_axes, self.angles(phid), self.angles(phidd)))
 

@@ -50,8 +50,9 @@ _DESCRIPTION_BY_PLAN_STEP_NAME = {
 
 @dataclass(frozen=True, slots=True)
 class ScenePlan:
-    """Plan of a pair's scene: its outputs, the computed steps (name, and whether once or at each instant), the
-    skipped work with reasons, and the number of operations. `str` returns the plan as text.
+    """Plan of a pair's scene: the names of the `outputs`; `computed`, pairs of the name of a computed step and "once"
+    or, if it is computed at each instant, "each"; `skipped`, pairs (description, reason) on the skipped work; and the
+    numbers of `operations`. `str` returns the plan as text.
 
     Attributes:
         outputs: names of the outputs.

@@ -292,7 +292,7 @@ class MotionByBody1:
 
 def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Array]:
     """Return the unit quaternions (qw >= 0) of rotation matrices S, shape (N, 3, 3), as a dict of four columns (N,)
-    named qx, qy, qz, qw. Each name is followed by `digit`, a text with the number of the body, or empty.
+    named qx, qy, qz, qw. Each name is followed by the string `digit`, which is the number of the body or empty.
     """
     w, x, y, z = matrix_to_quaternion(np.asarray(S, dtype=np.float64)).T
     return {f"q{letter}{digit}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}

@@ -80,8 +80,8 @@ class LogLayout(NamedTuple):
     writing_hint: str
 
     def columns_of(self, name: str) -> tuple[str, ...]:
-        """Return the names of the columns that form the array `name`; a name of no array is returned as a single
-        column.
+        """Return a tuple of the names of the columns that form the array `name`. If no array has this name, it is the
+        name of a column, and the tuple contains only this name.
         """
         return self.arrays.get(name, (name,))
 
@@ -143,7 +143,7 @@ def log_path(table: Table, folder: Path) -> Path:
 
 def read_ignored_columns(table: Table) -> frozenset[str]:
     """Return the frozenset of the column names under the key `ignore` of the Table [motion]. Columns of these names
-    are not read. Without the key, the set is empty. Raise a SceneError unless the value is a list of texts.
+    are not read. Without the key, the set is empty. Raise a SceneError unless the value is a list of strings.
     """
     names = table.values.get("ignore", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -354,7 +354,7 @@ class Log(NamedSource):
 
     def smoothing_hint(self) -> str:
         """Return a sentence that recommends smoothing if derivatives by finite differences are noisy; otherwise an
-        empty text.
+        empty string.
         """
         noisy = {
             name: share
@@ -370,8 +370,8 @@ class Log(NamedSource):
         )
 
     def unknown_error_note(self) -> str:
-        """Return a sentence that the error of the derivatives by finite differences is unknown; an empty text if
-        there are none.
+        """Return a sentence that the error of the derivatives by finite differences is unknown; an empty string if
+        there are no such derivatives.
         """
         if not self.derived:
             return ""
@@ -499,8 +499,8 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
 
 
 def _integrate_rates(table: Table, log: Log) -> Motion:
-    """Return the Motion found by integrating a Log's omega1 and psi' (E12); without columns of its position, body 1
-    stays at the origin. Start values, axes and method are read from the Table [motion]. Raise a SceneError for
+    """Return the Motion found by integrating a Log's omega1 and psi' (equation E12); without columns of its position,
+    body 1 stays at the origin. Start values, axes and method are read from the Table [motion]. Raise a SceneError for
     columns other than rates and R1, and for rates that are not finite.
     """
     rates = (

@@ -40,10 +40,11 @@ class PairMotionSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of a pair at the instants `t` of a scene; `source` gives the motion at some of them. `origin`, `how`,
-    `doubt`, `hint` and `notes` are texts for reports, and `errors` has lazy error estimates by unit. `functions`,
-    `simulated`, `stops` and `derived` describe the functions of t, the simulation or the log that the motion comes
-    from.
+    """Motion of a pair at the instants `t` of a scene. `source` gives the motion at some of the instants. `origin`,
+    `how`, `doubt` and `hint` are phrases and `notes` sentences for reports, and `errors` has lazy error estimates by
+    unit. `functions` is a tuple of the functions of t that define the motion, `simulated` is the simulated motion or
+    None, and `stops` holds the lower and the upper stop of a simulated hinge. `derived` names the rates of a log that
+    were found by finite differences; without a log, it is None.
 
     Attributes:
         t: instants [s].

@@ -129,8 +129,8 @@ class SceneResult(Frozen, Result):
         return self.requested_arrays() | self.known.coordinates()
 
     def energy(self) -> Energy:
-        """Compute the kinetic and potential Energy [J] of the pair at the instants (D7), in the scene's gravity;
-        return an Energy. Raise an ArgumentError if body 2 has no mass properties, or no output with second
+        """Compute the kinetic and potential Energy [J] of the pair at the instants (equation D7), in the scene's
+        gravity; return an Energy. Raise an ArgumentError if body 2 has no mass properties, or no output with second
         derivatives was requested.
 
         Raises:
@@ -140,8 +140,8 @@ class SceneResult(Frozen, Result):
         return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity)
 
     def momentum(self) -> Momentum:
-        """Compute the linear and angular Momentum of the pair at the instants (D8); return a Momentum. Raise an
-        ArgumentError if mass properties of a body or second derivatives are missing.
+        """Compute the linear and angular Momentum of the pair at the instants (equation D8); return a Momentum. Raise
+        an ArgumentError if mass properties of a body or second derivatives are missing.
 
         Raises:
             ArgumentError: no output has second derivatives, or a body no mass properties.
@@ -184,7 +184,7 @@ class SceneResult(Frozen, Result):
         return f"SceneResult({describe_instants(self.t)}, state={self.state!r})"
 
     def _named(self) -> Iterable[str]:
-        """Return the names of the attributes and methods that this result can compute, for `dir` and messages."""
+        """Return a tuple of the names of the attributes and methods that are available in this result, for `dir`."""
         pair, level = self.scene.pair, self.known.level
         bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
         masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
@@ -268,8 +268,8 @@ class Scene(SampledScene):
     @property
     def expressions(self) -> dict[str, Expr | None]:
         """SymPy expressions of the coordinates by name (x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi,
-        psi). A coordinate that goes through way points is None. Raises an ArgumentError if the motion is not defined
-        by functions of t.
+        psi). The value of a coordinate given by way points is None. Raises an ArgumentError if the motion is not
+        defined by functions of t.
 
         Raises:
             ArgumentError: the motion does not come as expressions.
@@ -328,9 +328,9 @@ class Scene(SampledScene):
         return self._evaluate_rows(slice(len(self.times())), self._check_outputs(outputs))
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute outputs of the pair at `max_instants` evenly spread instants, or at all if there are fewer; return
-        a SceneResult whose motion has all derivatives of the scene. `outputs` None means the scene's default outputs.
-        Raise an ArgumentError for outputs that the motion does not allow.
+        """Compute outputs of the pair at `max_instants` evenly spread instants, or at every instant if there are
+        fewer; return a SceneResult whose motion has all derivatives of the scene. `outputs` None means the scene's
+        default outputs. Raise an ArgumentError for outputs that the motion does not allow.
 
         Args:
             max_instants: largest number of instants.
@@ -451,9 +451,10 @@ class Scene(SampledScene):
         return tuple(notes)
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
-        """Compute the forces that the scene's motion requires at its instants (D1-D5); return a SceneForces.
-        `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if mass properties of body 2
-        or accelerations are missing, if `gravity` is given for a simulated motion, or if there are too many instants.
+        """Compute the forces that the scene's motion requires at its instants (equations D1 to D5); return a
+        SceneForces. `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if mass
+        properties of body 2 or accelerations are missing, if `gravity` is given for a simulated motion, or if there
+        are too many instants.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). By default the
@@ -714,8 +715,9 @@ def _read_pair(tables: Table) -> HingePair | PlanarPair:
 
 
 def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> Motion:
-    """Return the Motion of a pair that the tables [motion], [dynamics] and [time] define. A simulated motion is
-    simulated. The path of a log is relative to `folder`. Raise a SceneError for missing or bad tables.
+    """Return the Motion of a pair that the tables [motion], [dynamics] and [time] define. If there is a table
+    [dynamics], the simulation is run here. The path of a log is relative to `folder`. Raise a SceneError for missing
+    or bad tables.
     """
     planar = isinstance(pair, PlanarPair)
     if "dynamics" in tables.values:

@@ -151,8 +151,8 @@ SPATIAL_DYNAMICS_KEYS: Final = tuple(_dynamics_key_readers(3))
 
 class DynamicsSetup(NamedTuple):
     """Values of the table [dynamics] of a scene. `base` is "free", "pinned", "fixed" or "prescribed". `body1` is the
-    motion of body 1 at the first instant, or None. `hinge` and `others` hold the arguments of a `HingeLoad` and the
-    other arguments of `simulate` by name. `keys` are the keys of the table.
+    motion of body 1 at the first instant, or None. `hinge` is a dict of the arguments of a `HingeLoad` except its
+    motor, and `others` a dict of the other arguments of `simulate`. `keys` are the keys that the table has.
 
     Attributes:
         base: "free", "pinned", "fixed" or "prescribed".

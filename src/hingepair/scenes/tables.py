@@ -47,12 +47,14 @@ class NamedSource:
     name: str
 
     def label(self, key: str) -> str:
-        """Return the text `file: table.key` that names a key of this source in messages."""
+        """Return the string `file: table.key`, which names a key of this source in messages."""
         shown = key if key.isprintable() else repr(key)
         return ": ".join(filter(None, (self.file, ".".join(filter(None, (self.name, shown))))))
 
     def refuse(self, key: str, expected: str, got: object) -> NoReturn:
-        """Raise a SceneError on a key, whose message has the text `expected` and `got`, the value that was found."""
+        """Raise a SceneError on a key. The message says what was `expected`, a phrase, and what value was found,
+        `got`.
+        """
         raise SceneError(self.label(key), expected, got) from None
 
     @contextlib.contextmanager
@@ -105,7 +107,7 @@ class Table(NamedSource):
                 self.refuse(key, choices(tuple(known_keys)) + nearest(key, known_keys), "an unknown key")
 
     def fail(self, key: str, expected: str) -> NoReturn:
-        """Raise a SceneError on the value of a key, or on its absence, with the text `expected`."""
+        """Raise a SceneError on the value of a key, or on its absence. `expected` is a phrase for the message."""
         self.refuse(key, expected, describe_value(self.values[key]) if key in self.values else "nothing")
 
     def table(self, key: str, *, required: bool = True) -> Table:
@@ -119,7 +121,7 @@ class Table(NamedSource):
 
     def entries(self, key: str, count: int, variables: str) -> Table:
         """Return the list under a key as a Table with the keys key[0], key[1], .... Raise a SceneError unless the
-        list has the length `count`, 2 or 3. `variables` is a text for the message that lists the variables of the
+        list has the length `count`, 2 or 3. `variables` is a phrase for the message, which lists the variables of the
         expressions.
         """
         value = self.values.get(key)
@@ -128,9 +130,9 @@ class Table(NamedSource):
         return replace(self, values={f"{key}[{i}]": entry for i, entry in enumerate(value)})
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return the text under a key, with runs of blanks reduced to one. If the key is absent, return the default,
-        or raise a SceneError if there is none. Raise a SceneError for any other value, and for a text that is empty
-        or not printable.
+        """Return the string under a key, with runs of blanks reduced to one. If the key is absent, return the
+        default, or raise a SceneError if there is none. Raise a SceneError for any other value, and for a string that
+        is empty or not printable.
         """
         value = self.values.get(key, default)
         text = " ".join(value.split()) if isinstance(value, str) else ""
@@ -146,8 +148,8 @@ class Table(NamedSource):
         return value
 
     def choice(self, key: str, allowed_names: Sequence[str], default: str | None = None) -> str:
-        """Return the text under a key. If the key is absent, return the default, or the first allowed name if there
-        is no default. Raise a SceneError unless the text is one of `allowed_names`.
+        """Return the string under a key. If the key is absent, return the default, or the first allowed name if there
+        is no default. Raise a SceneError unless the string is one of `allowed_names`.
         """
         value = self.text(key, default or allowed_names[0])
         with self.naming(key):
@@ -178,7 +180,7 @@ class Table(NamedSource):
         from hingepair.symbolic.exact_constants import exact
 
         def to_exact(value: Any, number: Any) -> Any:
-            """Return a text or a number as an exact SymPy expression, or nested lists of them as nested lists of
+            """Return a string or a number as an exact SymPy expression, or nested lists of them as nested lists of
             expressions. `number` is the float, or nested list of floats, that equals `value`.
             """
             if isinstance(value, list):
@@ -246,8 +248,8 @@ class Table(NamedSource):
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
 
     def _number(self, key: str, value: Any) -> float:
-        """Return `value`, a number or the text of an expression in the scene's constants, as a finite float. Raise a
-        SceneError that names `key` for any other value.
+        """Return `value`, a number or a string that is an expression in the scene's constants, as a finite float.
+        Raise a SceneError that names `key` for any other value.
         """
         if isinstance(value, str):
             from hingepair.symbolic.kinks import constant_value
@@ -259,9 +261,9 @@ class Table(NamedSource):
             self.fail(key, "a finite number")
 
     def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Any:
-        """Return a text without t, parsed as a SymPy expression. The constants named in `symbolic_constants`
-        stay symbols, and other constants become numbers. Raise a SceneError that names `key` if the text cannot
-        be parsed.
+        """Parse a string in which t does not occur, and return it as a SymPy expression. The constants named in
+        `symbolic_constants` stay symbols, and other constants become numbers. Raise a SceneError that names `key` if
+        the string cannot be parsed.
         """
         from hingepair.symbolic.expressions import parse_constant
 

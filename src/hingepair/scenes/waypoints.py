@@ -177,9 +177,9 @@ def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
 
 
 def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, acceleration: float) -> WayPoints:
-    """Return WayPoints through `values` at instants t that stop at each point and between two points accelerate,
-    cruise at constant rate and brake. Raise an ArgumentError if the limits `speed` and `acceleration` allow no such
-    motion.
+    """Return the WayPoints of a function that has the given values at the instants t, stops there, and in between
+    accelerates, keeps a constant rate and brakes. Raise an ArgumentError if the limits `speed` and `acceleration`
+    allow no such function.
     """
     breaks, coefficients = [t[0]], []
     for i, (start, stop) in enumerate(itertools.pairwise(t)):

@@ -188,8 +188,8 @@ def cross_validate_from_body1(
 
 
 def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
-    """Return a dict of the named arguments as float64 arrays (N, ...), broadcast to the N samples of the leading
-    shape `shape`. Each argument is an array or a tuple of components. If one argument is not finite at a sample, all
+    """Return a dict of the named arguments as float64 arrays (N, ...), broadcast to the leading shape `shape`, which
+    has N samples. Each argument is an array or a tuple of components. If one argument is not finite at a sample, all
     arrays are NaN there.
     """
     arrays: dict[str, Float64Array] = {}

@@ -39,9 +39,9 @@ _OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Comparison of one output of the equations with Pinocchio's. The fields are the output's name, the largest error
-    over all samples, in the unit of the output and as a ratio to u * scale, the index of the worst sample, the number
-    of samples, and the bound, which is the largest ratio that passes.
+    """Comparison of one output of the equations with Pinocchio's. The fields are the name `output`, the largest error
+    over all samples in the unit of the output (`max_error`) and as a ratio to u * scale (`max_ratio`), the index
+    `worst_sample` or None, the number of compared `samples`, and the `bound`, which is the largest ratio that passes.
 
     Attributes:
         output: name of the output.
@@ -98,8 +98,9 @@ class Comparison:
 @dataclass(frozen=True, slots=True)
 class RateComparison:
     """Comparison of a rate, such as v1, with the slope of a quantity, such as R1, by finite differences. The fields
-    are the names of both, the largest difference, the largest difference that is allowed, the index of the worst
-    sample and the number of samples.
+    are the names `rate` and `of` (of the quantity), the largest difference `max_error`, the largest difference
+    `allowed`, the index `worst_sample` or None, and the number of compared `samples`. A rate that was not compared
+    passes.
 
     Attributes:
         rate: name of the rate.
@@ -181,7 +182,9 @@ class CrossValidation(Shown):
 
     @property
     def verdict(self) -> str:
-        """One line of text that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
+        """One line of text that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED, and how many
+        samples, if any, were left out.
+        """
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
@@ -222,7 +225,7 @@ class CrossValidation(Shown):
         return f"CrossValidation({self.name!r}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the comparison as a Sheet of texts: a title, a heading and a row for each
+        """Return the printed table of the comparison as a Sheet of strings: a title, a heading and a row for each
         output, load or rate, and notes with the verdict.
         """
         title = f"{self.name}: the equations against Pinocchio"
@@ -244,7 +247,7 @@ class CrossValidation(Shown):
 
 
 def _rate_cells(row: RateComparison) -> tuple[str, ...]:
-    """Return a tuple of the cells, as texts, of a row of a report's table that compares a rate with a slope."""
+    """Return a tuple of the cells, as strings, of a row of a report's table that compares a rate with a slope."""
     if row.worst_sample is None:
         return row.rate, row.of, "-", f"{row.allowed:.2g}", "-", "0", "not compared"
     error, verdict = f"{row.max_error:.2e}", "ok" if row.ok else "FAILED"
@@ -252,7 +255,7 @@ def _rate_cells(row: RateComparison) -> tuple[str, ...]:
 
 
 def _comparison_cells(row: Comparison) -> tuple[str, ...]:
-    """Return a tuple of the cells, as texts, of a row of a report's table that compares one output."""
+    """Return a tuple of the cells, as strings, of a row of a report's table that compares one output."""
     if row.worst_sample is None:
         return row.output, "-", "-", f"{row.bound:g}", "-", "0", "nothing compared"
     where = ",".join(map(str, row.worst_sample)) or "-"

@@ -303,7 +303,7 @@ def _forward_dynamics_residual(
     pinocchio_outputs: Mapping[str, Float64Array],
 ) -> tuple[Float64Array, Float64Array, list[str]]:
     """Return a tuple of three: the forces that hingepair's accelerations require by Pinocchio's inverse dynamics
-    `rnea`, shape (N, k); the forces that act, shape (N, k); and a list of texts on joints that nothing resists, one
+    `rnea`, shape (N, k); the forces that act, shape (N, k); and a list of phrases on joints that nothing resists, one
     for each sample with a singular mass matrix. `our_outputs` and `pinocchio_outputs` are dicts of arrays by output
     name.
 
@@ -333,8 +333,8 @@ def _forward_dynamics_residual(
 
 
 def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
-    """Return a text that names the joint with the largest part in a motion that a singular mass matrix does not
-    resist; return "" if the mass matrix `matrix` is regular.
+    """Return a phrase, such as "nothing resists joint 'elbow'", on the joint with the largest part in a motion that a
+    singular mass matrix does not resist. Return "" if the mass matrix `matrix` is regular.
     """
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     motion = (size == 0).astype(float)

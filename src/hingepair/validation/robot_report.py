@@ -20,9 +20,11 @@ _ROBOT_OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound"
 @dataclass(frozen=True, slots=True)
 class RobotComparison:
     """Comparison of one output of a robot with Pinocchio's, over all links or joints that have it. The fields are the
-    output's name, the largest error, in the unit of the output and as a ratio to u * scale, the index of the worst
-    sample, the name of the worst link or joint, the number of samples, and the bound, which is the largest ratio that
-    passes. Two more fields describe samples with a singular mass matrix.
+    name `output`, the largest error in the unit of the output (`max_error`) and as a ratio to u * scale
+    (`max_ratio`), the index `worst_sample` or None, the name `worst_part` of the worst link or joint, the number of
+    compared `samples`, and the `bound`, which is the largest ratio that passes. `singular` is the number of samples
+    that were left out because the mass matrix is singular there, and `unresisted` a phrase on the joint that nothing
+    resists at the first of them.
 
     Attributes:
         output: name of the output.
@@ -126,7 +128,9 @@ class RobotValidation(Shown):
 
     @property
     def verdict(self) -> str:
-        """One line of text that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED."""
+        """One line of text that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED, and how many
+        samples, if any, were left out.
+        """
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
@@ -147,7 +151,7 @@ class RobotValidation(Shown):
         return f"RobotValidation({self.name!r}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the comparison as a Sheet of texts: a title, a heading and a row for each
+        """Return the printed table of the comparison as a Sheet of strings: a title, a heading and a row for each
         output, and notes on the unit, on samples that were left out, and on the verdict.
         """
         title = f"{self.name}: the equations against Pinocchio, {self.base} base, {self.frames} frames"
@@ -167,7 +171,7 @@ class RobotValidation(Shown):
 
 
 def _robot_comparison_cells(row: RobotComparison) -> tuple[str, ...]:
-    """Return a tuple of the cells, as texts, of a row of a report's table that compares one output of a robot with
+    """Return a tuple of the cells, as strings, of a row of a report's table that compares one output of a robot with
     Pinocchio's.
     """
     if row.worst_sample is None:

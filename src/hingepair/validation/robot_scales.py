@@ -174,8 +174,9 @@ class RobotScales:
         return self._tree.joints[body - 1].body if body else self._tree.base
 
     def _velocity_columns(self, body: int) -> list[tuple[int, bool]]:
-        """Return a list of tuples (index of the velocity's column, whether the velocity is a translation): one tuple
-        for the joint of a body, six tuples for the base.
+        """Return a list of tuples (index, is_translation), one for each velocity that moves a body relative to its
+        parent: one for the joint of the body, six for the base. The index is that of the velocity's column in the
+        Jacobian, and `is_translation` is False for a rotation.
         """
         if body == 0:
             return [(column, column < 3) for column in range(6)]

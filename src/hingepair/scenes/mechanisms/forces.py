@@ -201,8 +201,8 @@ def mechanism_scene_forces(
 
 
 def joint_load_table_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
-    """Return the rows of a table of JointLoads as a list of tuples of texts, headings first. An infinite limit is an
-    empty cell. If any load has a noise, a column of noise is added.
+    """Return the rows of a table of JointLoads as a list of tuples of strings, headings first. An infinite limit is
+    an empty cell. If any load has a noise, a column of noise is added.
     """
     logged = any(math.isfinite(load.noise) for load in loads)
     rows: list[tuple[str, ...]] = [

@@ -119,8 +119,9 @@ class JointMotionSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFunctions:
-    """Joint coordinates given by `functions` of t at the instants `t` of a scene. A joint of `names` without a
-    function stays at its rest position; `rests` is the dict of rest positions by name.
+    """Motion of a mechanism's joints at the instants `t` of a scene. `functions` is the FunctionsOfTime that defines
+    the coordinates of some joints. The other joints of `names` stay at their rest positions; `rests` is the dict of
+    rest positions of all joints by name. `level` is the order of the highest derivative, which is always 2.
 
     Attributes:
         t: instants [s].
@@ -197,10 +198,11 @@ class BaseMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMotion:
-    """Motion of a mechanism's joints and base at the instants `t` of a scene: `source` gives the coordinates of the
-    joints at some instants, `base` is the BaseMotion or None, and `moving` names the moving joints. `origin`, `hint`
-    and `notes` are texts for reports. `functions` and `derived` describe the functions of t or the log that the
-    motion comes from.
+    """Motion of a mechanism's joints and base at the instants `t` of a scene. `source` gives the coordinates of the
+    joints at some of the instants, `base` is the BaseMotion or None, and `moving` names the moving joints. `origin`
+    and `hint` are phrases and `notes` sentences for reports. `functions` is a tuple of the FunctionsOfTime that
+    define the motion. `derived` names the rates of a log that were found by finite differences; without a log, it is
+    None.
 
     Attributes:
         t: instants [s].

@@ -163,8 +163,8 @@ class MechanismSceneResult(Frozen, Result):
         return self.requested_arrays() | {name: self.known.column(0, i) for i, name in enumerate(names)}
 
     def energy(self) -> Energy:
-        """Compute the kinetic and potential energy of the robot at the instants (T7), in the scene's gravity; return
-        an Energy. Raise an ArgumentError if the result has no first derivatives.
+        """Compute the kinetic and potential energy of the robot at the instants (equation T7), in the scene's
+        gravity; return an Energy. Raise an ArgumentError if the result has no first derivatives.
 
         Raises:
             ArgumentError: no output has first derivatives.
@@ -173,8 +173,8 @@ class MechanismSceneResult(Frozen, Result):
         return robot.energy(*known.arguments()[:2], gravity=self.scene.gravity, base_motion=known.base)
 
     def momentum(self) -> Momentum:
-        """Compute the linear and angular momentum of the robot at the instants (T8), about the world's origin; return
-        a Momentum. Raise an ArgumentError if the result has no first derivatives.
+        """Compute the linear and angular momentum of the robot at the instants (equation T8), about the world's
+        origin; return a Momentum. Raise an ArgumentError if the result has no first derivatives.
 
         Raises:
             ArgumentError: no output has first derivatives.
@@ -225,7 +225,7 @@ class MechanismSceneResult(Frozen, Result):
         return f"MechanismSceneResult({describe_instants(self.t)}, frames: {frames})"
 
     def _named(self) -> Iterable[str]:
-        """Return the names of the attributes and methods that this result can compute, for `dir` and messages."""
+        """Return a tuple of the names of the attributes and methods that are available in this result, for `dir`."""
         names = (
             *_JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES,
             "tau",
@@ -361,9 +361,9 @@ class MechanismScene(SampledScene):
         return self._evaluate_rows(slice(len(self.times())), self.outputs_of(outputs))
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
-        """Compute outputs of the mechanism at `max_instants` evenly spread instants, or at all if there are fewer;
-        return a MechanismSceneResult. `outputs` None means the scene's default outputs. Raise an ArgumentError for
-        outputs that the motion does not allow.
+        """Compute outputs of the mechanism at `max_instants` evenly spread instants, or at every instant if there are
+        fewer; return a MechanismSceneResult. `outputs` None means the scene's default outputs. Raise an ArgumentError
+        for outputs that the motion does not allow.
 
         Args:
             max_instants: largest number of instants.
@@ -538,7 +538,7 @@ class MechanismScene(SampledScene):
         return cross_validate(self.mechanism, *known.arguments(), base_motion=known.base, gravity=self.gravity)
 
     def forces(self, gravity: ArrayLike | None = None) -> MechanismSceneForces:
-        """Compute the joint efforts and base forces that the scene's motion requires (T1-T3); return a
+        """Compute the joint efforts and base forces that the scene's motion requires (equations T1 to T3); return a
         MechanismSceneForces. `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if the
         motion has no accelerations or there are too many instants.
 
@@ -603,9 +603,10 @@ def _needed_quantities(
 
 @dataclass(frozen=True, slots=True)
 class MechanismPlan:
-    """Plan of a mechanism's scene: `computed`, the number of operations by group of outputs, `still`, the joints that
-    do not move, the derivative orders `order` (needed) and `level` (available), and `base_rests`. `str` returns the
-    plan as text.
+    """Plan of a mechanism's scene. `computed` maps the description of a group of outputs to the number of operations,
+    `still` names the joints that do not move, `order` is the highest derivative order that is needed and `level` the
+    highest that is available, and `base_rests` says whether the base rests at the origin. `str` returns the plan as
+    text.
 
     Attributes:
         computed: number of operations by the description of the computed outputs.
@@ -696,8 +697,8 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
 
 def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
     """Return whether the key that a SceneError names is a joint of the robot that was put outside the table [motion].
-    `label` is the error's text `file: table.key`. `tables` is the scene's top-level Table, and `folder` is the folder
-    of the scene file.
+    `label` is the beginning `file: table.key` of the error's message. `tables` is the scene's top-level Table, and
+    `folder` is the folder of the scene file.
     """
     *parents, key = label.removeprefix(f"{tables.file}: ").split(".")
     if not parents or parents[0] == "motion" or parents[-1] == "locked":
