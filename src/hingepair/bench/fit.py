@@ -328,8 +328,8 @@ def fit_by_hingepair(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
     """Fit a hinge by SciPy's least_squares, with the loss function named `loss`, to the conditions that both bodies
-    share the hinge point (E1) and the hinge axis; return it as a FittedHinge. The start is about 0.2 from the true
-    hinge, and the axes are normalised.
+    share the hinge point (E1) and the hinge axis; return it as a FittedHinge with unit axes. Each unknown starts at a
+    random distance of about 0.2 from the true hinge.
     """
     from scipy.optimize import least_squares
 
@@ -349,8 +349,8 @@ def fit_by_constraints(poses: RecordedPoses, loss: str) -> FittedHinge:
 
 def fit_by_equations(poses: RecordedPoses, loss: str) -> FittedHinge:
     """Fit a hinge by SciPy's least_squares, with the loss function named `loss`, to the equations of position (E1)
-    and attitude (E5) of body 2; return it as a FittedHinge. The values of psi at all samples are unknowns too, and
-    the start is about 0.2 from the true hinge.
+    and attitude (E5) of body 2; return it as a FittedHinge. The values of psi at all samples are unknowns too. The
+    unknowns of the hinge start at a random distance of about 0.2 from the true ones.
     """
     from scipy.optimize import least_squares
     from scipy.sparse import lil_matrix

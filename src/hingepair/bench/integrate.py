@@ -121,7 +121,7 @@ def make_integration_runs(motion: RotationCase) -> dict[str, tuple[Job, float | 
 
 def measure_integration(repeats: int, long_run_steps: int) -> Report:
     """Measure run times and errors of all integration methods on all motions, `repeats` times; return the Report.
-    Also measure a run of `long_run_steps` steps, at most three times, unless `long_run_steps` is 0.
+    Unless `long_run_steps` is 0, also measure a run of so many steps, `repeats` times but at most three times.
     """
     rows = [row for motion in ROTATION_CASES for row in _measure_all_methods(motion, repeats)]
     further_rows = make_target_rows(rows) + (

@@ -301,8 +301,8 @@ def case_name(description: str, size: int) -> str:
 
 
 def machine_facts() -> dict[str, Any]:
-    """Return a dictionary of the processor, the machine type, the number of cores, the system, and the versions of
-    Python and of packages, to print with a measurement.
+    """Return a dict of facts to print with a measurement, by name: the processor, the machine type, the number of
+    cores, the system, and the versions of Python and of packages. Packages that are not installed are left out.
     """
     processor = platform.processor()
     with suppress(OSError, StopIteration), open("/proc/cpuinfo", encoding="utf-8") as lines:

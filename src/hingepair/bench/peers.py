@@ -166,7 +166,7 @@ def pinocchio_kinematics_job(task: KinematicsTask) -> Job:
         return lambda: read(*first)
 
     def run() -> OutputArrays:
-        """Compute body 2 by Pinocchio, one sample at a time; return the task's buffers, filled."""
+        """Compute the outputs of body 2 by Pinocchio, one sample at a time; return the task's buffers, filled."""
         for i, rows in enumerate(zip(*inputs, strict=True)):
             for name, value in read(*rows).items():
                 buffers[name][i] = value
@@ -201,7 +201,7 @@ def mujoco_kinematics_job(task: KinematicsTask) -> Job:
     angular, linear = six[:3, 0], six[3:, 0]
 
     def run() -> OutputArrays:
-        """Compute body 2 by MuJoCo, one sample at a time; return the task's buffers, filled."""
+        """Compute the outputs of body 2 by MuJoCo, one sample at a time; return the task's buffers, filled."""
         for i, rows in enumerate(zip(*inputs, strict=True)):
             for target, source in zip(targets, rows, strict=False):
                 target[:] = source

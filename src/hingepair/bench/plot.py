@@ -16,8 +16,8 @@ _CURVE_MARKER_CODE_CYCLE = "oDs^vP<>X*hpd"
 
 
 class MethodCurve(NamedTuple):
-    """The curve of one method in a panel: the method's name for the legend, points (x, y), and whether the second
-    point is an error on hard states, which is drawn hollow (`second_is_hard`).
+    """The curve of one method in a panel: the method's name for the legend, a list of points (x, y), and whether the
+    second point is an error on hard states, which is drawn hollow (`second_is_hard`).
     """
 
     name: str  # of the method, in the legend

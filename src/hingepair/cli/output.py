@@ -100,7 +100,7 @@ def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Pie
 @contextlib.contextmanager
 def report_if_stopped(out: Path) -> Iterator[None]:
     """Return a context manager for a block that writes the file `out`. If the block is left by a SystemExit, which a
-    signal raises, print a message to standard error that `out` was not written, and raise the SystemExit again.
+    signal raises, print to standard error that `out` was not written, and raise the SystemExit again.
     """
     try:
         yield

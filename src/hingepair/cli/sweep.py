@@ -77,8 +77,8 @@ def _sweep_progress_bar() -> Iterator[Progress | None]:
 @contextlib.contextmanager
 def _report_stopped_sweep(path: Path) -> Iterator[None]:
     """Return a context manager for a block that computes a sweep into the file `path`. If the block is left by a
-    SystemExit, which a signal raises, print a message to standard error that the same command continues the sweep,
-    and raise the SystemExit again.
+    SystemExit, which a signal raises, print to standard error that the same command continues the sweep, and raise
+    the SystemExit again.
     """
     try:
         yield

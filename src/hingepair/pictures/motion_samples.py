@@ -110,8 +110,8 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
 
 
 def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
-    """Return the names of the outputs to evaluate, a tuple: `outputs` itself or, if `outputs` is None, psi and the
-    velocities and accelerations of body 2 that the scene's motion has.
+    """Return a tuple of the names of the outputs to evaluate: `outputs` itself or, if `outputs` is None, the
+    velocities and accelerations of body 2 that the scene's motion has, and psi.
     """
     if outputs is not None:
         return outputs

@@ -128,8 +128,9 @@ class Page:
         return _shown_count(self.frames, self.samples)
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write the page to the file `path`, which ends in .html and must be none of `inputs`, the files that are
-        being read; return its path. Raise an ArgumentError if it cannot be written.
+        """Write the page to the file `path`, which ends in .html or .htm and must be none of `inputs`, the files that
+        are being read; return its path. Raise an ArgumentError if the name ends otherwise or the file cannot be
+        written.
 
         Args:
             path: file to write; ends in .html.

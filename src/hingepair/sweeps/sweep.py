@@ -179,7 +179,7 @@ def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
 
 def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
     """Return the names in the list under a key of a Table, without repetitions, as a tuple, or None if the key is
-    missing. Raise a SceneError if the value is not a list of names or is empty.
+    missing. Raise a SceneError if the value is not a list of names, or is an empty list.
     """
     value = table.values.get(key)
     if value is None:
@@ -322,8 +322,9 @@ def _connect(scheduler_address: str) -> Any:
 
 def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter) -> None:
     """Compute the chunks of a Sweep with the given indices on the workers of a Dask client's cluster, and call
-    `store_chunk` with the index and the columns of each chunk when it is finished. Warn if the cluster has no worker
-    yet. Raise the error of a chunk as `_error_of_chunk` returns it, or an ArgumentError if the scheduler stops.
+    `store_chunk` with the index and the columns of each chunk when it is finished. If the cluster has no worker yet,
+    warn and wait for one. Raise the error of a chunk as `_error_of_chunk` returns it, or an ArgumentError if the
+    scheduler stops.
 
     A chunk whose worker dies is computed by another worker.
     """
@@ -362,8 +363,8 @@ def _key(sweep: Sweep) -> str:
 
 def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
     """Return the exception to raise for an error of a worker: an ArgumentError unchanged; another error of this
-    package or a MemoryError with an added note that contains the text `chunk_text`; anything else as an ArgumentError
-    with that text.
+    package or a MemoryError with an added note that contains the string `chunk_text`; any other error as an
+    ArgumentError with that string.
     """
     if isinstance(error, ArgumentError):
         return error

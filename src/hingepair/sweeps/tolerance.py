@@ -91,10 +91,10 @@ class ToleranceStudy(Frozen, Shown):
 
     def shares(self) -> dict[str, tuple[float, float]]:
         """Return a dict from the name of each dimension to a tuple of two fractions (0 to 1): the fraction of the
-        variance of R2 and the fraction of the variance of the attitude that the dimension causes.
+        variance of R2 and the fraction of the variance of the attitude that the dimension causes. The dimension with
+        the largest fraction comes first; dimensions without scatter are left out.
 
-        The variances are means over the instants. The dimension with the largest fraction comes first; dimensions
-        without scatter are left out.
+        The variances are means over the instants.
         """
         variances = {
             name: np.array((array[:, :3].sum(), array[:, 3:].sum())) for name, array in self.contributions.items()

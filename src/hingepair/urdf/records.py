@@ -335,8 +335,8 @@ class RobotRecord:
 
 def _pose(origin: ET.Element | None, label: str, snap: float) -> FramePose:
     """Return the FramePose of an XML element <origin>; for None, the identity. Angles within `snap` [rad] of a
-    multiple of pi/2 are replaced by that multiple. Raise a URDFError, whose message begins with the text `label`, for
-    a number that is not finite.
+    multiple of pi/2 are replaced by that multiple. Raise a URDFError, whose message begins with the string `label`,
+    for a number that is not finite.
 
     Its attributes are xyz [m] and rpy, fixed-axis XYZ [rad].
     """
