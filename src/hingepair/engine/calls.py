@@ -566,7 +566,7 @@ def _check_buffer(output_name: str, array: Any, shape: ArrayShape, dtype: np.dty
 
 def _check_no_overlap(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) -> None:
     """Raise an error if an array of `out` shares memory with another array of `out` or with one of the `inputs`, a
-    dictionary by name. The computation would read values that it has overwritten.
+    dictionary by name. With shared memory, the computation would read values that it has already overwritten.
     """
     others = [
         (name, c, c.flags.owndata)

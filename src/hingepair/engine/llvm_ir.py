@@ -265,7 +265,7 @@ class _InputReader:
     def begin_outer(self, outer_index: str) -> None:
         """Append to the kernel the computation of the input's address at an outer sample, and keep the name of
         the address in the attribute `base`. For an input in registers, also append the store of the byte
-        offsets of eight samples. In a scan, the kernel computes eight chains at a time, and the address is that
+        offsets of eight samples. In a scan, eight outer samples are computed at a time, and the address is that
         of the first of them.
         """
         f = self.f
@@ -300,10 +300,11 @@ class _InputReader:
             with f.when(f.put(f"icmp slt i64 {samples_left}, {LANE_COUNT}")):
                 self.store_lane_offsets(samples_left)
 
-    def read_uniform(self, chains_left: str) -> None:
+    def read_uniform(self, outer_samples_left: str) -> None:
         """Append to the kernel instructions that load this input, which is equal for all inner samples, into the
         frame, the kernel's buffer of vectors: each needed component as a vector, or as a single number if there are
-        many components. In a scan, the lanes of a vector are eight chains, of which the first `chains_left` exist.
+        many components. In a scan, the lanes of a vector are eight outer samples, of which the first
+        `outer_samples_left` exist.
         """
         f = self.f
         if self.shared:
@@ -311,7 +312,7 @@ class _InputReader:
             which = f"ptr {self.kernel.add_table(self.shared)}, i64 {len(self.shared)}"
             self.kernel.call_shared("numbers", f"ptr {to}", which, f"ptr {self.base}, i64 {self.step}")
         if self.components:
-            self.gather_components(self.base, chains_left)
+            self.gather_components(self.base, outer_samples_left)
 
     def gather_components(self, row_address: str, samples_left: str) -> None:
         """Append to the kernel instructions that load the needed components of this input for eight samples into the
@@ -379,8 +380,8 @@ class _OutputWriter:
 
     def begin_outer(self, outer_index: str) -> None:
         """Append to the kernel the computation of the output's address at an outer sample. The names of the address
-        as an integer and as a pointer are kept in the attributes `start` and `base`. In a scan, the kernel computes
-        eight chains at a time, and the address is that of the first of them.
+        as an integer and as a pointer are kept in the attributes `start` and `base`. In a scan, eight outer samples
+        are computed at a time, and the address is that of the first of them.
         """
         f = self.f
         self.start = f.put(f"add i64 {self.address}, {f.multiply(outer_index, self.outer)}")

@@ -275,8 +275,8 @@ class Program:
         )
 
     def kernel_at_break_even(self, key: KernelKey, samples: int, chain_length: int = 1) -> Kernel | None:
-        """Return the kernel with this key if it exists. Otherwise count a call with `samples` samples, compile the
-        kernel if that pays now, and return it or None. `samples` is 0 for one state that Python computes;
+        """Return the kernel with this key if it exists. Otherwise count a call with `samples` samples; if compiling
+        pays now, compile and return the kernel, else return None. `samples` is 0 for one state that Python computes;
         chain_length is the number of samples of each chain of a scan. Warns and returns None if compiling fails.
 
         `backend.BreakEvenCounter` decides when compiling pays.

@@ -85,8 +85,8 @@ class StepSample(NamedTuple):
 def choose_step_sample(t: Array, order: int, signals: Sequence[Signal] = ()) -> StepSample:
     """Choose the steps between times t whose errors are measured; return a `StepSample`. These are all steps, if
     there are at most MAX_FULLY_MEASURED_STEP_COUNT. Otherwise they are one step in each part of the time, drawn by a
-    fixed sequence in proportion to its length to the power `order` + 1, and the steps over which a Signal of
-    `signals` changes most abruptly.
+    fixed sequence with a probability in proportion to the power `order` + 1 of the step's length, and the steps over
+    which a Signal of `signals` changes most abruptly.
 
     Parts are similar in time and number of steps. The measured step of a part is drawn by a fixed quasi-random
     sequence (fractions of multiples of the golden ratio), with a probability in proportion to length^(order + 1), as
@@ -300,8 +300,8 @@ def measure_step_errors(integral: Integral, start: Array, stop: Array, duration:
 
 
 def _measure_chunk_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
-    """Measure the errors of steps from `start` to `stop` [s] as `measure_step_errors` does, but all in one call;
-    return `StepErrors`.
+    """Measure the errors of steps from `start` to `stop` [s] as `measure_step_errors` does, but all at once, not in
+    chunks; return `StepErrors`.
     """
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
