@@ -70,9 +70,10 @@ class ClockedPoses:
     def _matched(
         self, offset: float, max_samples: int | None
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
-        """Return three arrays of equal length: the indices of usable samples of body 1, the indices of the samples of
-        body 2 that are nearest to these in time at a clock offset, and the time shifts [s] from the samples of body 2
-        to those of body 1. If `max_samples` is not None, the samples are thinned evenly to at most that many.
+        """Return a tuple of three arrays of equal length: the indices of usable samples of body 1, the indices of the
+        samples of body 2 that are nearest to these in time at a clock offset, and the time shifts [s] from the
+        samples of body 2 to those of body 1. If `max_samples` is not None, the samples are thinned evenly to at most
+        that many.
         """
         rows = self._rows[:: 1 if max_samples is None else -(-self._rows.size // max_samples)]
         instants = self._t[rows] - offset

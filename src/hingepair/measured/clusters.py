@@ -215,8 +215,9 @@ def _moved_marker_sentences(
 ) -> list[str]:
     """Return a list with one sentence on the marker that moved relative to the others, or on several markers of which
     one moved. The list is empty if the cluster is rigid or has only three markers. `places` (N, M, 3) are the marker
-    positions, `is_seen` (N, M) is 1 if a marker is seen, `distances` (N, M) are the distances of the markers from
-    their places on the body, and `cluster_size` is the rms size of the cluster [m].
+    positions, `is_seen` (N, M) is 1 if a marker is seen, `cluster` (M, 3) holds the places of the markers on the
+    body, `distances` (N, M) are the distances of the markers from these places, and `cluster_size` is the rms size of
+    the cluster [m].
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if (

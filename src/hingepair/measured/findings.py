@@ -178,9 +178,9 @@ def _outlier_findings(
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
     """Return a list with at most one Finding on the tilt between the hinge axes of both bodies. The Finding says
-    which joint the motion shows if it is not a hinge, or that the bodies turn too little relative to the noise of the
-    attitudes. The list is empty if the tilt is small. `residuals` are the HingeResiduals, and `turning` is the rms
-    scatter of the hinge angle [rad].
+    which joint the motion shows if it is not a hinge, that the bodies turn too little relative to the noise of the
+    attitudes, or that the axes tilt slightly and not at random. The list is empty if the tilt is negligible.
+    `residuals` are the HingeResiduals, and `turning` is the rms scatter of the hinge angle [rad].
     """
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))

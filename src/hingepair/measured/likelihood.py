@@ -125,9 +125,9 @@ class SampleResiduals(NamedTuple):
         return np.asarray(np.arctan2(self.q[3] - self.q[1], self.q[0] + self.q[4]))
 
     def variances(self, noise: Noise) -> tuple[Any, Any, Any]:
-        """Return three values: the variance of the relative position [m^2], the variance of the relative attitude
-        [rad^2], and the fraction of the variance of the attitude that is due to body 1. Each is a number, or an array
-        (M,) if the user gave the noise of every sample.
+        """Return a tuple of three values: the variance of the relative position [m^2], the variance of the relative
+        attitude [rad^2], and the fraction of the variance of the attitude that is due to body 1. Each is a number, or
+        an array (M,) if the user gave the noise of every sample.
         """
         if self.relative_noise is None:
             return noise.place, noise.attitude, 0.5

@@ -520,7 +520,8 @@ def _extended_knots(knots: Float64Array) -> Float64Array:
 
 def _penalty_bands(intervals: int, width: float) -> Float64Array:
     """Return the upper bands of the penalty matrix: integrals of products of the fifth derivatives of uniform
-    B-splines, on `intervals` intervals of length `width`.
+    B-splines, on `intervals` intervals of length `width`. The shape is (8, `intervals` + 7), with a column for each
+    B-spline.
     """
     from scipy.interpolate import BSpline
 

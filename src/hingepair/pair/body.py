@@ -288,9 +288,9 @@ def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an inertia matrix (3, 3) as a read-only array that is exactly symmetric. Raise ArgumentError if no rigid
-    body can have this inertia. If the largest principal moment only slightly exceeds the sum of the other two, as
-    rounding of the given numbers can explain, issue a DynamicsWarning instead.
+    """Return an inertia matrix (3, 3) as a read-only array that is exactly symmetric. Raise ArgumentError if the
+    matrix is not symmetric, or if no rigid body can have this inertia. If the largest principal moment only slightly
+    exceeds the sum of the other two, as rounding of the given numbers can explain, issue a DynamicsWarning instead.
 
     Raises:
         ArgumentError: no rigid body can have it.
