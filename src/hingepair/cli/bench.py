@@ -37,8 +37,9 @@ SizesOption = Annotated[str, typer.Option(help="Batch sizes [samples], separated
 
 
 def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | None = None) -> None:
-    """Call `measure()`, which returns a Report, and print the table and the notes of the Report, or its JSON if
-    `show_json` is True. If `plot` is a path, draw the Report into that file; None draws nothing.
+    """Call `measure()`, which returns a Report, and print the table and the notes of the Report and the facts of the
+    machine, or all of them as JSON if `show_json` is True. If `plot` is a path, draw the Report into that file; None
+    draws nothing.
 
     The file of the picture is opened first, so that a file that cannot be written is refused before measuring.
     """

@@ -314,8 +314,8 @@ def _heading(inputs: list[Path]) -> list[str]:
 
 
 def _hinge_table(fitted: HingeFit) -> list[str]:
-    """Return a list of the lines of a Markdown table of a HingeFit: u1, u2, n and home with standard deviations, the
-    range of psi, and the clock offset and the encoder if they were fitted.
+    """Return a list of the lines of a Markdown table of a HingeFit: u1, u2, n and, if body 2 has attitudes, home with
+    standard deviations, the range of psi, and the clock offset and the encoder if they were fitted.
     """
     turn = np.degrees(rotation_vector(fitted.pair.home))
     vectors = [(name, getattr(fitted.pair, name), np.asarray(fitted.std[name]), "m") for name in ("u1", "u2")]
@@ -347,7 +347,8 @@ def _hinge_table(fitted: HingeFit) -> list[str]:
 
 def _residual_table(fitted: HingeFit) -> list[str]:
     """Return a list of the lines of a Markdown table of the residuals of a HingeFit: the rms, median, 95 % quantile,
-    largest value and noise of the position gap and, if body 2 has attitudes, of the tilt of the axis.
+    largest value (with its time or sample) and noise of the position gap and, if body 2 has attitudes, of the tilt of
+    the axis.
     """
     kinds = [("gap", 1e3 * fitted.gap, 1e3 * fitted.rms_position, 1e3 * fitted.noise_position, "mm")]
     if fitted.body2.S is not None:
