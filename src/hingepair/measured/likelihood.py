@@ -383,9 +383,10 @@ def attitude_noise_share(
 
 
 def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
-    """Return a dict of the standard deviations of the estimated noise of positions ("noise_position") [m] and of
-    attitudes ("noise_angle") [rad], for relative poses and a fitted Hinge. `loss` is None if least squares estimated
-    the noise; otherwise medians did, and the deviations are larger.
+    """Return a dict of how accurately the noise is estimated, for relative poses and a fitted Hinge: the standard
+    deviations of the estimate of the position noise ("noise_position") [m] and of the estimate of the attitude noise
+    ("noise_angle") [rad]. `loss` is None if least squares estimated the noise; otherwise medians did, and the
+    standard deviations are larger.
     """
     thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_NOISE_VARIANCES)
     _, covariance = variance_components(thin, hinge, noise, noise, max_steps=0)
