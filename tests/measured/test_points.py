@@ -205,6 +205,24 @@ def test_missing_markers_leave_the_others() -> None:
     assert whole.noise == pytest.approx(1e-3, rel=0.08)
 
 
+@pytest.mark.parametrize("given", [True, False], ids=["reference", "no reference"])
+def test_markers_on_a_line_show_no_attitude(given: bool) -> None:
+    made = recording(60)
+    cluster = np.array([(-0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.08, 0.0), (0.0, 0.0, 0.07)])
+    places = made.R1[:, None] + np.einsum("nij,mj->nmi", made.S1, cluster)
+    places += 1e-4 * np.random.default_rng(3).standard_normal(places.shape)
+    hidden = np.arange(60) % 4 == 1
+    places[hidden, 3:] = np.nan
+    found = hp.fit_cluster(places, cluster if given else None)
+    assert found.ok
+    for array in (found.body.R, found.body.S.reshape(60, 9), found.residuals):
+        assert (np.isnan(array).all(axis=1) == hidden).all()
+    turn = np.swapaxes(made.S1, -1, -2)[~hidden] @ found.body.S[~hidden]
+    assert np.abs(hp.rotation_log(np.swapaxes(turn[:1], -1, -2) @ turn)).max() < 0.01
+    with pytest.raises(hp.FitError, match="three markers that are not on a line"):
+        hp.fit_cluster(places[hidden], cluster if given else None)
+
+
 @pytest.mark.parametrize("marker", range(5))
 def test_the_marker_that_moved_is_named(marker: int) -> None:
     made = recording(300)

@@ -31,12 +31,11 @@ class ClusterFit:
             `reference`, the body's reference point and axes are the origin and the axes of the coordinates in
             `reference`. Otherwise, the reference point is the mean of the places of all markers, and the axes are
             parallel to the world axes at the first of the samples that show the most markers. R and S are NaN where
-            fewer than three markers are seen. At a sample at which all markers seen are on a line, the data do not
-            determine the rotation about this line, and S is one of the possible attitudes.
+            fewer than three markers are seen, and where all markers that are seen are on a line.
         reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
             the body's axes [m]; shape (M, 3).
         residuals: distance of each marker from its place at each sample [m]; shape (N, M). It is NaN where the marker
-            is not seen, and where fewer than three markers are seen.
+            is not seen, and where R and S are NaN.
         rms: root mean square of each marker's residuals [m]; shape (M,). It is 0 for a marker that is never seen.
         noise: standard deviation of the measurement noise in each coordinate of a marker's position [m].
         ok: whether the cluster is rigid, that is, whether no marker moved relative to the others. A cluster of three
@@ -69,12 +68,11 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
 
     Returns:
         A ClusterFit. Its attribute `.body` is a BodyMotion of shape (N,) with R and S, which `fit` and `smooth`
-        accept. R and S are NaN at samples that show fewer than three markers. If the markers that a sample shows are
-        all on one line, R and S are finite there, but the rotation about this line is arbitrary.
+        accept. R and S are NaN at samples that show fewer than three markers, or only markers that are on one line.
 
     Raises:
-        FitError: no sample shows three markers; the markers are on one line; or `reference` is None and the place of
-            a marker cannot be found. The fit first finds the places of the markers in the sample that shows the most
+        FitError: no sample shows three markers that are not on one line; or `reference` is None and the place of a
+            marker cannot be found. The fit first finds the places of the markers in the sample that shows the most
             markers. To find the place of a further marker, it needs a sample that shows this marker and three markers
             whose places have been found before.
         ArgumentError: an argument cannot be used; the error names it.
@@ -91,9 +89,11 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     if places.ndim != 3 or places.shape[2] != 3 or places.shape[1] < _MIN_MARKERS_TO_DETERMINE_ATTITUDE:
         raise ShapeError("markers", "shape (N, M, 3) with three markers or more", f"shape {places.shape}")
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=-1))
-    is_used = seen.sum(axis=1) >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE
-    if not is_used.any():
+    if not (seen.sum(axis=1) >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE).any():
         raise FitError("markers", "samples with three markers", "none")
+    is_used = _markers_determine_attitude(np.where(seen[..., None], places, 0.0), seen.astype(np.float64))
+    if not is_used.any():
+        raise FitError("markers", "samples with three markers that are not on a line", "none")
     reference_places = None if reference is None else real_array("reference", reference).astype(np.float64)
     if reference_places is not None and (
         reference_places.shape != places.shape[1:] or not np.isfinite(reference_places).all()
@@ -142,13 +142,25 @@ def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64
     cluster = np.where(there[:, None], places[best] - middle, 0.0)
     for marker in np.flatnonzero(~there):
         R, S, _ = _kabsch_poses(places, is_seen * there, cluster)
-        rows = (is_seen[:, marker] > 0) & ((is_seen * there).sum(axis=1) >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE)
+        rows = (is_seen[:, marker] > 0) & _markers_determine_attitude(places, is_seen * there)
         if not rows.any():
             raise FitError("markers", f"marker {marker} in a sample with three others", "none")
         body_places = np.einsum("nji,nj->ni", S[rows], places[rows, marker] - R[rows])
         cluster[marker] = np.median(body_places, axis=0)
         there[marker] = True
     return np.asarray(cluster - cluster.mean(axis=0))
+
+
+def _markers_determine_attitude(places: Float64Array, is_seen: Float64Array) -> NDArray[np.bool_]:
+    """Return for each sample whether it shows three markers or more that are not on a line; shape (N,). `places` are
+    the recorded positions of the markers (N, M, 3), and `is_seen` (N, M) is 1 if a marker is seen, else 0.
+    """
+    count = is_seen.sum(axis=1)
+    middle = np.einsum("nm,nmi->ni", is_seen, places) / np.maximum(count, 1.0)[:, None]
+    centred = is_seen[..., None] * (places - middle[:, None])
+    squared_widths = np.linalg.eigvalsh(np.einsum("nmi,nmj->nij", centred, centred))
+    is_on_line = squared_widths[:, 1] <= _MIN_MARKER_CLUSTER_WIDTH_TO_LENGTH**2 * squared_widths[:, 2]
+    return np.asarray((count >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE) & ~is_on_line)
 
 
 def _check_not_on_line(cluster: Float64Array) -> None:
@@ -229,7 +241,7 @@ def _moved_marker_sentences(
     for marker in range(cluster.shape[0]):
         others = is_seen.copy()
         others[:, marker] = 0.0
-        rows = others.sum(axis=1) >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE
+        rows = _markers_determine_attitude(places, others)
         if rows.sum() < 2:
             noise_without.append(np.inf)
             continue
