@@ -190,7 +190,7 @@ FAULTS = {
     ),
     "1 - cos psi for the versine": Fault(
         "numeric/blocks.py",
-        "np.where(cosine > VERSINE_SWITCH_COSINE, sine * sine / (1 + cosine), 1 - cosine)",
+        "np.where(cosine > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE, sine * sine / (1 + cosine), 1 - cosine)",
         "1 - cosine",
         "pair/test_accuracy.py::test_small_turn_through_the_pair[numpy]",
     ),

@@ -13,7 +13,7 @@ import numpy as np
 
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.numeric.array_libraries import Library, is_foreign
-from hingepair.numeric.blocks import VERSINE_SWITCH_COSINE, versine, versines
+from hingepair.numeric.blocks import MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE, versine, versines
 
 _MAX_CHARACTERS_PER_LINE_OF_ARGUMENTS_OR_RESULTS = 110  # in generated source
 # Number of characters of an expression beyond which its value gets a name: Python nests 200 parentheses at most.
@@ -108,7 +108,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
         """
         if not is_foreign(c):
             return versine(s, c)
-        near = c > VERSINE_SWITCH_COSINE
+        near = c > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE
         # The denominator of the unused side is set to 1: a division by zero would make derivatives NaN.
         return where(near, s * s / where(near, 1.0 + c, 1.0), 1.0 - c)
 

@@ -250,7 +250,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         counts = f"steps={_describe_steps(steps)}, {motions}{describe_instants(t)}{estimate}"
         return f"{type(self).__name__}({method}, {counts}, outputs=({names}))"
 
-    def _named(self) -> Iterable[str]:
+    def _available_names(self) -> Iterable[str]:
         """Return the names of the attributes of the state, which the trajectory has too."""
         return dir(object.__getattribute__(self, "state"))
 

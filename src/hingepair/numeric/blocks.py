@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, sp
 Components: TypeAlias = tuple[Component, ...]
 Named: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
 
-VERSINE_SWITCH_COSINE = 0.7
+MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE = 0.7
 """Where the cosine of a turn is above this, 1 - cos is taken from the sine."""
 
 SAMPLES_PER_BLOCK = 4096
@@ -123,12 +123,12 @@ def hinge_terms(psi: Component) -> Components:
 
 def versine(sine: float, cosine: float) -> float:
     """Return 1 - cos of an angle as a float, from the sine and cosine of the angle."""
-    return sine * sine / (1 + cosine) if cosine > VERSINE_SWITCH_COSINE else 1 - cosine
+    return sine * sine / (1 + cosine) if cosine > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE else 1 - cosine
 
 
 def versines(sine: Component, cosine: Component) -> Component:
     """Return 1 - cos of angles as an array, from the sines and cosines of the angles."""
-    return np.where(cosine > VERSINE_SWITCH_COSINE, sine * sine / (1 + cosine), 1 - cosine)
+    return np.where(cosine > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE, sine * sine / (1 + cosine), 1 - cosine)
 
 
 def hinge_cosine(hinge: Components) -> Component:

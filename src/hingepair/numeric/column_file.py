@@ -27,7 +27,7 @@ MAX_FILE_ROWS: Final = 10_000_000  # samples of a file that is read
 MAX_FILE_BYTES: Final = 2_000_000_000  # size of a file that is read
 _MAX_CSV_HEADING_LINE_CHARACTERS: Final = 100_000  # characters of the heading of a .csv
 # Larger numbers of an exact column are integers: nanoseconds, which a float rounds.
-_MAX_EXACT_CSV_COLUMN_VALUE_KEPT_AS_FLOAT: Final = 1e14
+_MAX_VALUE_KEPT_AS_FLOAT_IN_CSV_COLUMN_REQUESTED_EXACT: Final = 1e14
 _MAX_NPY_HEADER_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
 # The heading of an array in a .npz: its dtype, its order in memory, its shape.
 _NPY_HEADER_PATTERN: Final = re.compile(
@@ -142,7 +142,7 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     )
     if request.exact in columns:
         largest = np.abs(columns[request.exact]).max(initial=0.0)
-        if largest > _MAX_EXACT_CSV_COLUMN_VALUE_KEPT_AS_FLOAT:
+        if largest > _MAX_VALUE_KEPT_AS_FLOAT_IN_CSV_COLUMN_REQUESTED_EXACT:
             columns[request.exact] = csv_column(path, request.exact, np.int64)
     return columns
 

@@ -28,7 +28,7 @@ Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
 second derivative [1/s^2]; shape (samples, neighbours)."""
 
 # 3,000 years: integers from here on are in milliseconds or microseconds.
-_MIN_INTEGER_INSTANT_REFUSED_AS_SECONDS = 1e11
+_MIN_ABS_INTEGER_INSTANT_REFUSED_AS_SECONDS = 1e11
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
@@ -46,7 +46,7 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
     if (
         t.dtype.kind in "iu"
         and t.size
-        and np.abs(t.astype(np.float64)).max() >= _MIN_INTEGER_INSTANT_REFUSED_AS_SECONDS
+        and np.abs(t.astype(np.float64)).max() >= _MIN_ABS_INTEGER_INSTANT_REFUSED_AS_SECONDS
     ):
         raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-3 of milliseconds", f"{t.dtype.name} from {t[0]}")
     instants = t.astype(np.float64)

@@ -17,9 +17,10 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 from hingepair.numeric.finite_differences import check_instants
 
-_MIN_INTEGER_STAMP_READ_AS_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
-_MAX_FLOAT_STAMP_ACCEPTED_AS_SECONDS = 1e14  # larger ones can only be nanoseconds
-_MAX_UNSUSPICIOUS_TIME_STEP_SPREAD_TO_MEDIAN_RATIO = 0.3  # spread from 10 to 90 %; a larger one is suspicious
+# Integers from here on are nanoseconds since 1970 (1973 and later).
+_MIN_ABS_INTEGER_STAMP_READ_AS_NANOSECONDS = 10**17
+_MAX_ABS_FLOAT_STAMP_ACCEPTED_AS_SECONDS = 1e14  # larger ones can only be nanoseconds
+_MAX_UNSUSPICIOUS_TIME_STEP_P90_MINUS_P10_TO_MEDIAN_RATIO = 0.3  # spread from 10 to 90 %; a larger one is suspicious
 
 
 class MeasurementWarning(UserWarning):
@@ -59,7 +60,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     if stamps.ndim != 1 or not stamps.size:
         raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
     if stamps.dtype.kind in "iu":
-        if np.abs(stamps.astype(np.float64)).min() < _MIN_INTEGER_STAMP_READ_AS_NANOSECONDS:
+        if np.abs(stamps.astype(np.float64)).min() < _MIN_ABS_INTEGER_STAMP_READ_AS_NANOSECONDS:
             wanted = "float seconds, datetime64, or nanoseconds since 1970 as integers: which unit are these in?"
             raise DtypeError(name, f"{wanted} (1e-3 * t where milliseconds)", f"{stamps.dtype.name} from {stamps[0]}")
         stamps = stamps.astype(np.int64)
@@ -68,7 +69,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
         raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at index {missing[0]}")
     if stamps.dtype.kind == "f":
         stamps = stamps.astype(np.float64)
-        if np.abs(stamps).max() > _MAX_FLOAT_STAMP_ACCEPTED_AS_SECONDS:
+        if np.abs(stamps).max() > _MAX_ABS_FLOAT_STAMP_ACCEPTED_AS_SECONDS:
             wanted = "seconds, or integers where they are nanoseconds (as floats they are off by 100 ns)"
             raise ArgumentError(name, wanted, float(stamps[0]))
     first = stamps[0] if since is None else since
@@ -124,7 +125,7 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
     clock = stamps.dtype.kind in "mM" or (
         stamps.dtype.kind in "iu"
         and stamps.size
-        and np.abs(stamps.astype(np.float64)).min() >= _MIN_INTEGER_STAMP_READ_AS_NANOSECONDS
+        and np.abs(stamps.astype(np.float64)).min() >= _MIN_ABS_INTEGER_STAMP_READ_AS_NANOSECONDS
     )
     seconds = increasing_seconds(name, stamps)[0] if clock else real_array(name, t)
     return check_instants(name, seconds, order)
@@ -138,7 +139,7 @@ def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
     if steps.size < 8:
         return []
     low, middle, high = np.percentile(steps, (10, 50, 90))
-    if high - low <= _MAX_UNSUSPICIOUS_TIME_STEP_SPREAD_TO_MEDIAN_RATIO * middle:
+    if high - low <= _MAX_UNSUSPICIOUS_TIME_STEP_P90_MINUS_P10_TO_MEDIAN_RATIO * middle:
         return []
     message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
     return [f"{message} ms (10 to 90 %); rates are as good as the stamps"]

@@ -10,13 +10,15 @@ import numpy as np
 
 from hingepair.numeric.arrays import Float64Array, row_norms
 
-_MIN_TIME_STEPS_FOR_SUSPICIONS = 8  # of instants that are a recording; fewer are suspicious of nothing
-_MIN_SUSPICIOUSLY_LONG_TIME_STEP_IN_SECONDS = 1.0  # [s]: sensors of motion take at least one sample a second
-_MAX_SUSPICIOUSLY_SHORT_TIME_STEP_IN_SECONDS = 1e-6  # [s]: no sensor of motion takes a million samples a second
+_MIN_TIME_STEP_COUNT_FOR_INSTANT_SUSPICIONS = 8  # of instants that are a recording; fewer are suspicious of nothing
+_MIN_SUSPICIOUSLY_LONG_MEDIAN_TIME_STEP_IN_SECONDS = 1.0  # [s]: sensors of motion take at least one sample a second
+# No sensor of motion takes a million samples a second.
+_MAX_SUSPICIOUSLY_SHORT_MEDIAN_TIME_STEP_IN_SECONDS = 1e-6
 _MIN_SUSPICIOUS_ANGLE_SPAN, _MAX_SUSPICIOUS_ANGLE_SPAN = 4 * np.pi, 720.0
 """Spans of hinge angles that are suspicious [rad]: more than two turns, and fewer than two turns if read as degrees.
 What spans more is a wheel in either unit."""
-_MIN_SUSPICIOUS_BODY_DISTANCE_IN_METRES = 50.0  # [m] between the reference points of two bodies that share a hinge
+# Between the reference points of two bodies that share a hinge.
+_MIN_SUSPICIOUS_MEDIAN_BODY_DISTANCE_IN_METRES = 50.0
 # Usual gyroscopes end at 2000 degrees a second, 35 rad/s.
 _MAX_UNSUSPICIOUS_GYROSCOPE_RATE_IN_RAD_PER_SECOND = 40.0
 _MIN_SUSPICIOUS_FORCE, _MAX_SUSPICIOUS_FORCE = 0.5, 2.0
@@ -38,15 +40,15 @@ def instant_suspicions(name: str, t: Float64Array) -> list[str]:
     ['t steps by 2 s: is it in seconds? Milliseconds become seconds by 1e-3 * t.']
     """
     steps = np.diff(t[np.isfinite(t)])
-    if steps.size < _MIN_TIME_STEPS_FOR_SUSPICIONS:
+    if steps.size < _MIN_TIME_STEP_COUNT_FOR_INSTANT_SUSPICIONS:
         return []
     step = float(np.median(steps))
-    if step >= _MIN_SUSPICIOUSLY_LONG_TIME_STEP_IN_SECONDS:
+    if step >= _MIN_SUSPICIOUSLY_LONG_MEDIAN_TIME_STEP_IN_SECONDS:
         # Each unit with the largest step of a usual recording in it.
         units = (500.0, "Milliseconds", "1e-3"), (5e5, "Microseconds", "1e-6"), (np.inf, "Nanoseconds", "1e-9")
         unit, factor = next((unit, factor) for largest_step, unit, factor in units if step <= largest_step)
         return [f"{name} steps by {step:.3g} s: is it in seconds? {unit} become seconds by {factor} * t."]
-    if 0 < step <= _MAX_SUSPICIOUSLY_SHORT_TIME_STEP_IN_SECONDS:
+    if 0 < step <= _MAX_SUSPICIOUSLY_SHORT_MEDIAN_TIME_STEP_IN_SECONDS:
         return [f"{name} steps by {step:.3g} s: is it in seconds? Days become seconds by 86400 * t."]
     return []
 
@@ -127,7 +129,7 @@ def distance_suspicions(name: str, distances: Float64Array) -> list[str]:
     """
     finite = distances[np.isfinite(distances)]
     middle = float(np.median(finite)) if finite.size else 0.0
-    if middle < _MIN_SUSPICIOUS_BODY_DISTANCE_IN_METRES:
+    if middle < _MIN_SUSPICIOUS_MEDIAN_BODY_DISTANCE_IN_METRES:
         return []
     return [f"{name} is {middle:.3g} m long: is it in metres? Millimetres become metres by the factor 1e-3."]
 

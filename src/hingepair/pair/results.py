@@ -74,9 +74,9 @@ class Result(Shown):
             for name in object.__dir__(self)
             if not name.startswith("_") and name not in self._names_hidden_from_dir
         )
-        return sorted({*attributes, *self._named()})
+        return sorted({*attributes, *self._available_names()})
 
-    def _named(self) -> Iterable[str]:
+    def _available_names(self) -> Iterable[str]:
         """Return the names of the attributes that this result has in addition to those of its class, for `dir`."""
         raise NotImplementedError
 
@@ -220,7 +220,7 @@ class Record(Result):
             raise missing_attribute_error(self, name)
         return self._arrays[name]
 
-    def _named(self) -> Iterable[str]:
+    def _available_names(self) -> Iterable[str]:
         """Return the names of the arrays, which are attributes, for `dir`."""
         return self._arrays
 

@@ -84,7 +84,7 @@ READER_FUNCTION_BY_BODY_TABLE_KEY: Final[Mapping[str, Key]] = {
     "shapes": _read_shapes,
 }
 """Keys of a body and their readers."""
-_READER_FUNCTION_BY_BODY_NAME: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
+_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 """Keys of both bodies of a pair and their readers."""
 _READER_FUNCTION_BY_ROBOT_HINGE_KEY: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
 """Keys that take a pair from a hinge of a robot, and their readers."""
@@ -92,7 +92,7 @@ _READER_FUNCTION_BY_PLANAR_PAIR_KEY: Final[Mapping[str, Key]] = {
     "u1": numbers_key(2),
     "u2": numbers_key(2),
     "name": Table.text,
-    **_READER_FUNCTION_BY_BODY_NAME,
+    **_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE,
 }
 """Keys of a pair in the plane and their readers; u1 and u2 in metres."""
 READER_FUNCTION_BY_SPATIAL_PAIR_KEY: Final[Mapping[str, Key]] = {
@@ -103,7 +103,12 @@ READER_FUNCTION_BY_SPATIAL_PAIR_KEY: Final[Mapping[str, Key]] = {
         "home": Table.rotation,
         "limits": numbers_key(2),
     },
-    **{"torque_limit": Table.number, "rate_limit": Table.number, "name": Table.text, **_READER_FUNCTION_BY_BODY_NAME},
+    **{
+        "torque_limit": Table.number,
+        "rate_limit": Table.number,
+        "name": Table.text,
+        **_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE,
+    },
 }
 """Keys of a pair in space, given by its own geometry, and their readers."""
 SPATIAL_PAIR_TABLE_KEYS: Final = (*READER_FUNCTION_BY_SPATIAL_PAIR_KEY, *_READER_FUNCTION_BY_ROBOT_HINGE_KEY)
@@ -128,10 +133,11 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     from hingepair.formats.robots import load_robot_hinge
 
     for key in table.values:
-        if key not in {**_READER_FUNCTION_BY_ROBOT_HINGE_KEY, **_READER_FUNCTION_BY_BODY_NAME}:
+        if key not in {**_READER_FUNCTION_BY_ROBOT_HINGE_KEY, **_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE}:
             table.fail(key, "no such key together with robot: robot, joint, body1 and body2 describe the pair")
     values = table.read(
-        {**_READER_FUNCTION_BY_ROBOT_HINGE_KEY, **_READER_FUNCTION_BY_BODY_NAME}, _READER_FUNCTION_BY_ROBOT_HINGE_KEY
+        {**_READER_FUNCTION_BY_ROBOT_HINGE_KEY, **_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE},
+        _READER_FUNCTION_BY_ROBOT_HINGE_KEY,
     )
     return replace(
         construct_from_table(

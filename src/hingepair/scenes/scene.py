@@ -183,7 +183,7 @@ class SceneResult(Frozen, Result):
     def __repr__(self) -> str:
         return f"SceneResult({describe_instants(self.t)}, state={self.state!r})"
 
-    def _named(self) -> Iterable[str]:
+    def _available_names(self) -> Iterable[str]:
         """Return a tuple of the names of the attributes and methods that are available in this result, for `dir`."""
         pair, level = self.scene.pair, self.known.level
         bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}

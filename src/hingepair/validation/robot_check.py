@@ -22,7 +22,7 @@ from hingepair.validation.robot_twin import BASE_MOTION_AT_REST_AT_ORIGIN, Robot
 
 _BASE_WRENCH_COMPONENT_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
-_MIN_EIGENVALUE_OF_UNIT_DIAGONAL_MASS_MATRIX = (
+_MIN_EIGENVALUE_OF_REGULAR_UNIT_DIAGONAL_MASS_MATRIX = (
     1e-12  # smaller eigenvalues consist of rounding errors, and the mass matrix counts as singular
 )
 
@@ -340,7 +340,7 @@ def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
     motion = (size == 0).astype(float)
     if size.all():
         least, motions = np.linalg.eigh(matrix / size / size[:, None])
-        motion = motions[:, 0] if least[0] < _MIN_EIGENVALUE_OF_UNIT_DIAGONAL_MASS_MATRIX else motion
+        motion = motions[:, 0] if least[0] < _MIN_EIGENVALUE_OF_REGULAR_UNIT_DIAGONAL_MASS_MATRIX else motion
     if not motion.any():
         return ""
     names = ("the base",) * (len(size) - robot.dof) + tuple(f"joint {name!r}" for name in robot.names)

@@ -12,7 +12,7 @@ RANDOM_STATE_COUNT = 200
 
 # Angles of hinges [rad] at which computations tend to fail; sliders have the position 0 in these states.
 _HARD_HINGE_ANGLES_RAD = (0.0, 1e-9, -1e-160, np.pi, np.pi - 1e-9, -np.pi / 2, 1e6, -1e15)
-_HARD_JOINT_RATES = (0.0, 1e3, 1e-9)  # of hinges [rad/s], of sliders [m/s]
+_HARD_JOINT_RATES_IN_SI_UNITS = (0.0, 1e3, 1e-9)  # of hinges [rad/s], of sliders [m/s]
 
 
 def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -32,7 +32,7 @@ def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Arra
     q = [rng.uniform(-np.pi, np.pi, size) * np.where(hinges, 1.0, 0.1)]
     qd, qdd = [rng.uniform(-2, 2, size)], [rng.uniform(-5, 5, size)]
     for angle in _HARD_HINGE_ANGLES_RAD:
-        for rate in _HARD_JOINT_RATES:
+        for rate in _HARD_JOINT_RATES_IN_SI_UNITS:
             signs = rng.choice((-1.0, 1.0), (3, 1, robot.dof))
             q.append(signs[0] * np.where(hinges, angle, 0.0))
             qd.append(signs[1] * rate)

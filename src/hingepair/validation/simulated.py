@@ -40,7 +40,7 @@ _ACCURACY_ORDERS_OF_COMPARED_SLOPES: Final = (6, 4)  # of the slopes, and of the
 # Largest accepted error of a rate; rates of another motion differ by more.
 _RATE_ERROR_TOLERANCE_RELATIVE_TO_LARGEST_RATE: Final = 0.05
 # If a rate changes by more between two samples, there may be an oscillation between them, and it is not compared.
-_MAX_RATE_CHANGE_PER_STEP_RELATIVE_TO_LARGEST_RATE: Final = 0.5
+_MAX_COMPARED_RATE_CHANGE_PER_STEP_RELATIVE_TO_LARGEST_RATE: Final = 0.5
 
 
 def compare_forces(
@@ -172,7 +172,7 @@ def compare_rates(
         step = float(np.diff(t).max(initial=0.0))
         enough = (
             len(t) > _ACCURACY_ORDERS_OF_COMPARED_SLOPES[0]
-            and step * sizes[1] <= _MAX_RATE_CHANGE_PER_STEP_RELATIVE_TO_LARGEST_RATE * sizes[0]
+            and step * sizes[1] <= _MAX_COMPARED_RATE_CHANGE_PER_STEP_RELATIVE_TO_LARGEST_RATE * sizes[0]
         )
         for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
             error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)

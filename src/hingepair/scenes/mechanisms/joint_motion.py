@@ -34,7 +34,7 @@ BASE_TABLE_COORDINATE_KEYS: Final = SPATIAL_COORDINATE_NAMES[:-1]
 """Keys of the table [base] for the coordinates of the base."""
 _MOTION_TABLE_OPTION_KEYS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
-_PAIR_WITH_BASE_AS_BODY1: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_DUMMY_PAIR_WITH_BASE_AS_BODY1: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair whose body 1 stands for the base."""
 
 
@@ -193,7 +193,7 @@ class BaseMotion:
         (N,).
         """
         rows = tuple((*row, 0.0) for row in self.functions.derivatives(t, order))
-        return MotionByCoordinates(t.size, rows, self.sequence).in_space(_PAIR_WITH_BASE_AS_BODY1).body1
+        return MotionByCoordinates(t.size, rows, self.sequence).in_space(_DUMMY_PAIR_WITH_BASE_AS_BODY1).body1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

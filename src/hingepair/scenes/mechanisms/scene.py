@@ -224,7 +224,7 @@ class MechanismSceneResult(Frozen, Result):
         frames = ", ".join(self.state.frames) if self.state is not None else "none"
         return f"MechanismSceneResult({describe_instants(self.t)}, frames: {frames})"
 
-    def _named(self) -> Iterable[str]:
+    def _available_names(self) -> Iterable[str]:
         """Return a tuple of the names of the attributes and methods that are available in this result, for `dir`."""
         names = (
             *_JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES,
