@@ -67,8 +67,8 @@ MECHANISM_OUTPUT_QUANTITY_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_MECHANISM_OU
 
 
 class MechanismOutput(NamedTuple):
-    """One requested output of a mechanism's scene: a quantity, and the names of the frames or joints for which it is
-    requested.
+    """One requested output of a mechanism's scene: the name of the `quantity`, and the names of the `frames` or of
+    the `joints` for which it is requested. Both are tuples, and empty for a quantity of another kind.
 
     Attributes:
         quantity: R, S, quat, d, v, omega, a or alpha of a frame; q, qd, qdd or tau of joints; force1, torque1.
