@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import MissingDependencyError
+from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.measured.likelihood import CHI2_MEDIAN_BY_DOF, Loss
 from hingepair.numeric.arrays import Float64Array
 
@@ -115,7 +115,8 @@ def smooth_columns(
     """Smooth columns (N, k) with a smoothing spline in each piece of the record, given by its index array in
     `pieces`. Return SmoothedColumns with first and second derivatives, which are NaN between the pieces. A bandwidth
     [Hz] of None is chosen by cross validation. With `loss`, a function, outliers count little; all columns of a
-    sample have the same weight. Raise MissingDependencyError if SciPy is not installed.
+    sample have the same weight. Raise MissingDependencyError if SciPy is not installed, and ArgumentError for a
+    bandwidth far from all frequencies that the samples can show.
 
     A piece has at least MIN_SAMPLES_PER_SMOOTHED_PIECE samples, all of them finite.
     """
@@ -131,7 +132,14 @@ def smooth_columns(
             clean, is_winsorised = columns.copy(), weights < _MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE
             clean[used[is_winsorised]] -= residuals[is_winsorised]
             model = _choose_model(t, columns, clean, pieces, weights, bandwidth)
-        spline = SmoothingSpline([t[piece] for piece in pieces], model, weights)
+        try:
+            spline = SmoothingSpline([t[piece] for piece in pieces], model, weights)
+        except np.linalg.LinAlgError:
+            if bandwidth is None:
+                raise
+            lowest, highest = 1 / (t[-1] - t[0]), 1 / float(np.median(np.diff(t)))
+            expected = f"a frequency that the samples can show, about {lowest:.2g} to {highest:.2g} Hz"
+            raise ArgumentError("bandwidth", expected, bandwidth) from None
         fitted = spline.solve(columns[used])
         residuals = columns[used] - spline.fitted(fitted)
         freedom = max(used.size - spline.freedom(), 1.0)
