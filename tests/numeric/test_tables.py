@@ -40,7 +40,7 @@ def test_tables_wider_than_the_line_go_on_below() -> None:
         *("", "       ccc", "----------", "row      3", "", "other  300"),
     ]
     assert "300" in "".join(ruled_table(lines, width=1))  # no cell is cut
-    assert ruled_table([("k", "u", "a", "b"), ("x", "m", "1", "2")], key_columns=2, width=8) == [
+    assert ruled_table([("k", "u", "a", "b"), ("x", "m", "1", "2")], key_column_count=2, width=8) == [
         *("k  u  a", "-------", "x  m  1", "", "k  u  b", "-------", "x  m  2"),
     ]
 

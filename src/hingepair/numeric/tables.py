@@ -9,33 +9,33 @@ from typing import Any, NamedTuple
 from hingepair.errors import printable
 
 
-def align_columns(lines: Sequence[Sequence[str]], right_columns: Collection[int]) -> list[str]:
-    """Return the rows of a table as lines of text, with cells padded to the width of their column. `lines` are the
-    rows, sequences of cells; cells of the columns with the indices `right_columns` are set to the right.
+def align_columns(rows: Sequence[Sequence[str]], right_columns: Collection[int]) -> list[str]:
+    """Return the rows of a table as lines of text, with cells padded to the width of their column. Each of `rows` is
+    a sequence of cells. The columns with the indices `right_columns` are aligned to the right.
 
     >>> align_columns([("name", "size"), ("d", "1.25")], {1})
     ['name  size', 'd     1.25']
     """
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
             cell.rjust(width) if i in right_columns else cell.ljust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
-        for line in lines
+        for row in rows
     ]
 
 
-def ruled_table(lines: Sequence[Sequence[str]], key_columns: int = 1, width: int | None = None) -> list[str]:
-    r"""Return a table as a list of lines of text with a rule below its heading. `lines` are the heading and the rows,
-    sequences of cells. Columns that do not fit into `width` characters follow in further tables, which repeat the
-    first `key_columns` columns; None for `width` gives one table.
+def ruled_table(rows: Sequence[Sequence[str]], key_column_count: int = 1, width: int | None = None) -> list[str]:
+    r"""Return a table as a list of lines of text with a rule below its heading. The first of `rows`, sequences of
+    cells, is the heading. Columns that do not fit into `width` characters follow in further tables, which repeat the
+    first `key_column_count` columns; None for `width` gives one table.
 
     No cell is cut.
 
     Args:
-        lines: the heading and the rows, as many cells each; a row without cells is an empty line.
-        key_columns: number of the first columns, those to repeat.
+        rows: the heading and the other rows, as many cells each; a row without cells is an empty line.
+        key_column_count: number of the first columns, those to repeat.
         width: of a line [characters]; None for lines of any length.
 
     >>> print(*ruled_table([("", "t = 0", "t = 1"), ("psi", "-1.25", "3")], width=12), sep="\n")
@@ -47,23 +47,24 @@ def ruled_table(lines: Sequence[Sequence[str]], key_columns: int = 1, width: int
     ----------
     psi      3
     """
-    full = [line for line in lines if line]
-    sizes = [max(map(len, column)) + 2 for column in zip(*full, strict=True)]
+    full_rows = [row for row in rows if row]
+    sizes = [max(map(len, column)) + 2 for column in zip(*full_rows, strict=True)]
     parts: list[list[int]] = []
-    for column in range(key_columns, len(sizes)):
+    for column in range(key_column_count, len(sizes)):
         if not parts or (
-            width is not None and sum(sizes[i] for i in (*range(key_columns), *parts[-1], column)) - 2 > width
+            width is not None and sum(sizes[i] for i in (*range(key_column_count), *parts[-1], column)) - 2 > width
         ):
             parts.append([])
         parts[-1].append(column)
     text_lines: list[str] = []
     for part in parts:
-        rows = iter(
+        aligned_lines = iter(
             align_columns(
-                [[line[i] for i in (*range(key_columns), *part)] for line in full], range(1, key_columns + len(part))
+                [[row[i] for i in (*range(key_column_count), *part)] for row in full_rows],
+                range(1, key_column_count + len(part)),
             )
         )
-        drawn = [next(rows) if line else "" for line in lines]
+        drawn = [next(aligned_lines) if row else "" for row in rows]
         text_lines += ["", drawn[0], "-" * max(map(len, drawn)), *drawn[1:]]
     return text_lines[1:]
 
