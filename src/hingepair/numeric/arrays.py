@@ -81,10 +81,10 @@ def columns_by_name(
     optional_names: Collection[str] = (),
     last_family: tuple[str, ...] = (),
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of a data frame `table` as a dict of arrays by name. `families` are tuples of column names;
-    the columns of the first family that the table has completely are taken, in the order of the family, or else those
-    of `last_family` if the table has no others. Raise ArgumentError, which names the argument `name`, if no family is
-    complete or a column, other than t, is neither in a family nor in `optional_names`.
+    """Return columns of a data frame `table` as a dict of arrays by name. `families` are tuples of column names. The
+    first of them whose columns are all in the table is taken, in its own order; if there is none and the table has
+    exactly the columns of `last_family`, these are taken. Raise ArgumentError, which names the argument `name`, if no
+    family fits, or if a column other than t is neither in a family nor in `optional_names`.
 
     No column is copied where the table holds its columns one by one.
 
@@ -167,9 +167,9 @@ def row_norms(rows: Float64Array) -> Float64Array:
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """Return the shape to which the shapes in a mapping from names of arguments to shapes broadcast; if a size is
-    unknown (NaN), return the longest shape. Raise ShapeError, which names the first argument that does not fit the
-    ones before it.
+    """Return the shape to which the values of `shapes`, a mapping from an argument's name to its shape, broadcast. If
+    a size is unknown (NaN, of a Dask array), return the shape with the most axes. Raise ShapeError, which names the
+    first argument that does not fit the ones before it.
 
     Raises:
         ShapeError: they do not broadcast; names the first that does not fit those before it.

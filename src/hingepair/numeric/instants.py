@@ -40,8 +40,8 @@ def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
 def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
     """Return (seconds, reference): the float64 seconds since a reference instant, and this instant, which is `since`
     or by default the first of t. t are float seconds, datetime64, timedelta64 or integer nanoseconds since 1970.
-    Raise ShapeError for no instants, ArgumentError for instants that are not finite, and DtypeError for integers
-    whose unit is in doubt or a `since` whose kind is not that of t; the error names the argument `name`.
+    Raise ShapeError if there are no instants, ArgumentError for instants that are not finite, and DtypeError for
+    integers whose unit is in doubt or a `since` whose kind is not that of t; the error names the argument `name`.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
     how they came; they are not rounded again.
@@ -102,10 +102,10 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
 
 
 def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
-    """Return the instants t as an array of float64 seconds: floats and small integers are seconds, and clock stamps
-    (datetime64, timedelta64, integer nanoseconds since 1970) are counted from the first. Raise ArgumentError, which
-    names the argument `name`, unless they increase, ShapeError unless there are more than `order`, and DtypeError for
-    other types.
+    """Return the instants t as an array of float64 seconds. Floats, and integers below 1e11, are seconds; clock
+    stamps (datetime64, timedelta64, integers from 1e17 on as nanoseconds since 1970) are counted from the first.
+    Raise ArgumentError, which names the argument `name`, for other integers or unless the instants increase,
+    ShapeError unless there are more than `order`, and DtypeError for other types.
 
     datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller
     integers are seconds.

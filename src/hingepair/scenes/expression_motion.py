@@ -35,8 +35,8 @@ _DEFAULT_INTEGRATED_ANGLE_TOLERANCE_RAD: Final = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FunctionsOfTime:
-    """Functions of t that the keys `names` of a scene's `table` define. `functions` are SymPy expressions, exact
-    numbers or WayPoints, in the same order.
+    """Functions of t that a scene's `table`, a Table, has under the keys `names`. `functions` is a tuple of them in
+    the same order: SymPy expressions, exact numbers or WayPoints.
 
     Attributes:
         names: the keys of the table that they came from.
@@ -105,8 +105,9 @@ def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> Ti
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByFunctions:
-    """Motion of a pair at the instants `t`, whose coordinates are `functions` of t. `sequence` is the Euler sequence
-    of body 1. `part` evaluates the functions at some of the instants.
+    """Motion of a pair at the instants `t`. `functions` is the FunctionsOfTime of the pair's coordinates, and
+    `sequence` is the name of the Euler sequence of body 1, such as "XYZ", or None in the plane. `part` evaluates the
+    functions at some of the instants.
 
     Attributes:
         t: instants [s].

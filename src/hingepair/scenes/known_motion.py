@@ -47,8 +47,8 @@ _BOTH_BODIES_ANGULAR_VELOCITY_OUTPUT_NAMES = ("omega1", "omega2")
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByCoordinates:
     """Motion of a pair at `count` instants, given by its seven coordinates (four in the plane). `derivatives` is (q[,
-    qd[, qdd]]), each of them a tuple of arrays, or of floats for values that do not change. `sequence` is the Euler
-    sequence of body 1.
+    qd[, qdd]]), each of them a tuple of arrays, or of floats for values that do not change. `sequence` is the name of
+    the Euler sequence of body 1, such as "XYZ", or None in the plane.
 
     Attributes:
         count: number of instants.

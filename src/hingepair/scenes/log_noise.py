@@ -43,7 +43,7 @@ def finite_rms(values: Float64Array) -> Float64Array:
 
 class LogNoise:
     """Estimator of the noise in the samples of a log. Its methods return a motion with random noise of the estimated
-    size added, drawn from a fixed seed, and store that size in `sizes`.
+    size added, drawn from a fixed seed, and store its standard deviations in `sizes`, a dict by name of the quantity.
 
     Args:
         t: instants; shape (N,) s.

@@ -154,7 +154,7 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
 def _velocity_frame(table: Table, log: Log) -> str:
     """Return the axes of a log's angular velocities, "body" or "world", as the key `frame` of the table names them.
     Raise a SceneError if the log has angular velocities and the table has no key `frame`, or if the table has the key
-    and the log has no angular velocities. If both are absent, return the default.
+    and the log has no angular velocities. If both are absent, return "world".
     """
     rates = [
         column

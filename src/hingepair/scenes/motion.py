@@ -23,7 +23,8 @@ from hingepair.scenes.known_motion import KnownMotion
 
 class PairMotionSource(Protocol):
     """Protocol of a pair's motion at all instants of a scene. `level` is the order of its highest derivative,
-    `sequence` its Euler sequence, and `part` returns the KnownMotion at some of the instants.
+    `sequence` the name of the Euler sequence of body 1, such as "XYZ", or None, and `part` returns the KnownMotion at
+    some of the instants.
     """
 
     @property

@@ -78,9 +78,10 @@ def cross_validate_robot(
 
 
 class _RobotSamples:
-    """Coordinates of a robot (`joints`) and motion of its base (`base`) at N samples, with the leading `shape` of the
-    samples, the mask `finite`, the number `skipped` of samples that are not finite, and the unit roundoff `u`. A
-    sample at which one input is not finite is NaN in all arrays.
+    """Coordinates of a robot and motion of its base at N samples: `joints` is a list of the arrays q and, as far as
+    given, qd and qdd, and `base` is a BodyMotion. A sample at which one input is not finite is NaN in all arrays.
+    `shape` is the leading shape of the samples, `finite` a mask of shape (N,), `skipped` the number of samples that
+    are not finite, and `u` the unit roundoff.
 
     Attributes:
         shape: leading shape, of N elements.

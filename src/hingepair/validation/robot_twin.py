@@ -33,8 +33,9 @@ from hingepair.validation.free_flyer import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotTwin:
-    """A robot as a Pinocchio model, with methods that convert the robot's coordinates to Pinocchio's. `ratios`, shape
-    (joints, dof), and `offsets` give the positions of all joints, mimic joints included, from q.
+    """A robot as a Pinocchio `model` with its `data`, and methods that convert the robot's coordinates to
+    Pinocchio's. `has_free_flyer` says whether the base of the model is a free-flyer. The positions of all joints of
+    the model, mimic joints included, are `ratios` q + `offsets`, where `ratios` has shape (joints, dof).
 
     Attributes:
         model: Pinocchio model with a free-flyer "root_joint" if `has_free_flyer`, then the moving joints in their

@@ -104,7 +104,7 @@ class KnownJointMotion:
 
 class JointMotionSource(Protocol):
     """Protocol of the joint coordinates at all instants of a scene. `level` is the order of their highest derivative,
-    and `part` returns the coordinates at some of the instants.
+    and `part` returns the coordinates and their derivatives, (q[, qd[, qdd]]), at some of the instants.
     """
 
     @property
@@ -177,8 +177,8 @@ class JointSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseMotion:
-    """Motion of a mechanism's base, given by `functions` of t for its position and Euler angles, and the Euler
-    `sequence`.
+    """Motion of a mechanism's base. `functions` is the FunctionsOfTime of its position and three Euler angles, and
+    `sequence` is the name of the Euler sequence, such as "XYZ".
 
     Attributes:
         functions: of x, y, z, phi_x, phi_y, phi_z [m, rad].
