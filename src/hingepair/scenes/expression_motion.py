@@ -156,10 +156,10 @@ def read_coordinate_functions(
 
 
 def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
-    """Return the Motion at the instants t found by integrating (equation E12) the angular velocity omega1 and the
-    hinge rate psi_dot. The Table [motion] gives these rates and the position of body 1 as functions of t. `planar`
-    True means a motion in the plane, where omega1 is one function. Raise a SceneError for unknown keys and bad
-    values, or if a tolerance that the table gives is missed.
+    """Return the Motion at the instants t that results from integrating the angular velocity omega1 and the hinge
+    rate psi_dot (equation E12). The Table [motion] gives these rates and the position of body 1 as functions of t.
+    `planar` True means a motion in the plane, where omega1 is one function. Raise a SceneError for unknown keys and
+    bad values, or if a tolerance that the table gives is missed.
     """
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", "constants", *start_keys))

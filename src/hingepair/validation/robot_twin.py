@@ -55,8 +55,8 @@ class RobotTwin:
 
     def configuration(self, q: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
         """Return Pinocchio's q, shape (..., nq), for the robot's q, shape (..., dof), and the R and S of
-        `base_motion`. The base is at the origin unless given. Raise an ArgumentError for a wrong shape, or for a
-        `base_motion` without a free-flyer.
+        `base_motion`. Without `base_motion`, the base is at the origin. Raise an ArgumentError for a wrong shape, or
+        if `base_motion` is given and the model has no free-flyer.
 
         Raises:
             ArgumentError: q has another shape, or base_motion is given and the model has no free-flyer.
@@ -66,8 +66,8 @@ class RobotTwin:
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
         """Return Pinocchio's v, shape (..., nv), for q and qd, shape (..., dof), and the S, v and omega of
-        `base_motion`. The base is at rest unless given. Raise an ArgumentError for a wrong shape, or for a
-        `base_motion` without a free-flyer.
+        `base_motion`. Without `base_motion`, the base is at rest. Raise an ArgumentError for a wrong shape, or if
+        `base_motion` is given and the model has no free-flyer.
 
         Raises:
             ArgumentError: as for `configuration`.
@@ -81,8 +81,8 @@ class RobotTwin:
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, base_motion: BodyMotion | None = None
     ) -> Float64Array:
         """Return Pinocchio's a, which is spatial, shape (..., nv), for q, qd and qdd, shape (..., dof), and
-        `base_motion`. The base is at rest unless given. Raise an ArgumentError for a wrong shape, or for a
-        `base_motion` without a free-flyer.
+        `base_motion`. Without `base_motion`, the base is at rest. Raise an ArgumentError for a wrong shape, or if
+        `base_motion` is given and the model has no free-flyer.
 
         Raises:
             ArgumentError: as for `configuration`.

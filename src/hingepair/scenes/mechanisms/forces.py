@@ -34,9 +34,11 @@ _JOINT_LOAD_TABLE_HEADINGS = (
 
 @dataclass(frozen=True, slots=True)
 class JointLoad:
-    """Summary of one joint of a mechanism over all instants: its effort (torque of a hinge, force of a slider) as
-    `rms` and `largest`, the extremes of its position and rate, the limits of all three, and `noise`, the deviation of
-    the effort by noise of a log. A missing limit is infinite.
+    """Summary of one joint of a mechanism over all instants. The effort (torque of a hinge, force of a slider) is
+    described by `rms`, `largest`, `t_of_largest`, its limit `effort_limit`, the number `beyond` of instants at which
+    it exceeds the limit and the first of them, `t_of_first`; `position` holds the extremes of the coordinate and
+    `rate` the largest absolute rate, with their limits. `noise` is the standard deviation of the effort that noise of
+    a log causes. A missing limit is infinite.
 
     Attributes:
         joint: name of the joint.
