@@ -167,8 +167,8 @@ def integrate(
       at 2 Gauss nodes.
     - `rk4_quaternion` (order 4) is the classical Runge-Kutta method for the quaternion, which is normalised after
       each step.
-    - `euler_angles` integrates phi' = J^-1 omega, the rates of the XYZ Euler angles (E4, E10), by Runge-Kutta steps
-      of order 4. It fails near gimbal lock. It is for a HingePair only.
+    - `euler_angles` integrates the rates of the XYZ Euler angles of body 1, which follow from omega1 (E4, E10), by
+      Runge-Kutta steps of order 4. It fails near gimbal lock. It is for a HingePair only.
     - `dop853` is SciPy's Runge-Kutta method DOP853 of order 8, with steps of its own. It is for a HingePair only.
 
     Arrays with leading axes describe many motions over the same instants: omega1, alpha1 and R1 (..., N, 3), psid and
@@ -178,7 +178,7 @@ def integrate(
     estimate, and bitwise the same result.
 
     Dask arrays, and xarray objects that hold them, give a trajectory of lazy Dask arrays, with one task for each
-    chunk of motions. Chunks along the time are joined, since a motion is integrated as a whole.
+    chunk of motions. Chunks along the time axis are joined, since a motion is integrated as a whole.
     `trajectory.compute()` returns the trajectory in memory.
 
     Args:
@@ -199,10 +199,10 @@ def integrate(
         psi_0: hinge angle at t[0] [rad]; shape (...,); 0 by default.
         method: name of one of the methods above; "magnus6" by default.
         frame: axes of omega1 and alpha1: "world" (the default) or "body" (for a HingePair only).
-        tol: largest error of the attitude and of psi at any instant [rad]. By default, each interval of t is one
-            step, and the error has no limit; but `dop853` chooses its own steps, with a tolerance of 1e-12 rad. If
-            tol is given, the steps are divided until the error is small enough. A callable is then evaluated in about
-            500 steps or more that cover the whole time. A jump or a kink of a callable costs about sixty further
+        tol: largest allowed error of the attitude and of psi at any instant [rad]. By default, each interval of t is
+            one step, and the error has no limit; but `dop853` chooses its own steps, with a tolerance of 1e-12 rad.
+            If tol is given, the steps are divided until the error is small enough. If a rate is a callable, at least
+            about 500 steps are then used from t[0] to t[-1]. A jump or a kink of a callable costs about sixty further
             steps, or none if it is at one of the instants t. A pulse of a callable that is shorter than a step may be
             missed; `error_estimate` may then be too small.
         alpha1: angular acceleration of body 1 [rad/s^2]. Without alpha1, a2 and alpha2 of the result are None.

@@ -157,8 +157,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         axis of every array is the axis of the instants. Raise an ArgumentError if the trajectory holds many motions
         or Dask arrays.
 
-        The dict holds the outputs of the state and psi. For a Trajectory, it also holds R1 and S1; for a
-        PlanarTrajectory, it also holds phi.
+        The dict holds psi and the outputs that were computed, such as R2 and v2. For a Trajectory, it also holds R1
+        and S1; for a PlanarTrajectory, it also holds phi.
 
         Raises:
             ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.

@@ -184,7 +184,8 @@ def smooth(
         For a BodyMotion, a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles, a
         SmoothedAngle, which unpacks as psi, psid, psidd, each (N,). Both have two dicts whose keys are the names of
         the results, such as "R" or "psi": `.std` holds the standard deviations of each result at every sample, and
-        `.noise` the standard deviations of the noise. `.bandwidth` is the bandwidth [Hz]. For a BodyMotion,
+        `.noise` the standard deviations of the noise of the samples and of the errors that this noise causes in the
+        derivatives. `.bandwidth` is the bandwidth [Hz]. For a BodyMotion,
         `.bandwidth` is a dict with the keys "R" and "S".
 
     Raises:

@@ -158,9 +158,10 @@ class Mechanism(MechanismMethods):
         Args:
             model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
                 order. The joint at its root may be a free-flyer; links that are fixed to the world are then left out.
-                The robot's q is Pinocchio's q with two exceptions. The seven numbers of a free-flyer are left out;
-                the argument `base_motion` of the methods gives the pose of the base. For a continuous joint,
-                Pinocchio's q holds the cosine and the sine of the angle, and the robot's q holds the angle.
+                Apart from locked joints, the robot's q is Pinocchio's q with two exceptions. The seven numbers of a
+                free-flyer are left out; the argument `base_motion` of the methods gives the pose of the base. For a
+                continuous joint, Pinocchio's q holds the cosine and the sine of the angle, and the robot's q holds
+                the angle.
             base: "fixed" or "free", whether or not the model has a free-flyer. By default, the base is free if the
                 model has a free-flyer, and otherwise fixed.
             locked: dict of the positions [rad or m] at which joints are held, as for `from_urdf`. These joints have

@@ -290,9 +290,10 @@ class MechanismMethods(Shown):
         Returns:
             A dict whose keys are the names of the outputs. Each value is an array with a bound for each sample, in
             the unit of the output; the bound holds for the absolute errors of all components. For outputs of
-            `forward_kinematics`, the array has shape (..., frames), one bound for each frame; for all other outputs,
-            it has shape (...). A bound is infinite if an argument is not finite or if the computation overflows. It
-            is also infinite if the mass matrix is so close to singular that rounding errors could make it singular.
+            `forward_kinematics`, the array has shape (..., F), with one bound for each of F frames; for all other
+            outputs, it has shape (...). A bound is infinite if an argument is not finite or if the computation
+            overflows. It is also infinite if the mass matrix is so close to singular that rounding errors could make
+            it singular.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs an argument that is not given.

@@ -55,7 +55,7 @@ class MechanismState(Results):
 
     The axis of the frames follows the axes of the samples: for F frames, S has shape (..., F, 3, 3), and the other
     outputs have shape (..., F, 3). For a MechanismState `state`, `state["hand"]` is the motion of the frame "hand", a
-    FrameState without the axis of the frames.
+    FrameState without the axis of the frames. Only hingepair calls the constructor.
 
     Attributes:
         frames: names of the frames, in the order of the axis of the frames.

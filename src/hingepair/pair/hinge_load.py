@@ -111,7 +111,8 @@ class HingeLoad:
     @property
     def rate_kinks(self) -> tuple[float, ...]:
         """Rates psi' [rad/s] at which the torque of this load has a kink or a jump, as a tuple in increasing order.
-        Dry friction without a `friction_rate` has a jump at the rate 0. Stops with damping have kinks at the rates
+        Dry friction without a `friction_rate` has a jump at the rate 0. The torque of a stop is cut off at 0 if the
+        hinge leaves the stop faster than 1 / stop_damping (stop_damping is in s/rad); this gives kinks at the rates
         -1 / stop_damping and 1 / stop_damping. If the `motor` of this load is another HingeLoad, the kinks and jumps
         of that load are included.
         """
@@ -123,9 +124,9 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest friction torque [N m] that can keep the hinge at rest. This is `friction`, or 0 if this load has a
-        `friction_rate`. If the `motor` of this load is another HingeLoad, the sticking friction of that load is
-        added.
+        """Largest friction torque [N m] that can keep the hinge at rest. This is `friction`. It is 0 if the argument
+        `friction_rate` was given, because the friction torque is then proportional to small rates. If the `motor` of
+        this load is another HingeLoad, the sticking friction of that load is added.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
@@ -150,7 +151,7 @@ class HingeLoad:
     @property
     def tightest_stops(self) -> tuple[float, float]:
         """Range of psi between the stops [rad], as a pair (lower, upper); (-inf, inf) if there are no stops. If the
-        `motor` of this load is another HingeLoad, the stops of that load can narrow the range.
+        argument `motor` of this load is another HingeLoad, the stops of that load can narrow the range.
         """
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
@@ -205,12 +206,14 @@ class HingeLoad:
         and psid, decides which stop acts and in which direction dry friction acts. For one value of `side`, the
         torque is a smooth function of psi and psid unless a callable `motor` is not smooth.
 
-        Solvers use this method, since a stop or dry friction must not switch on or off within an integration step.
+        The formula of the torque is that of `HingeLoad`. Solvers use this method, since a stop or dry friction must
+        not switch on or off within an integration step.
 
         Args:
             side: pair of a hinge angle [rad] and a hinge rate [rad/s]; each is a number or an array of the shape of
                 psi. The angle and the rate decide which stop acts, if any. The sign of the rate determines the
-                direction of dry friction, which does not act if the rate is 0.
+                direction of dry friction without a `friction_rate`, which does not act if the rate is 0. Friction
+                with a `friction_rate` depends on psid.
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
@@ -223,13 +226,14 @@ class HingeLoad:
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
         """Compute the terms of the torque [N m]: those of the motor, the spring, the damper, friction and the stops.
         Return a dict of torques by name. The pair `side` = (angle, rate) decides which stop acts and in which
-        direction dry friction acts, as for `smooth`; by default, it is (psi, psid).
+        direction dry friction acts, as for the method `HingeLoad.smooth`; by default, it is (psi, psid).
 
         Args:
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
-            side: pair of a hinge angle [rad] and a hinge rate [rad/s], as for `smooth`; by default (psi, psid).
+            side: pair of a hinge angle [rad] and a hinge rate [rad/s], as for the method `HingeLoad.smooth`; by
+                default (psi, psid).
 
         Returns:
             A dict whose values are torques [N m], numbers or arrays (...,). Their sum is the torque of this load. The

@@ -986,7 +986,8 @@ class HingePair(Shown):
         part is `bias` in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2). `body1` and `body2` are
         BodyMotions.
 
-        gap is the vector between the hinge points of both bodies, and tilt has two components without unit.
+        gap is the vector from the hinge point of body 2 to the hinge point of body 1, and tilt has two components
+        without unit.
         `constraint_jacobian` defines gap and tilt, and returns G. If a motion satisfies the constraints at all times,
         gap'' and tilt'' are zero, but the bias is in general not zero.
 

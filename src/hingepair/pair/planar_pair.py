@@ -208,7 +208,7 @@ class PlanarPair(Shown):
 
     def to_spatial(self) -> HingePair:
         """Return this pair as a HingePair with n = (0, 0, 1). In the HingePair, the third component of u1 and u2 is
-        0, and body1 and body2 are the same as in this pair.
+        0, and the mass properties `body1` and `body2` are the same as in this pair.
 
         The coordinates (x, y, phi, psi) of the planar pair are (x, y, 0, 0, 0, phi, psi) for the HingePair. The
         default gravity of a planar pair is (0, -9.81), and the default gravity of a HingePair is (0, 0, -9.81). For

@@ -14,11 +14,13 @@ class PairState(Results):
 
     The attributes R1, S1, v1, omega1, a1 and alpha1 for body 1 are computed only if the argument `outputs` of the
     call names them. A state that a `Prepared` object returns can also have the attributes jacobian,
-    acceleration_bias, coordinate_jacobian, coordinate_jacobian_rate, force1, torque1, hinge_torque and psidd. The
-    leading axes of all arrays are the axes of the samples. Positions [m], velocities [m/s], accelerations [m/s^2],
-    angular velocities [rad/s] and angular accelerations [rad/s^2] have shape (..., 3), and the rotations S1 and S2
-    (body to world) have shape (..., 3, 3). The type annotations declare every attribute as an array, although an
-    output that was not computed is None. Only hingepair calls the constructor.
+    acceleration_bias, coordinate_jacobian, coordinate_jacobian_rate, force1, torque1, hinge_torque and psidd; they
+    are the results of the methods `jacobian`, `acceleration_bias`, `coordinate_jacobian`, `coordinate_jacobian_rate`,
+    `inverse_dynamics` and `forward_dynamics` of HingePair. The leading axes of all arrays are the axes of the
+    samples. Positions [m], velocities [m/s], accelerations [m/s^2], angular velocities [rad/s] and angular
+    accelerations [rad/s^2] have shape (..., 3), and the rotations S1 and S2 (body to world) have shape (..., 3, 3).
+    The type annotations declare every attribute as an array, although an output that was not computed is None. Only
+    hingepair calls the constructor.
 
     Attributes:
         shape: leading shape of the arrays, as a tuple of the lengths of the axes of the samples; () for one state.

@@ -133,7 +133,7 @@ def sample_pairs(
             axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes) [rad];
             shape (12, 12), such as `HingeFit.covariance`. Give either a covariance or standard deviations, not both.
         seed: an integer, which gives the same pairs in every call, or a numpy.random.Generator. By default, each call
-            gives other pairs.
+            gives different pairs.
 
     Returns:
         A HingePair. Each of its attributes u1, u2, n and home that deviates has the leading shape (samples,). All

@@ -46,7 +46,8 @@ def angular_velocity(
         [1/s]; shape (...,).
 
     Raises:
-        RotationError: a finite S is not a rotation to within 1e-9 (1e-5 for float32).
+        RotationError: S is finite, but an element of S S^T differs from the identity by more than 2e-9 (2e-5 for
+            float32), or det S is negative.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -130,7 +131,8 @@ def angular_velocity_from_samples(
             between a sample and a neighbour that is used with it, so that the rotation vector is ambiguous. This turn
             is the sum of the turns from each sample to the next. Each of these is assumed to be less than pi; a
             larger one cannot be detected.
-        RotationError: a finite S is not a rotation to within 1e-9 (1e-5 for float32).
+        RotationError: S is finite, but an element of S S^T differs from the identity by more than 2e-9 (2e-5 for
+            float32), or det S is negative.
 
     >>> import numpy as np
     >>> import hingepair as hp
