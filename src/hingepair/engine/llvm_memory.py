@@ -47,7 +47,7 @@ bytes between components, `rest` the number of remaining samples including the f
 """
 
 # Declarations of the functions of LLVM that the functions here call.
-_LLVM_DECLARATIONS_FOR_MEMORY_FUNCTIONS: Final = """declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
+_LLVM_DECLARATIONS_CALLED_BY_LOAD_AND_STORE_FUNCTIONS: Final = """declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 declare i64 @llvm.umin.i64(i64, i64)"""
 
 
@@ -66,7 +66,7 @@ def memory_functions(float_type: str) -> list[str]:
         _flush_function,
     )
     return [
-        _LLVM_DECLARATIONS_FOR_MEMORY_FUNCTIONS,
+        _LLVM_DECLARATIONS_CALLED_BY_LOAD_AND_STORE_FUNCTIONS,
         *(make(float_type, 8 if float_type == "double" else 4) for make in makers),
     ]
 

@@ -176,8 +176,9 @@ STEP_RULE_BY_NAME: Final = {
 
 @functools.cache
 def rotation_loop(rule: StepRule) -> Loop:
-    """Return the cached `Loop` that computes the quaternions of steps by a rule, from omega at the nodes and the step
-    length h. For omega in body axes, h must be negated; the quaternions are then those of the inverse rotations.
+    """Return the cached `Loop` that computes the quaternions (w, x, y, z) of steps by a rule, from omega at the nodes
+    and the step length h. For omega in body axes, h must be negated; the quaternions are then those of the inverse
+    rotations.
     """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:

@@ -215,8 +215,8 @@ class SampleResiduals(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """The most likely Hinge (`hinge`), with the Noise, the clock offset [s] and the EncoderLine or None (`line`) that
-    were estimated with it, and whether the estimate converged.
+    """The most likely Hinge (`hinge`), with the Noise, the clock offset [s] by which body 2 was recorded later than
+    body 1 at equal stamps (`offset`), the EncoderLine or None (`line`), and whether the estimate converged.
     """
 
     hinge: Hinge

@@ -39,7 +39,7 @@ ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
 
 _JOINT_ARGUMENT_NAMES: Final = ("q", "qd", "qdd", "tau")  # which have a component for each coordinate
 # Names that the argument `given` of `prepare` may hold.
-_ARGUMENT_NAMES_ACCEPTED_BY_PREPARE: Final = (
+_ARGUMENT_NAMES_OF_PREPARED_CALLS: Final = (
     *_JOINT_ARGUMENT_NAMES,
     *BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME,
     *ZERO_BASE_LOAD_BY_INPUT_NAME,
@@ -175,8 +175,8 @@ def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ())
             quoted(given),
         ) from None
     for name in names:
-        if name not in _ARGUMENT_NAMES_ACCEPTED_BY_PREPARE:
-            raise ArgumentError("given", choices(_ARGUMENT_NAMES_ACCEPTED_BY_PREPARE), quoted(name))
+        if name not in _ARGUMENT_NAMES_OF_PREPARED_CALLS:
+            raise ArgumentError("given", choices(_ARGUMENT_NAMES_OF_PREPARED_CALLS), quoted(name))
     if len({*names}) < len(names):
         raise ArgumentError("given", "each name once", quoted(names))
     for name in needed_inputs:

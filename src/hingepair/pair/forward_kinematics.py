@@ -26,7 +26,7 @@ from hingepair.plans.plan import (
     default_outputs,
     make_plan,
 )
-from hingepair.plans.steps import COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES
+from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES
 from hingepair.rotations.sequences import find_sequence
 
 CoordinateInput: TypeAlias = ArrayLike | tuple[Any, ...]
@@ -133,7 +133,7 @@ def _coordinate_columns(name: str, table: Any, coordinate_names: tuple[str, ...]
     an unknown name.
     """
     column_names_by_level, endings = (
-        COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[coordinate_names],
+        LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[coordinate_names],
         {"q": (), "qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}[name],
     )
     families = [

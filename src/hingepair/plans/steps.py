@@ -41,7 +41,7 @@ PLANAR_PART_NAMES_BY_COORDINATE_ARRAY_NAME = {
     "qdd": ("a1", "phi1dd", "psidd"),
 }
 """Names of the parts of the coordinates and their derivatives in the plane."""
-COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
     SPATIAL_COORDINATE_NAMES: {
         "q": SPATIAL_COORDINATE_NAMES,
         "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),

@@ -18,7 +18,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.steps import (
-    COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES,
+    LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES,
     PLANAR_COORDINATE_NAMES,
     PLANAR_COORDINATE_SPLIT_STEPS,
     SPATIAL_COORDINATE_NAMES,
@@ -85,7 +85,7 @@ class MotionByCoordinates:
         """Return the coordinates (`order` 0) or their known derivatives of the given order as a dict of arrays, shape
         (count,) each, by the column names of a log.
         """
-        names = tuple(COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[self._names].values())[order]
+        names = tuple(LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[self._names].values())[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> MotionByCoordinates:

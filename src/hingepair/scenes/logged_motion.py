@@ -29,7 +29,7 @@ from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import DEFAULT_BACKEND_AND_WORKERS
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
-from hingepair.plans.steps import COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
+from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
@@ -48,7 +48,7 @@ COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME: Final[dict[str, tuple[str, ...]]] = {
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
     **{v: (f"{v}_x", f"{v}_y", f"{v}_z") for v in ("phi", "phid", "phidd", "v1", "a1", "omega1", "alpha1")},
-    **COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[SPATIAL_COORDINATE_NAMES],
+    **LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[SPATIAL_COORDINATE_NAMES],
 }
 """Names of the columns of each array that a log may have."""
 PAIR_LOG_COLUMN_NAMES: Final = tuple(

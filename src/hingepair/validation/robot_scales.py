@@ -124,8 +124,9 @@ class RobotScales:
         return np.asarray(self._changes * [joint.armature for joint in self._tree.joints])
 
     def mass_matrix(self) -> Float64Array:
-        """Return the error scales of the mass matrix, shape (N, 6 + joints, 6 + joints). Its columns are the six
-        velocities of the base and the rates of all joints.
+        """Return the scales by which errors of the mass matrix are measured: the sums of the sizes of the terms of
+        each entry, shape (N, 6 + joints, 6 + joints). The columns are the six velocities of the base and the rates of
+        all joints.
         """
         joints = len(self._tree.joints)
         scales = np.zeros((len(self._lengths[0]), 6 + joints, 6 + joints))
