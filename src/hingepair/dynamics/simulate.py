@@ -202,7 +202,8 @@ def simulate(
 
     Args:
         pair: a pair whose bodies have mass properties. If the base is fixed or a callable, only body 2 needs them.
-            For a PlanarPair, forces and gravity have two components, and torques have one. The argument `body1` and
+            For a PlanarPair, a force or gravity has shape (2,), and a callable returns (n, 2); a torque is a number,
+            and a callable returns (n,). The argument `body1` and
             the argument `now` of callables (see `force1`) have three-dimensional quantities also for a PlanarPair: R
             lies in the plane z = 0, and S is a rotation about z, such as hp.BodyMotion(R=(x, y, 0),
             S=hp.rodrigues((0, 0, 1), phi)).
@@ -230,7 +231,8 @@ def simulate(
         base: what holds body 1, one of:
 
             - "free" (the default): nothing;
-            - "pinned": R1 stays at its place at t[0], and body 1 turns about R1, in space as on a ball joint;
+            - "pinned": R1 stays where it is at t[0], and body 1 can turn about R1, as on a ball joint (on a pin, for
+              a PlanarPair);
             - "fixed": body 1 stays at its pose at t[0];
             - a callable of times (n,) that returns the BodyMotion of body 1, with v, omega, a and alpha.
         breaks: instants at which loads jump [s]; shape (M,); none by default. Steps end at these instants, and

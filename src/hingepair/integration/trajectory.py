@@ -309,10 +309,10 @@ class Trajectory(_TrajectoryBase):
 
         Two triples of angles describe an attitude that is not at gimbal lock, and whole turns may be added to each
         angle. At the first instant, the method returns the triple of `matrix_to_euler`; at each later instant, it
-        returns the triple nearest to the triple of the instant before. Angles must change by less than half a turn
-        from instant to instant. The middle angle may pass through gimbal lock between two instants. At an instant at
-        gimbal lock, only the sum or the difference of the first and the third angle is determined, and these two
-        angles may jump.
+        returns the triple nearest to the triple of the instant before. The angles are right only if each of them
+        changes by less than half a turn from one instant to the next; this is not checked. The middle angle may pass
+        through gimbal lock between two instants. At an instant at gimbal lock, only the sum or the difference of the
+        first and the third angle is determined, and these two angles may jump.
 
         Args:
             body: 1 or 2. For body 2, the argument `outputs` of `integrate` or `simulate` must name S2 or be left at

@@ -281,8 +281,9 @@ def fit_anchor(
         omega2_b2: angular velocity of body 2 in body 2's axes [rad/s]; shape (N, 3).
         f2_b2: specific force that accelerometer 2 measures, in body 2's axes [m/s^2]; shape (N, 3).
         n1: hinge axis in body 1's axes, as found by `fit_axis`; shape (3,). Give both n1 and n2 or neither. If they
-            are given, the hinge point is the point on the axis closest to sensor 1. Otherwise it is the point on the
-            axis at which the sum of the squared distances to both sensors is smallest.
+            are given, the hinge point is the point on the axis closest to sensor 1. Otherwise the axis is estimated,
+            and the hinge point is the point on it at which the sum of the squared distances to both sensors is
+            smallest.
         n2: hinge axis in body 2's axes; shape (3,).
         gaps: longest time without a sample across which the angular velocities are smoothed [s]. A longer time is a
             gap. A value below 1.5 times the median time step counts as 1.5 times the median time step.

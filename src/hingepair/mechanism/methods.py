@@ -150,7 +150,8 @@ class MechanismMethods(Shown):
             else float64.
 
         Raises:
-            ArgumentError: an argument cannot be used; the message names the argument and the joint.
+            ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
+            the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -292,8 +293,8 @@ class MechanismMethods(Shown):
             the unit of the output; the bound holds for the absolute errors of all components. For outputs of
             `forward_kinematics`, the array has shape (..., F), with one bound for each of F frames; for all other
             outputs, it has shape (...). A bound is infinite if an argument is not finite or if the computation
-            overflows. It is also infinite if the mass matrix is so close to singular that rounding errors could make
-            it singular.
+            overflows. The bounds of qdd, a1 and alpha1 are also infinite if rounding errors could make the mass
+            matrix singular.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs an argument that is not given.
@@ -373,7 +374,8 @@ class MechanismMethods(Shown):
             of a free base is counted.
 
         Raises:
-            ArgumentError: an argument cannot be used; the message names the argument and the joint.
+            ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
+            the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -440,7 +442,8 @@ class MechanismMethods(Shown):
             inertia resists.
 
         Raises:
-            ArgumentError: an argument cannot be used; the message names the argument and the joint.
+            ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
+            the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -503,12 +506,13 @@ class MechanismMethods(Shown):
         impossible.
 
         Zero acceleration means qdd = 0, and for a free base also a1 = 0 and alpha1 = 0. The bias forces contain the
-        Coriolis, centrifugal and gravity terms. If the base is not free, they are the torques [N m] and forces [N] of
-        the joints. For a free base, they are (force1, torque1, tau): the force on the base at its reference point R1
-        [N] and the torque about R1 [N m], in world axes, then the torques and forces of the joints. For a free base,
-        only S and omega of `base_motion` are used. A base that is not free moves as `base_motion` prescribes and
-        rests by default; its S, omega, a and alpha are used. `gravity` is the acceleration of free fall, world axes
-        [m/s^2], shape (3,). `qd` are the time derivatives of q. The other arguments are the same as for `jacobian`.
+        Coriolis, centrifugal and gravity terms, and the terms of a base acceleration that `base_motion` prescribes.
+        If the base is not free, they are the torques [N m] and forces [N] of the joints. For a free base, they are
+        (force1, torque1, tau): the force on the base at its reference point R1 [N] and the torque about R1 [N m], in
+        world axes, then the torques and forces of the joints. For a free base, only S and omega of `base_motion` are
+        used. A base that is not free moves as `base_motion` prescribes and rests by default; its S, omega, a and
+        alpha are used. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). `qd` are the time
+        derivatives of q. The other arguments are the same as for `jacobian`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -710,14 +714,14 @@ class MechanismMethods(Shown):
 
                 - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian" or
                   "acceleration_bias" (of one frame), "inverse_dynamics", "forward_dynamics", "mass_matrix",
-                  "bias_forces" or "gravity_forces". The callable then takes the coordinates of that computation as
+                  "bias_forces" or "gravity_forces". The callable then takes these
                   arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
                   "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics"; only q for the others.
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
                   omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
 
-                S1 is the identity if it is not among the arguments. Any other of the arrays R1 to torque1 that is not
-                among the arguments is zero. Forward dynamics of a free base computes a1 and alpha1.
+                Of the arrays of the base (R1 to alpha1, force1 and torque1), those that are not among the arguments
+                are zero, except S1, which is the identity. Forward dynamics of a free base computes a1 and alpha1.
             frames: as for `forward_kinematics`. "jacobian" and "acceleration_bias" need exactly one frame.
             outputs: names of the outputs to compute. If `given` is the name of a computation, they are outputs of
                 this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,

@@ -223,8 +223,8 @@ class MechanismForces(JointResults):
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
         "tau": "Torque of every hinge [N m] and force of every slider [N], in the order of `q`; (..., dof).",
-        "force1": "Required force on the base at R1, by the support unless the base is free; world axes; (..., 3) N.",
-        "torque1": "Required torque on the base about R1, world axes; (..., 3) N m.",
+        "force1": "Force that must act on the base at R1, world axes; a support may exert it; (..., 3) N.",
+        "torque1": "Torque that must act on the base about R1, world axes; a support may exert it; (..., 3) N m.",
     }
 
     tau: FloatArray
@@ -241,7 +241,7 @@ class MechanismAccelerations(JointResults):
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)
-        "qdd": "Second derivatives of the coordinates; (..., dof) rad/s^2, of sliders m/s^2.",
+        "qdd": "Second time derivatives of q; (..., dof) [rad/s^2 for hinges, m/s^2 for sliders].",
         "a1": "Classical acceleration of a free base's reference point, world axes; (..., 3) m/s^2.",
         "alpha1": "Angular acceleration of a free base, world axes; (..., 3) rad/s^2.",
     }

@@ -21,8 +21,8 @@ _DEFAULT_SQUARED_GYRATION_RADIUS_IN_SQUARE_METRES = 0.01  # m^2, of a body whose
 
 
 class DynamicsWarning(UserWarning):
-    """Warns that computed forces or motion may be wrong, for instance because a mass or an inertia is assumed or
-    impossible, a mass matrix is singular, or a joint is beyond its limits.
+    """Warns that computed forces or motion may be wrong, for instance because a mass or an inertia was not given
+    or is physically impossible, a mass matrix is singular, or a joint is beyond its limits.
     """
 
 

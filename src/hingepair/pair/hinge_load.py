@@ -124,8 +124,8 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest friction torque [N m] that can keep the hinge at rest. This is `friction`. It is 0 if the argument
-        `friction_rate` was given, because the friction torque is then proportional to small rates. If the `motor` of
+        """Largest friction torque [N m] that can keep the hinge at rest. This is `friction`, or 0 if the argument
+        `friction_rate` was given: the friction torque is then 0 at rest and cannot hold the hinge. If the `motor` of
         this load is another HingeLoad, the sticking friction of that load is added.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
@@ -167,8 +167,8 @@ class HingeLoad:
         For rigid stops, the ratio is stop_restitution. Other stops are springs: at a deflection delta, the torque is
         stop_stiffness * delta * (1 + c * delta'), where c is stop_damping [s/rad]. For c = 0, the ratio is 1. For
         c > 0, it decreases as v grows, and w is the solution of c v - ln(1 + c v) = -c w - ln(1 - c w). The ratio
-        does not depend on the stiffness or the inertia. It is the ratio of the stops of this load. If the `motor` of
-        this load is another HingeLoad, that load has its own method `restitution` for its stops.
+        does not depend on the stiffness or the inertia. The result is for the stops of this load only. If the
+        `motor` of this load is another HingeLoad, call the method `restitution` of that load for its stops.
 
         Args:
             rate: hinge rate before the impact [rad/s]; its sign does not matter.
@@ -206,14 +206,14 @@ class HingeLoad:
         and psid, decides which stop acts and in which direction dry friction acts. For one value of `side`, the
         torque is a smooth function of psi and psid unless a callable `motor` is not smooth.
 
-        The formula of the torque is that of `HingeLoad`. Solvers use this method, since a stop or dry friction must
-        not switch on or off within an integration step.
+        A stop acts if the angle in `side` is beyond it and its torque at the rate in `side` pushes back. The torque
+        of a stop that acts is not cut off at 0 for other psi and psid. Solvers use this method, since a stop or dry
+        friction must not switch on or off within an integration step.
 
         Args:
             side: pair of a hinge angle [rad] and a hinge rate [rad/s]; each is a number or an array of the shape of
-                psi. The angle and the rate decide which stop acts, if any. The sign of the rate determines the
-                direction of dry friction without a `friction_rate`, which does not act if the rate is 0. Friction
-                with a `friction_rate` depends on psid.
+                psi. Without a `friction_rate`, the sign of the rate determines the direction of dry friction; if the
+                rate is 0, dry friction does not act. With a `friction_rate`, friction depends on psid instead.
             t: instants [s]; shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).

@@ -449,8 +449,8 @@ class PlanarPair(Shown):
             qd: time derivatives of q [m/s, rad/s], in the same form.
 
         Returns:
-            The Momentum, with the attributes linear, world axes [kg m/s], shape (..., 2), and angular, about the z
-            axis [kg m^2/s], shape (...,).
+            The Momentum. Its attribute `linear` [kg m/s] is in world axes; shape (..., 2). Its attribute `angular`
+            [kg m^2/s] is the component along the z axis; shape (...,).
 
         Raises:
             ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names

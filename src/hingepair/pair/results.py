@@ -53,7 +53,7 @@ class Result(Shown):
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files that the result was computed from, a tuple of `pathlib.Path`; () if there are none.
+        """Paths of the files from which this object was computed, a tuple of `pathlib.Path`; () if there are none.
         `save` refuses to overwrite these files.
         """
         return ()
@@ -153,15 +153,15 @@ class Result(Shown):
             path: file name. Its ending selects the format: .csv (a line of column names as in `to_dataframe`, then
                 one line per instant, with the fewest digits that determine each number), .npz (NumPy arrays with the
                 names t, R2, psi and so on), .parquet, or .nc (NetCDF).
-            inputs: paths of further files that must not be overwritten. The files that the result was computed from,
-                such as a scene file and its log, are protected in any case.
+            inputs: paths of further files that must not be overwritten. The files from which this object was
+                computed, such as a scene file and its log, are protected in any case.
 
         Returns:
             The path of the written file.
 
         Raises:
             ArgumentError: the ending is unknown, `path` is a file that must not be overwritten, the file cannot be
-                written, or the result is a trajectory that holds many motions or Dask arrays. A file that existed
+                written, or the object is a trajectory that holds many motions or Dask arrays. A file that existed
                 before stays as it was.
             MissingDependencyError: the package that writes this format is not installed.
         """

@@ -67,8 +67,8 @@ def plot(
     Args:
         source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; or the result of `smooth`.
             For a pair, the hinge angle moves from its lower to its upper limit and back, or through a whole turn if
-            the pair has no limits. For a PlanarPair, give `pair.to_spatial()`. The result of `simulate` for a
-            PlanarPair can be drawn, the result of `integrate` for a PlanarPair cannot.
+            the pair has no limits. For a PlanarPair, give `pair.to_spatial()`. The result of
+            `simulate` for a PlanarPair can be drawn, but the result of `integrate` for it cannot.
         outputs: names of the outputs to draw over time instead of the whole figure. For a scene, these are outputs of
             its method `evaluate`; for a trajectory or the result of `smooth`, outputs that it holds; for a pair, R1,
             S1, R2, S2 and psi. Attitudes are drawn as XYZ Euler angles.

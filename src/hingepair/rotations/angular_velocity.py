@@ -46,8 +46,8 @@ def angular_velocity(
         [1/s]; shape (...,).
 
     Raises:
-        RotationError: S is finite, but an element of S S^T differs from the identity by more than 2e-9 (2e-5 for
-            float32), or det S is negative.
+        RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
+            2e-9 (2e-5 for float32), or det S is negative.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -131,8 +131,8 @@ def angular_velocity_from_samples(
             between a sample and a neighbour that is used with it, so that the rotation vector is ambiguous. This turn
             is the sum of the turns from each sample to the next. Each of these is assumed to be less than pi; a
             larger one cannot be detected.
-        RotationError: S is finite, but an element of S S^T differs from the identity by more than 2e-9 (2e-5 for
-            float32), or det S is negative.
+        RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
+            2e-9 (2e-5 for float32), or det S is negative.
 
     >>> import numpy as np
     >>> import hingepair as hp

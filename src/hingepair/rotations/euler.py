@@ -100,8 +100,8 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
         `with_lock`, a tuple (angles, locked), where locked is a bool array of shape (...,).
 
     Raises:
-        RotationError: S is finite, but an element of S S^T differs from the identity by more than 2e-9 (2e-5 for
-            float32), or det S is negative.
+        RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
+            2e-9 (2e-5 for float32), or det S is negative.
 
     >>> import hingepair as hp
     >>> hp.matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0

@@ -183,8 +183,8 @@ def rotation_log(S: ArrayLike) -> FloatArray:
         one of the two vectors is returned.
 
     Raises:
-        RotationError: S is finite, but an element of S S^T differs from the identity by more than 2e-9 (2e-5 for
-            float32), or det S is negative.
+        RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
+            2e-9 (2e-5 for float32), or det S is negative.
 
     >>> import hingepair as hp
     >>> hp.rotation_log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0

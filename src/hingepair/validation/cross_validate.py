@@ -98,10 +98,10 @@ def cross_validate(
 
     Returns:
         For a pair a `CrossValidation` (hingepair.validation.report), for a robot a `RobotValidation`
-        (hingepair.validation.robot_report). Both have `.ok` (True if all compared outputs agree, False if no
-        sample could be compared), `.verdict` (text of one line), `.to_json()` (the report as JSON text), `.skipped`
-        (number of samples that were left out because an input is not finite) and `.rows`. `print` shows the report as
-        a table. `.rows` is a tuple with a row for each output, with these attributes:
+        (hingepair.validation.robot_report). Both have `.ok` (True if all compared outputs agree; False if one
+        does not, or if no sample could be compared), `.verdict` (text of one line), `.to_json()` (the report as JSON
+        text), `.skipped` (number of samples that were left out because an input is not finite) and `.rows`. `print`
+        shows the report as a table. `.rows` is a tuple with a row for each output, with these attributes:
 
         - `.output`: name of the output;
         - `.max_error`: largest error, in the unit of the output;
