@@ -46,9 +46,9 @@ def load_robot(
         URDFError: the URDF file of the robot cannot be read.
         MissingDependencyError: example-robot-data is not installed.
 
-    >>> import hingepair as hp
     The second finger joint of the Panda is a mimic joint that follows the first, so locking the first is enough:
 
+    >>> import hingepair as hp
     >>> robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
     >>> robot.dof, robot.position_limits[0].tolist()
     (7, [-2.8973, 2.8973])
