@@ -209,6 +209,17 @@ def test_what_cannot_be_used_is_named(name: str) -> None:
         call()
 
 
+def test_short_pieces_between_gaps_are_smoothed_with_long_ones() -> None:
+    """The lowest bandwidths do not determine a short piece: they are passed over."""
+    t, random = np.arange(600) / 100, np.random.default_rng(0)
+    for first in (100, 30, 560):
+        psi = np.sin(2 * t) + 1e-3 * random.standard_normal(600)
+        psi[first : first + 20] = np.nan
+        found = hp.smooth(t, psi)
+        assert (np.isnan(found.psi) == np.isnan(psi)).all()
+        assert np.nanmax(np.abs(found.psi - np.sin(2 * t))) < 5e-3
+
+
 @pytest.mark.slow
 def test_rough_attitudes_are_smoothed_along_a_smooth_path() -> None:
     t = np.arange(1000) / 200

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,58 @@ def test_a_noisy_log_is_smoothed_with_its_rates(tmp_path, quaternions):
         error = getattr(result, name) - getattr(state, name)
         assert np.sqrt(np.mean(error[50:-50] ** 2)) < most, name
     assert any("smoothed: noise of 0.001 m of position" in note for note in scene.motion.notes)
+
+
+def test_the_noise_of_forces_is_what_smoothing_leaves(tmp_path):
+    """Not the roughness of the smoothed curves, of which nothing is left."""
+    text = PAIR.replace(
+        "[motion]", "body2 = { mass = 3, center_of_mass = [0.1, 0, 0], inertia = [0.1, 0.1, 0.1] }\n\n[motion]"
+    )
+    path, _ = written(tmp_path, text, quaternions=False)
+    forces = hp.load_scene(path).forces()
+    t = np.arange(600) / 100
+    q = np.column_stack((np.cos(t), np.sin(t), 0.1 * t, np.sin(t), 0.5 * np.cos(1.3 * t), 0.3 * t, np.sin(2 * t)))
+    zero = np.zeros_like(t)
+    qd = np.column_stack(
+        (-np.sin(t), np.cos(t), zero + 0.1, np.cos(t), -0.65 * np.sin(1.3 * t), zero + 0.3, 2 * np.cos(2 * t))
+    )
+    qdd = np.column_stack(
+        (-np.cos(t), -np.sin(t), zero, -np.sin(t), -0.845 * np.cos(1.3 * t), zero, -4 * np.sin(2 * t))
+    )
+    pair = hp.load_scene(path).pair
+    state = pair.forward_kinematics(q, qd, qdd, outputs=("R1", "S1", "v1", "omega1", "a1", "alpha1"))
+    body1 = hp.BodyMotion(R=state.R1, S=state.S1, v=state.v1, omega=state.omega1, a=state.a1, alpha=state.alpha1)
+    exact = pair.hinge_wrench(body1, q[:, 6], qd[:, 6], qdd[:, 6])
+    for name, truth in (("hinge_torque", exact.hinge_torque), ("hinge_force", exact.force)):
+        error = np.sqrt(np.mean((forces[name] - truth) ** 2, axis=0))
+        ratio = forces.noise[name] / error
+        assert (ratio > 0.4).all(), name
+        assert (ratio < 2.5).all(), name
+    (note,) = (note for note in forces.notes if note.startswith("noise of the log, after smoothing"))
+    assert "hp.smooth" not in note
+
+
+def test_notes_of_a_smoothed_log_name_its_columns_and_missing_samples(tmp_path):
+    path, _ = written(tmp_path, quaternions=False)
+    log = np.genfromtxt(tmp_path / "log.csv", delimiter=",", names=True)
+    names = log.dtype.names
+
+    def notes(**changes):
+        columns = {name: changes.get(name, log[name]) for name in names}
+        Record(columns.pop("t"), columns, "log").save(tmp_path / "log.csv")
+        return hp.load_scene(path).motion.notes
+
+    assert not any("missing" in note or "radians" in note for note in notes())
+    few, many = log["psi"].copy(), log["x"].copy()
+    few[300], many[100:200] = np.nan, np.nan
+    said = notes(psi=few, x=many)
+    assert "psi: 1 of 600 samples missing and filled; the first at t = 3 s" in said
+    assert (
+        "position: 100 of 600 samples missing and not filled, in gaps that are too long; the first at t = 1 s" in said
+    )
+    said = notes(psi=np.degrees(log["psi"]), phi_x=20 * log["phi_x"])
+    assert any(re.match(r"psi spans \d+ rad, .*numpy.radians\(psi\)", note) for note in said)
+    assert any(re.match(r"phi_x spans \d+ rad, .*numpy.radians\(phi_x\)", note) for note in said)
 
 
 @pytest.mark.parametrize(

@@ -334,12 +334,12 @@ def fit(
     - `gauge` selects the position of the hinge point along the axis.
     - The sign of n, and with it the sign of psi, is chosen so that one component of n is positive. This is the first
       component whose magnitude is at least 0.45 times the largest magnitude.
-    - `home` is the attitude of body 2 relative to body 1 at psi = 0. Let n2 be the components of the hinge axis in
-      body 2's axes. `home` is the rotation by the smallest angle that turns n2 into n. If n2 and n are more than 154
-      degrees apart, `home` consists of two rotations: first a half turn about the x, y or z axis of body 2, then the
-      rotation by the smallest angle that turns the result of the half turn into n. The half turn is about the x axis
-      of body 2 if abs(nx) < 0.65, where n = (nx, ny, nz) in body 1's axes; otherwise about its y axis if abs(ny) <
-      0.65, and otherwise about its z axis.
+    - `home` is the attitude of body 2 relative to body 1 at psi = 0. Let n and n2 be the components of the hinge axis
+      in body 1's and in body 2's axes, both taken as vectors of three numbers. `home` is the rotation by the smallest
+      angle that turns n2 into n. If n2 and n are more than 154 degrees apart, `home` consists of two rotations: first
+      a half turn about the x, y or z axis of body 2, then the rotation by the smallest angle that turns the result of
+      the half turn into n. The half turn is about the x axis of body 2 if abs(nx) < 0.65, where n = (nx, ny, nz) in
+      body 1's axes; otherwise about its y axis if abs(ny) < 0.65, and otherwise about its z axis.
 
     Args:
         body1: BodyMotion of body 1, with R and S; shape (N,), or one pose if body 1 does not move.

@@ -45,9 +45,9 @@ class AngleFit:
             velocity or a specific force is not finite, and in series of fewer than 8 samples without a gap. The first
             finite angle is in [-pi, pi], and there are no jumps of 2 pi between samples. At psi = 0, the attitude of
             body 2 relative to body 1 is the rotation by the smallest angle that turns n2 into n1; n1 and n2 are the
-            arguments of `fit_angle`. Near 180 degrees, this rotation is not determined well. If the angle exceeds
-            154 degrees, the attitude at psi = 0 is therefore the rotation `home` that the page of `fit` defines, with
-            n = n1.
+            arguments of `fit_angle`. If the angle between n1 and n2 is near 180 degrees, this rotation is not
+            determined well. If that angle exceeds 154 degrees, the attitude at psi = 0 is therefore the rotation
+            `home` that the page of `fit` defines, with n = n1.
         psid: rate of psi [rad/s]; shape (N,), NaN where psi is NaN. It is the measured rate minus `drift`. The
             measured rate is the component of body 2's angular velocity along n2, minus the component of body 1's
             angular velocity along n1.
@@ -126,9 +126,9 @@ def fit_angle(
     Returns:
         An AngleFit, with the hinge angle as `.psi` [rad], shape (N,), NaN at the instants that are not used. At psi =
         0, the attitude of body 2 relative to body 1 is the rotation by the smallest angle that turns n2 into n1. If
-        n1 = n2, the axes of body 1 and body 2 are parallel at psi = 0. Near 180 degrees, the rotation by the
-        smallest angle is not determined well. If the angle between n1 and n2 exceeds 154 degrees, the attitude at psi
-        = 0 is therefore the rotation `home` that the documentation of `fit` defines, with n = n1. Check `.ok` and
+        n1 = n2, the axes of body 1 and body 2 are parallel at psi = 0. If the angle between
+        n1 and n2 is near 180 degrees, the rotation by the smallest angle is not determined well. If the angle exceeds
+        154 degrees, the attitude at psi = 0 is therefore the rotation `home` that the documentation of `fit` defines, with n = n1. Check `.ok` and
         `.findings` before you use the numbers of the fit.
 
     Raises:

@@ -230,9 +230,12 @@ def _cross_validated_model(
 
     def score(log_bandwidth: float) -> float:
         """Return the generalised cross-validation score of the bandwidth exp(log_bandwidth) [Hz]; inf if the
-        curve has too many degrees of freedom.
+        curve has too many degrees of freedom, or if the bandwidth is so low that a short piece does not determine it.
         """
-        spline = SmoothingSpline(times, SmoothingModel(float(np.exp(log_bandwidth)), correlation), weights)
+        try:
+            spline = SmoothingSpline(times, SmoothingModel(float(np.exp(log_bandwidth)), correlation), weights)
+        except np.linalg.LinAlgError:
+            return np.inf
         share = 1 - _CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM * spline.freedom() / count
         if share <= 0:
             return np.inf

@@ -206,8 +206,9 @@ class HingeLoad:
         and psid, decides which stop acts and in which direction dry friction acts. For one value of `side`, the
         torque is a smooth function of psi and psid unless a callable `motor` is not smooth.
 
-        A stop acts if the angle in `side` is beyond it and its torque at the rate in `side` pushes back. The torque
-        of a stop that acts is not cut off at 0 for other psi and psid. Solvers use this method, since a stop or dry
+        A stop acts if the angle in `side` is beyond the stop and the torque of the stop at this angle and rate pushes
+        back. The formula of `HingeLoad` for the torque of the stop is then used for all psi and psid; negative values
+        are not replaced by 0, so the stop can also pull. Solvers use this method, since a stop or dry
         friction must not switch on or off within an integration step.
 
         Args:

@@ -267,8 +267,9 @@ class HingePair(Shown):
                 If `outputs` is not given, `given` determines the outputs. If a load is an input, they are a1, alpha1
                 and psidd. For the word "inverse_dynamics", they are force1, torque1 and hinge_torque. In all other
                 cases, they are R2, S2 and d; with qd or psid also v2 and omega2; with qdd or psidd also a2 and
-                alpha2. Unless q is an input, R2 needs R1, v2 needs v1, and a2 needs a1. The default outputs need
-                them too: for `given` = ("S1", "psi"), give `outputs` without R2.
+                alpha2. Unless q is an input, R2 needs R1, v2 needs v1, and a2 needs a1. This also
+                holds for the default outputs: `given` = ("S1", "psi") alone raises an ArgumentError, because the
+                default output R2 needs R1; outputs=("S2", "d") works.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
             workers: number of threads; -1 for one thread per core.
@@ -954,13 +955,13 @@ class HingePair(Shown):
         constraints are (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2). `body1` and `body2` are BodyMotions.
 
         Solvers of differential-algebraic equations need G. The five constraints are gap = 0 and tilt = 0. gap is the
-        vector R1 + S1 u1 - R2 - S2 u2, with three components in world axes [m]. tilt has two components, without
-        unit. Let h1 = S1 n and h2 = S2 C^-1 n be the directions of the hinge axis as fixed in body 1 and as fixed in
-        body 2, in world axes, where C is `home`. The components of tilt are (h1 x h2) . (S1 e1) and (h1 x h2) . (S1
-        e2). e1 and e2 are fixed in body 1 and form an orthonormal basis with n. e1 is a coordinate axis of body 1,
-        projected onto the plane perpendicular to n and scaled to unit length. This coordinate axis is the one along
-        which n has the component of smallest magnitude; if there are several, it is the first of them. e2 is n x e1.
-        The Jacobian is exact even if a motion violates the constraints.
+        vector R1 + S1 u1 - R2 - S2 u2, with three components in world axes [m]. tilt has two dimensionless
+        components. Let h1 = S1 n and h2 = S2 C^-1 n be the directions of the hinge axis as fixed in
+        body 1 and as fixed in body 2, in world axes, where C is `home`. The components of tilt are (h1 x h2) . (S1
+        e1) and (h1 x h2) . (S1 e2). e1 and e2 are fixed in body 1 and form an orthonormal basis with n. e1 is a
+        coordinate axis of body 1, projected onto the plane perpendicular to n and scaled to unit length. This
+        coordinate axis is the one along which n has the component of smallest magnitude; if there are several, it is
+        the first of them. e2 is n x e1. The Jacobian is exact even if a motion violates the constraints.
 
         Args:
             body1: the motion of body 1; only S is used.
@@ -986,9 +987,8 @@ class HingePair(Shown):
         part is `bias` in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2). `body1` and `body2` are
         BodyMotions.
 
-        gap is the vector from the hinge point of body 2 to the hinge point of body 1, and tilt has two components
-        without unit.
-        `constraint_jacobian` defines gap and tilt, and returns G. If a motion satisfies the constraints at all times,
+        gap is the vector from the hinge point of body 2 to the hinge point of body 1, and tilt has two dimensionless
+        components. `constraint_jacobian` defines gap and tilt, and returns G. If a motion satisfies the constraints at all times,
         gap'' and tilt'' are zero, but the bias is in general not zero.
 
         Args:

@@ -45,9 +45,9 @@ class PairState(Results):
         "acceleration_bias": "Value of (a2, alpha2) for a1 = alpha1 = psi'' = 0, from `prepare`; (..., 6).",
         "coordinate_jacobian": "Jacobian of (v2, omega2) with respect to `qd`, from `prepare`; (..., 6, 7).",
         "coordinate_jacobian_rate": "Time derivative of `coordinate_jacobian`, from `prepare`; (..., 6, 7).",
-        "force1": "Force that must act on body 1 at R1, from `prepare`; (..., 3) N.",
-        "torque1": "Torque that must act on body 1 about R1, from `prepare`; (..., 3) N m.",
-        "hinge_torque": "Torque that must act about the hinge axis, from `prepare`; (...) N m.",
+        "force1": "Force on body 1 at R1 that the motion requires, from `prepare`; (..., 3) N.",
+        "torque1": "Torque on body 1 about R1 that the motion requires, from `prepare`; (..., 3) N m.",
+        "hinge_torque": "Torque on body 2 about the hinge axis that the motion requires, from `prepare`; (...) N m.",
         "psidd": "Acceleration of the hinge angle under the loads, from `prepare`; (...) rad/s^2.",
     }
 

@@ -13,11 +13,13 @@ from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.numeric.tables import Sheet, instant_text, unit_of
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_load import HINGE_TORQUE_PART_NAMES
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
+from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1
 from hingepair.scenes.log_noise import (
     MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT,
@@ -98,7 +100,10 @@ def pair_scene_forces(
         down = ", ".join(f"{component:g}" for component in fall[:size])
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
     noise: dict[str, Float64Array] = {}
-    if motion.derived is not None and len(t) > FINITE_DIFFERENCE_ACCURACY_ORDER:
+    if motion.deviations is not None:
+        noise, sentence = _smoothed_force_noise(pair, known_motion.in_space(pair), motion.deviations, fall, arrays)
+        notes.append(sentence)
+    elif motion.derived is not None and len(t) > FINITE_DIFFERENCE_ACCURACY_ORDER:
         noise, sentence = _force_noise(pair, t, known_motion, motion.derived, fall, arrays)
         notes.append(sentence)
     record = t, _plane_components(arrays) if flat else arrays, f"forces: {title}", files
@@ -205,6 +210,35 @@ def _force_noise(
     if torque > MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT * rms:
         sentence += "; hp.smooth(t, psi) finds psi'' of noisy samples, hp.smooth(t, body1) the motion of body 1"
     return noise, sentence
+
+
+def _smoothed_force_noise(
+    pair: HingePair | PlanarPair,
+    motion: MotionByBody1,
+    deviations: Mapping[str, Float64Array],
+    gravity: tuple[float, ...],
+    force_arrays: Mapping[str, NDArray[Any]],
+) -> tuple[dict[str, Float64Array], str]:
+    """Return (force_deviations, note): the standard deviation that the errors of a smoothed motion cause in each
+    force, a dict of arrays by name, and a sentence on these errors. Random errors with the standard deviations
+    `deviations` of the smoothing are added to `motion`, and the forces under `gravity` are compared with
+    `force_arrays`.
+    """
+    rows = noise_rows(len(deviations["psi"]))
+    random = np.random.default_rng(0)
+    errors = {name: own[rows] * random.standard_normal(own[rows].shape) for name, own in deviations.items()}
+    body1 = {name: np.asarray(getattr(motion.body1, name))[rows] for name in ("R", "v", "a", "S", "omega", "alpha")}
+    moved = {name: own + errors[f"{name}1"] for name, own in body1.items() if name != "S"}
+    moved["S"] = rotation_exp(errors["S1"]) @ body1["S"]
+    hinge = tuple(own[rows] + errors[name] for name, own in zip(("psi", "psid", "psidd"), motion.hinge, strict=True))
+    noisy = _required_forces(pair, MotionByBody1(BodyMotion(**moved), hinge), gravity)
+    noise = {name: finite_rms(own - force_arrays[name][rows]) for name, own in noisy.items()}
+    psidd, torque = float(finite_rms(deviations["psidd"][rows])), float(noise["hinge_torque"])
+    rms = _two_digits(float(finite_rms(force_arrays["hinge_torque"])))
+    return noise, (
+        f"noise of the log, after smoothing: {_two_digits(psidd)} rad/s^2 of psi'' and {_two_digits(torque)} N m of "
+        f"hinge_torque, whose rms is {rms} (standard deviations over the whole log; largest near its ends)"
+    )
 
 
 def _two_digits(number: float) -> str:

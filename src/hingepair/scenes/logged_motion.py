@@ -6,11 +6,12 @@ docs/scenes.md lists the columns. Others are refused: a misspelt one would be mi
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -471,9 +472,20 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
+    if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER:
+        for name in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["phi"]:
+            log.notes += angle_suspicions(name, log.columns[name])
     with warnings.catch_warnings(record=True) as caught, log.naming():
         warnings.simplefilter("always", MeasurementWarning)
-        body, angle = smooth(log.since, BodyMotion(R=R1, S=S1)), smooth(log.since, psi)
+        body = smooth(log.since, BodyMotion(R=R1, S=S1))
+        texts = [str(warning.message) for warning in caught]
+        caught.clear()
+        angle = smooth(log.since, psi)
+        texts += [re.sub(r"\bbody\b", "psi", str(warning.message)) for warning in caught]
+    for name, samples, result in (("position", R1, body.R), ("attitude", S1, body.S), ("psi", psi, angle.psi)):
+        log.notes += _missing_log_sample_sentences(name, log.t, samples, result)
+    deviations_by_name = {f"{name}1": body.std[name] for name in ("R", "v", "a", "S", "omega", "alpha")}
+    deviations_by_name |= {name: angle.std[name] for name in _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER}
     arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
     arrays |= {name: getattr(angle, name) for name in _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER}
     deviations = {
@@ -482,9 +494,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         "psi": (angle.noise["psi"], "rad"),
     }
     noise = ", ".join(f"{size:.2g} {unit} of {name}" for name, (size, unit) in deviations.items())
-    texts = dict.fromkeys(str(warning.message) for warning in caught)
-    notes = (*log.notes, f"smoothed: noise of {noise} (standard deviation of a component)", *texts)
-    names = tuple(name for name in arrays if name not in {"R1", "S1", "psi"})
+    notes = (*log.notes, f"smoothed: noise of {noise} (standard deviation of a component)", *dict.fromkeys(texts))
     return Motion(
         log.t,
         motion_by_body1(arrays),
@@ -494,8 +504,24 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         "",
         "",
         notes=notes,
-        derived=names,
+        deviations=deviations_by_name,
     )
+
+
+def _missing_log_sample_sentences(
+    name: str, t: Float64Array, samples: NDArray[Any], result: NDArray[Any] | None
+) -> list[str]:
+    """Return a list of sentences, which begin with `name`, on missing (not finite) samples of a log and whether their
+    smoothed values, `result`, filled them; empty if no sample is missing. The first axis of both is that of t.
+    """
+    is_missing = ~np.isfinite(samples.reshape(len(t), -1)).all(axis=1)
+    is_filled = is_missing & np.isfinite(np.asarray(result).reshape(len(t), -1)).all(axis=1)
+    sentences = []
+    for rows, verdict in ((is_filled, "filled"), (is_missing & ~is_filled, "not filled, in gaps that are too long")):
+        if count := int(rows.sum()):
+            first = f"the first at t = {t[rows][0]:.6g} s"
+            sentences.append(f"{name}: {count} of {len(t)} samples missing and {verdict}; {first}")
+    return sentences
 
 
 def _integrate_rates(table: Table, log: Log) -> Motion:

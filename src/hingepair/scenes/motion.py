@@ -45,7 +45,8 @@ class Motion:
     `how`, `doubt` and `hint` are phrases and `notes` sentences for reports, and `errors` has lazy error estimates by
     unit. `functions` is a tuple of the functions of t that define the motion, `simulated` is the simulated motion or
     None, and `stops` holds the lower and the upper stop of a simulated hinge. `derived` names the rates of a log that
-    were found by finite differences; without a log, it is None.
+    were found by finite differences; it is None without a log and for a smoothed log. `deviations` holds the standard
+    deviations of a smoothed log by name, or None.
 
     Attributes:
         t: instants [s].
@@ -59,7 +60,10 @@ class Motion:
         simulated: the simulated motion; None if the motion was not simulated.
         stops: lower and upper stop of the simulated hinge [rad]; infinite without a stop.
         notes: sentences that every reader of the results should see.
-        derived: names of the rates of a log that were found by finite differences; None if it is no log.
+        derived: names of the rates of a log that were found by finite differences; None if it is no log, or if the
+            log was smoothed.
+        deviations: standard deviations of a smoothed log at each instant: (N, 3) by R1, v1, a1, S1 (of a rotation
+            vector), omega1 and alpha1, and (N,) by psi, psid and psidd; None if the motion was not smoothed.
     """
 
     t: Instants
@@ -74,6 +78,7 @@ class Motion:
     stops: tuple[float, float] = (-math.inf, math.inf)
     notes: tuple[str, ...] = ()
     derived: tuple[str, ...] | None = None
+    deviations: Mapping[str, Float64Array] | None = None
 
     @property
     def level(self) -> int:
