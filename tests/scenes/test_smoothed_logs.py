@@ -129,3 +129,14 @@ def test_what_does_not_go_with_smoothing_is_refused(tmp_path, text, more, words)
     path, _ = written(tmp_path, text, **dict.fromkeys(more))
     with pytest.raises(hp.SceneError, match=words):
         hp.load_scene(path)
+
+
+def test_a_missing_sample_that_cannot_be_differentiated_is_said_to_need_smoothing(tmp_path):
+    path, _ = written(tmp_path, PAIR.replace("smooth = true", "differentiate = true"), quaternions=False)
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    lines[300] = lines[300].rpartition(",")[0] + ","
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    with pytest.raises(
+        hp.SceneError, match=r"differentiated \(motion.smooth = true fills missing samples\), got nan"
+    ):
+        hp.load_scene(path)

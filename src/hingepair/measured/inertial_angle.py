@@ -126,10 +126,10 @@ def fit_angle(
     Returns:
         An AngleFit, with the hinge angle as `.psi` [rad], shape (N,), NaN at the instants that are not used. At psi =
         0, the attitude of body 2 relative to body 1 is the rotation by the smallest angle that turns n2 into n1. If
-        n1 = n2, the axes of body 1 and body 2 are parallel at psi = 0. If the angle between
-        n1 and n2 is near 180 degrees, the rotation by the smallest angle is not determined well. If the angle exceeds
-        154 degrees, the attitude at psi = 0 is therefore the rotation `home` that the documentation of `fit` defines, with n = n1. Check `.ok` and
-        `.findings` before you use the numbers of the fit.
+        n1 = n2, the axes of body 1 and body 2 are parallel at psi = 0. If the angle between n1 and n2 is near 180
+        degrees, the rotation by the smallest angle is not determined well. If the angle exceeds 154 degrees, the
+        attitude at psi = 0 is therefore the rotation `home` that the documentation of `fit` defines, with n = n1.
+        Check `.ok` and `.findings` before you use the numbers of the fit.
 
     Raises:
         FitError: no series of 8 instants without a gap has finite values in all four records.

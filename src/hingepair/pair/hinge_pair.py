@@ -988,8 +988,8 @@ class HingePair(Shown):
         BodyMotions.
 
         gap is the vector from the hinge point of body 2 to the hinge point of body 1, and tilt has two dimensionless
-        components. `constraint_jacobian` defines gap and tilt, and returns G. If a motion satisfies the constraints at all times,
-        gap'' and tilt'' are zero, but the bias is in general not zero.
+        components. `constraint_jacobian` defines gap and tilt, and returns G. If a motion satisfies the constraints
+        at all times, gap'' and tilt'' are zero, but the bias is in general not zero.
 
         Args:
             body1: the motion of body 1; only S and omega are used.

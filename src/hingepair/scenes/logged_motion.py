@@ -288,12 +288,15 @@ class Log(NamedSource):
 
     def check_finite(self, name: str, array: Float64Array, use: str) -> None:
         """Raise a SceneError that names a column of the array `name` if the array has a number that is not finite.
-        `use` is a participle such as "integrated" that the message contains.
+        `use` is a participle such as "integrated" that the message contains. For the log of a pair, the message
+        recommends smoothing in place of differences.
         """
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
             got = f"{columns[sample, i]} at sample {sample}"
-            self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}", got)
+            can_smooth = use == "differentiated" and self.layout is _PAIR_LOG_LAYOUT
+            hint = " (motion.smooth = true fills missing samples)" if can_smooth else ""
+            self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}{hint}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
         """Return the rotation matrices (N, 3, 3) of quaternions (x, y, z, w), shape (N, 4). Raise a SceneError for a
