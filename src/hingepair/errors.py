@@ -51,8 +51,8 @@ class ShapeError(ArgumentError):
 
 
 class DtypeError(ArgumentError, TypeError):
-    """An array has a dtype that is not supported. The attributes `name`, `expected` and `got` are those of
-    `ArgumentError`.
+    """An array has a dtype that is not supported. The attributes are those of `ArgumentError`: `name` is the
+    argument, `expected` says which dtypes are supported, and `got` says which dtype came.
     """
 
 

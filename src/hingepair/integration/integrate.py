@@ -152,11 +152,12 @@ def integrate(
     - a callable that takes an array of times (n,) and returns an array (n, 3) or (n,), or a constant.
 
     Samples are interpolated by polynomials of degree 5, which presumes a smooth motion: at a kink or across a gap the
-    polynomials overshoot. With samples, only differences of instants matter.
+    polynomials overshoot.
 
-    A callable receives times in seconds. If t is in seconds, these times count from the same zero as t. If t is
-    datetime64 or integer nanoseconds since 1970, these times count from the first instant. Seconds since 1970 as
-    floats are rounded to 2.4e-7 s, so give the datetime64 or integer nanoseconds of the clock instead.
+    The zero of t matters only to callables. A callable receives times in seconds. If t is in seconds, these times
+    count from the same zero as t. If t is datetime64 or integer nanoseconds since 1970, these times count from the
+    first instant. Seconds since 1970 as floats are rounded to 2.4e-7 s, so give the datetime64 or integer nanoseconds
+    of the clock instead.
 
     The methods are:
 
@@ -214,9 +215,10 @@ def integrate(
     Returns:
         A `Trajectory`, for a PlanarPair a `PlanarTrajectory`. A Trajectory has the instants `.t` (N,) [s], the
         attitude of body 1 as `.S1` (..., N, 3, 3) and `.quat_wxyz` (..., N, 4), the hinge angle `.psi` (..., N)
-        [rad], the outputs, such as `.R2` (..., N, 3) [m], and the estimated errors `.error_estimate` and
-        `.psi_error_estimate` (...,) [rad]. In place of `.S1` and `.quat_wxyz`, a PlanarTrajectory has the angle of
-        body 1 as `.phi` (..., N) [rad]. If there are many motions, `trajectory[i]` is the trajectory of motion i.
+        [rad], the outputs, such as `.R2` (..., N, 3) [m], and estimates of the largest error at any instant,
+        `.error_estimate` for the attitude of body 1 and `.psi_error_estimate` for psi, (...,) [rad]. In place of
+        `.S1` and `.quat_wxyz`, a PlanarTrajectory has the angle of body 1 as `.phi` (..., N) [rad]. If there are many
+        motions, `trajectory[i]` is the trajectory of motion i.
 
     Raises:
         ArgumentError: an argument cannot be used, a rate is not finite (the error gives the first index), or tol is

@@ -198,16 +198,15 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
         The rates are the arguments omega1 and psid of `integrate`, which are constants, callables or samples. If the
         rates are smooth and rounding errors are small, the estimate differs from the actual error by a few per cent.
-        If a callable has a jump or a kink within an integration step, the estimate is between a third of the actual
-        error and ten times the actual error.
 
         If rates are callables, the result of each integration step is compared with the result of steps of half its
-        length or less. A callable may also have a jump or a kink between two times at which it was evaluated. The
-        estimate includes a bound on the error that such jumps and kinks can cause; the bound is computed from the
-        values at these times. If there are more than 65,536 integration steps, only some are compared: the steps over
-        which the values of the callables change most abruptly, and one step from each of many short parts of the
-        total time. Whatever the number of steps, a pulse of a callable that is shorter than about 1/500 of the total
-        time may be missed.
+        length or less. This comparison can miss part of the effect of a jump or a kink, since a callable is known
+        only at the times at which it was evaluated. The estimate therefore includes a bound on the error that jumps
+        and kinks between these times can cause, which is computed from the values at these times. If a callable has a
+        jump or a kink, the estimate is between a third of the actual error and ten times the actual error. If there
+        are more than 65,536 integration steps, only some are compared: the steps over which the values of the
+        callables change most abruptly, and one step from each of many short parts of the total time. Whatever the
+        number of steps, a pulse of a callable that is shorter than about 1/500 of the total time may be missed.
 
         If rates are samples, the estimate includes the error of interpolation, which is due to long times without
         samples (gaps), to motion that the samples hardly resolve, and to jumps and kinks anywhere between two
@@ -310,9 +309,9 @@ class Trajectory(_TrajectoryBase):
         Two triples of angles describe an attitude that is not at gimbal lock, and whole turns may be added to each
         angle. At the first instant, the method returns the triple of `matrix_to_euler`; at each later instant, it
         returns the triple nearest to the triple of the instant before. The angles are right only if each of them
-        changes by less than half a turn from one instant to the next; this is not checked. The middle angle may pass
-        through gimbal lock between two instants. At an instant at gimbal lock, only the sum or the difference of the
-        first and the third angle is determined, and these two angles may jump.
+        changes by less than half a turn from one instant to the next; this is not checked. They are also right if the
+        middle angle passes through gimbal lock between two instants. At an instant at gimbal lock, only the sum or
+        the difference of the first and the third angle is determined, and these two angles may jump.
 
         Args:
             body: 1 or 2. For body 2, the argument `outputs` of `integrate` or `simulate` must name S2 or be left at

@@ -109,10 +109,12 @@ class HingeFit(Shown):
             conventions fix three things: the length of n, the position of the hinge point along the axis, and the
             rotation of home about the axis. If body 2 is a point, home is exactly the identity, the rows and columns
             of r are 0, and the rank is 6.
-        std: dict of standard deviations. The values for the keys "u1" [m], "u2" [m], "n" (no unit) and "home" [rad]
-            have shape (3,) and are the square roots of the diagonal of `covariance`; "home" stands for r. The values
-            for the keys "noise_position" [m], "noise_angle" [rad] and "clock_offset" [s] are numbers. The two keys of
-            the noise are absent if body 2 is a point, and "clock_offset" is absent if `fit` was called without `t`.
+        std: dict of the standard deviations of the estimates, that is, of their uncertainties. The values for the
+            keys "u1" [m], "u2" [m], "n" (no unit) and "home" [rad] have shape (3,) and are the square roots of the
+            diagonal of `covariance`; "home" stands for r. The values for the keys "noise_position" [m], "noise_angle"
+            [rad] and "clock_offset" [s] are numbers, the uncertainties of the attributes with these names. The first
+            two of these keys are absent if body 2 is a point, and "clock_offset" is absent if `fit` was called
+            without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
         rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN if body 2 is a point.
         noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
@@ -176,7 +178,8 @@ class HingeFit(Shown):
         The attribute `gap` of the Residuals is a vector, world axes [m], shape (N, 3). Its length is `HingeFit.gap`.
         The attribute `tilt_angle` is an angle [rad], shape (N,); it equals `HingeFit.tilt`. The tolerance of the gap
         is five times `rms_position`, and the tolerance of the tilt is five times `rms_angle`. If `ok` is False, the
-        tolerances are the defaults, which allow for rounding errors only.
+        tolerances are the defaults, which allow for rounding errors only, so that motions that do not agree with a
+        hinge do not pass.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
         limits = {name: _RESIDUAL_TOLERANCE_TO_RMS_RESIDUAL * max(rms, 1e-300) for name, rms in rms_by_name.items()}

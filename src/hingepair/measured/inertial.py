@@ -147,8 +147,8 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
 
     Returns:
         An AxisFit. Its `n1` and `n2` are unit vectors along the hinge axis, in body 1's axes and in body 2's axes;
-        shape (3,). As -n1 and -n2 describe the same hinge, a rule fixes the sign. Of the components of n1 whose
-        magnitude is at least 0.45 times the magnitude of the largest, the first is positive. Check `.ok` and
+        shape (3,). As -n1 and -n2 describe the same hinge, a rule fixes the sign: the first component
+        of n1 whose magnitude is at least 0.45 times the largest magnitude is positive. Check `.ok` and
         `.findings` before you use the vectors: if, for example, both bodies turn as one, the motion does not
         determine the axis, and `.ok` is False.
 

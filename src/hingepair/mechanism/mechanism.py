@@ -162,8 +162,8 @@ class Mechanism(MechanismMethods):
                 free-flyer are left out; the argument `base_motion` of the methods gives the pose of the base. For a
                 continuous joint, Pinocchio's q holds the cosine and the sine of the angle, and the robot's q holds
                 the angle.
-            base: "fixed" or "free", whether or not the model has a free-flyer. By default, the base is free if the
-                model has a free-flyer, and otherwise fixed.
+            base: "fixed" or "free"; either may be given for a model with or without a free-flyer. By default, the
+                base is free if the model has a free-flyer, and otherwise fixed.
             locked: dict of the positions [rad or m] at which joints are held, as for `from_urdf`. These joints have
                 no coordinate in the robot's q.
 

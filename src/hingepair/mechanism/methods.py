@@ -721,7 +721,8 @@ class MechanismMethods(Shown):
                   omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
 
                 Of the arrays of the base (R1 to alpha1, force1 and torque1), those that are not among the arguments
-                are zero, except S1, which is the identity. Forward dynamics of a free base computes a1 and alpha1.
+                are zero, with two exceptions: S1 is the identity, and in the forward dynamics of a free base, a1 and
+                alpha1 are results.
             frames: as for `forward_kinematics`. "jacobian" and "acceleration_bias" need exactly one frame.
             outputs: names of the outputs to compute. If `given` is the name of a computation, they are outputs of
                 this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,

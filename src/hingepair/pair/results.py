@@ -64,7 +64,8 @@ class Result(Shown):
 
     def unit(self, name: str) -> str:
         """Return the unit of an output, such as "R2", or of one component of an output, such as "R2_x", as a string.
-        For both of these names, the string is "m". For a quantity without a unit or an unknown name, it is "1".
+        For both of these names, the string is "m". For an unknown name, or for a quantity that has no unit, it is
+        "1".
         """
         return unit_of(name)
 
@@ -105,7 +106,7 @@ class Result(Shown):
         and whose values are their units.
 
         Raises:
-            ArgumentError: the result is a trajectory that holds many motions or Dask arrays.
+            ArgumentError: the object is a trajectory that holds many motions or Dask arrays.
             MissingDependencyError: pandas is not installed.
         """
         pandas = import_data_package("pandas", "to_dataframe")

@@ -82,7 +82,7 @@ def view(
     >>> import hingepair as hp
     >>> hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
     Page(hinge_pair, frames=181)
-    >>> hp.view(hp.load_robot("panda"))  # 7 hinges, and one slider for both fingers
+    >>> hp.view(hp.load_robot("panda"))  # for 7 hinges, and a prismatic joint of both fingers
     Page(panda, joints=8)
     """
     if isinstance(source, Mechanism):

@@ -172,7 +172,7 @@ def rotation_log(S: ArrayLike) -> FloatArray:
     not a rotation.
 
     In double precision, `rotation_log(rotation_exp(rotvec))` differs from the vector `rotvec` by at most 6 * 2^-53
-    times the length of `rotvec`, if this length is less than pi by more than 2e-15. If S is not finite, the result is
+    times the length of `rotvec`, if this length is below pi - 2e-15. If S is not finite, the result is
     NaN.
 
     Args:

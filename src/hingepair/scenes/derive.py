@@ -37,15 +37,15 @@ def derive(
 
     The coordinates of a HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). The coordinates of a PlanarPair are x(t), y(t), phi(t), psi(t). The coordinates of a Scene
-    are the expressions in its file; a coordinate that the file defines by way points (instants and values) stays a
+    are the expressions in its file; a coordinate that the file defines by waypoints (instants and values) stays a
     function of t.
 
-    All numbers are exact. An expression in a scene file, also in its table [pair], stays that expression. A float
-    becomes the number that its shortest decimal form shows: 0.1 becomes 1/10. The components of a normalised axis
-    become exact roots if their squares are rational numbers with denominators up to 1000: the axis (1, 1, 0) has the
-    components sqrt(2)/2, sqrt(2)/2 and 0. A product of sines and cosines becomes a sum if the sum is not longer. The
-    written forms (text, LaTeX, Python) show a constant as an exact expression unless its decimal form with 17 digits
-    is shorter.
+    All numbers are exact. An expression in a scene file, including those in the table [pair], is used as it is
+    written. A float becomes the number that its shortest decimal form shows: 0.1 becomes 1/10. The components of a
+    normalised axis become exact roots if their squares are rational numbers with denominators up to 1000: the axis
+    (1, 1, 0) has the components sqrt(2)/2, sqrt(2)/2 and 0. A product of sines and cosines becomes a sum if the sum
+    is not longer. The written forms (text, LaTeX, Python) show a constant as an exact expression unless its decimal
+    form with 17 digits is shorter.
 
     The base of a robot rests at the origin. For joints with parallel axes, the matrices contain cosines and sines of
     sums of angles, such as cos(q_2 + q_3). The written forms abbreviate them: c_23 is cos(q_2 + q_3), and s_23 is
