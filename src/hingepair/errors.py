@@ -52,7 +52,7 @@ class ShapeError(ArgumentError):
 
 class DtypeError(ArgumentError, TypeError):
     """An array has a dtype that is not supported. The attributes are those of `ArgumentError`: `name` is the
-    argument, `expected` says which dtypes are supported, and `got` says which dtype came.
+    argument, `expected` says which dtypes are supported, and `got` says which dtype was given.
     """
 
 

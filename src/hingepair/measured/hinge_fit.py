@@ -386,7 +386,7 @@ def fit(
         FitError: the samples do not determine a hinge: fewer than two samples have the poses of both bodies (fewer
             than four if body 2 is a point), or the bodies do not turn relative to each other.
         ArgumentError: an argument cannot be used; the error names it.
-        MissingDependencyError: SciPy is not installed, `t` is given, and `clock_offset` is not 0.
+        MissingDependencyError: SciPy is not installed, although `t` is given and `clock_offset` is None or not 0.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -128,14 +128,14 @@ class MechanismMethods(Shown):
                 each joint.
             qd: first time derivatives of q, in one of the forms of q.
             qdd: second time derivatives of q, in one of the forms of q. Give them only together with qd.
-            frames: names of links, joints or added frames, as a tuple or as one name. By default, they are
-                `robot.tips`, the links at the ends of the robot. A name that a joint and a link share means the link.
-                As in URDF, the frame of a joint moves with the joint's child link.
+            frames: names of links, joints, or frames added with `with_frame`, as a tuple or as one name. By default,
+                they are `robot.tips`, the links at the ends of the robot. A name that a joint and a link share means
+                the link. As in URDF, the frame of a joint moves with the joint's child link.
             outputs: names of the outputs to compute, out of R (position of the frame's origin [m]), S (rotation
                 matrix from frame axes to world axes), d (vector from the base's reference point to R [m]), v
                 (velocity of the frame's origin [m/s]), omega (angular velocity [rad/s]), a (acceleration of the
-                frame's origin [m/s^2]) and alpha (angular acceleration [rad/s^2]). By default, all outputs are
-                computed for which the coordinates suffice.
+                frame's origin [m/s^2]) and alpha (angular acceleration [rad/s^2]). By default, all outputs
+                for which the given coordinates suffice are computed.
             base_motion: pose and motion of the base. By default, the base rests at the origin of the world.
             out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
                 The array of S has shape (..., frames, 3, 3), and all others have shape (..., frames, 3).

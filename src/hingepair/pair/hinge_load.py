@@ -40,9 +40,9 @@ class HingeLoad:
         rest: hinge angle at which the spring exerts no torque [rad].
         damping: coefficient of the damper [N m s/rad].
         friction: torque of dry friction [N m].
-        friction_rate: None, or a hinge rate above 0 [rad/s]. With None, friction sticks and slips, as above. With a
-            rate, the friction torque is -friction tanh(psi' / friction_rate). It is a smooth function of psi', but
-            under a load the hinge creeps instead of sticking.
+        friction_rate: None, or a hinge rate above 0 [rad/s]. With None, the hinge sticks or slips, as described
+            above. With a rate, the friction torque is -friction tanh(psi' / friction_rate). It is a smooth function
+            of psi', but under a load the hinge creeps instead of sticking.
         stops: smallest and largest hinge angle [rad], such as `pair.limits`; shape (2,). By default, there are no
             stops.
         stop_stiffness: stiffness of the stops, if they are springs [N m/rad].

@@ -82,7 +82,7 @@ def view(
     >>> import hingepair as hp
     >>> hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
     Page(hinge_pair, frames=181)
-    >>> hp.view(hp.load_robot("panda"))  # for 7 hinges, and a prismatic joint of both fingers
+    >>> hp.view(hp.load_robot("panda"))  # a slider for each of 7 hinges, and one for both fingers
     Page(panda, joints=8)
     """
     if isinstance(source, Mechanism):
