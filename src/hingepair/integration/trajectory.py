@@ -201,10 +201,10 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
         If rates are callables, the result of each integration step is compared with the result of steps of half its
         length or less. This comparison can miss part of the effect of a jump or a kink, since a callable is known
-        only at the times at which it was evaluated. The estimate therefore includes a bound on the error that jumps
-        and kinks between these times can cause, which is computed from the values at these times. If a callable has a
-        jump or a kink, the estimate is between a third of the actual error and ten times the actual error. If there
-        are more than 65,536 integration steps, only some are compared: the steps over which the values of the
+        only at the times at which it was evaluated. The estimate therefore includes an estimate of the error that
+        jumps and kinks between these times cause, which is computed from the values at these times. If a callable has
+        a jump or a kink, the whole estimate is between a third of the actual error and ten times the actual error. If
+        there are more than 65,536 integration steps, only some are compared: the steps over which the values of the
         callables change most abruptly, and one step from each of many short parts of the total time. Whatever the
         number of steps, a pulse of a callable that is shorter than about 1/500 of the total time may be missed.
 

@@ -729,8 +729,8 @@ class HingePair(Shown):
             the vector R1 + S1 u1 - R2 - S2 u2 in world axes, and `.tilt_angle` (...,) [rad]. `.psi` (...,) [rad] is
             the hinge angle; if the hinge axes of the two bodies differ, it is the hinge angle after the smallest
             rotation of body 2 that aligns them. A residual that is not finite at a sample is not compared there;
-            `.ok` is False if a residual is not compared at any sample. `.skipped` is the number of samples at which
-            at least one residual is not finite.
+            `.ok` is False if there is a residual that is compared at no sample. `.skipped` is the number of samples
+            at which at least one residual is not finite.
 
             If the motions hold Dask arrays, the result is a `LazyResiduals`. Its arrays, such as `.gap`, are Dask
             arrays. Its `.ratio` (...,) is, at each sample, the largest of the quotients residual / tolerance; NaN if

@@ -129,7 +129,7 @@ def angular_velocity_from_samples(
     Raises:
         ArgumentError: t is not increasing or not finite; `order` is not 2, 4, 6 or 8; or the
             angles by which the body turns from sample to sample add up to pi or more between a sample and a neighbour
-            that is used with it (turns forth and back do not cancel). The rotation vector may then be ambiguous. Each
+            that is used with it (turns back and forth do not cancel). The rotation vector may then be ambiguous. Each
             single angle is assumed to be less than pi; a larger one cannot be detected.
         RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
             2e-9 (2e-5 for float32), or det S is negative.
