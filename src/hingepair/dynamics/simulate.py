@@ -193,8 +193,8 @@ def simulate(
     SimulationError if the simulation cannot be continued to the end.
 
     The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
-    integrated on the rotation group. If the pair is free and no loads or gravity act on it, momentum and angular
-    momentum are conserved to within rounding errors.
+    integrated on the rotation group. If `base` is "free" and no gravity, external force or external torque acts,
+    momentum and angular momentum are conserved to within rounding errors.
 
     The `limits` of the pair do not stop the motion; `hinge_torque=HingeLoad(stops=pair.limits)` does. A
     `DynamicsWarning` is issued if psi passes a limit at which there is no stop, or passes a stop by more than 0.02

@@ -183,10 +183,10 @@ def smooth(
     Returns:
         For a BodyMotion, a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles, a
         SmoothedAngle, which unpacks as psi, psid, psidd, each (N,). Both have two dicts whose keys are the names of
-        the results, such as "R" or "psi": `.std` holds the standard deviations of each result at every sample, and
-        `.noise` the standard deviations of the noise of the samples and of the errors that this noise causes in the
-        derivatives. `.bandwidth` is the bandwidth [Hz]. For a BodyMotion,
-        `.bandwidth` is a dict with the keys "R" and "S".
+        the results, such as "R" or "psi". `.std` holds arrays, (N, 3) or (N,): the standard deviation of each result
+        at every sample. `.noise` holds numbers: the standard deviations of the noise of the samples and of the errors
+        that this noise causes in the derivatives far from the ends. The pages of both classes give the units.
+        `.bandwidth` is the bandwidth [Hz]. For a BodyMotion, `.bandwidth` is a dict with the keys "R" and "S".
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go

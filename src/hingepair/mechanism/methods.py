@@ -151,7 +151,7 @@ class MechanismMethods(Shown):
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
-            the joint.
+                the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -290,11 +290,11 @@ class MechanismMethods(Shown):
 
         Returns:
             A dict whose keys are the names of the outputs. Each value is an array with a bound for each sample, in
-            the unit of the output; the bound holds for the absolute errors of all components. For outputs of
-            `forward_kinematics`, the array has shape (..., F), with one bound for each of F frames; for all other
-            outputs, it has shape (...). A bound is infinite if an argument is not finite or if the computation
-            overflows. The bounds of qdd, a1 and alpha1 are also infinite if rounding errors could make the mass
-            matrix singular.
+            the unit of the output; the bound holds for the absolute error of every component, in its own unit. For
+            outputs of `forward_kinematics`, the array has shape (..., F), with one bound for each of F frames; for
+            all other outputs, it has shape (...). A bound is infinite if an argument is not finite or if the
+            computation overflows. The bounds of qdd, a1 and alpha1 are also infinite if rounding errors could make
+            the mass matrix singular.
 
         Raises:
             ArgumentError: an argument cannot be used, or an output needs an argument that is not given.
@@ -375,7 +375,7 @@ class MechanismMethods(Shown):
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
-            the joint.
+                the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -443,7 +443,7 @@ class MechanismMethods(Shown):
 
         Raises:
             ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
-            the joint.
+                the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp

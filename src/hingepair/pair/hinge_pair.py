@@ -368,7 +368,7 @@ class HingePair(Shown):
         for every component of the output.
 
         The error is the difference from the exact result of the equations for the given inputs, which are taken as
-        exact: the coordinates, u1, u2, home, and n before it is scaled to unit length. The bounds are rigorous for
+        exact: q, qd, qdd, u1, u2, home, and n before it is scaled to unit length. The bounds are rigorous for
         the backends "numpy" and "compiled" if sines and cosines are accurate to 1.5 units in the last place. Actual
         errors are usually at most a third of the bounds. They can be closer to the bounds if only a few operations
         cause rounding errors.

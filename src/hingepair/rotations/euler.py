@@ -90,10 +90,10 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
         S: rotation matrices, body to world; shape (..., 3, 3).
         sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
             axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
-        with_lock: whether to return also which matrices are at gimbal lock; False by default. A matrix is at gimbal
-            lock if the magnitude of the cosine of the middle angle is below 1e-12 (below 5e-4 for float32). For
-            sequences whose first axis is also the last, such as XYX, the sine of the middle angle takes the place of
-            the cosine.
+        with_lock: whether to return a bool array too that says which matrices are at gimbal lock; False by default. A
+            matrix is at gimbal lock if the magnitude of the cosine of the middle angle is below 1e-12 (below 5e-4 for
+            float32). For sequences whose first axis is also the last, such as XYX, the sine of the middle angle takes
+            the place of the cosine.
 
     Returns:
         Angles in the order of the sequence's letters [rad]; shape (..., 3). They are NaN where S is not finite. With
