@@ -13,18 +13,17 @@ from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.numeric.tables import Sheet, instant_text, unit_of
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_load import HINGE_TORQUE_PART_NAMES
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
-from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1
 from hingepair.scenes.log_noise import (
     MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT,
     LogNoise,
     finite_rms,
+    motion_with_errors,
     noise_rows,
 )
 from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ACCURACY_ORDER
@@ -227,11 +226,7 @@ def _smoothed_force_noise(
     rows = noise_rows(len(deviations["psi"]))
     random = np.random.default_rng(0)
     errors = {name: own[rows] * random.standard_normal(own[rows].shape) for name, own in deviations.items()}
-    body1 = {name: np.asarray(getattr(motion.body1, name))[rows] for name in ("R", "v", "a", "S", "omega", "alpha")}
-    moved = {name: own + errors[f"{name}1"] for name, own in body1.items() if name != "S"}
-    moved["S"] = rotation_exp(errors["S1"]) @ body1["S"]
-    hinge = tuple(own[rows] + errors[name] for name, own in zip(("psi", "psid", "psidd"), motion.hinge, strict=True))
-    noisy = _required_forces(pair, MotionByBody1(BodyMotion(**moved), hinge), gravity)
+    noisy = _required_forces(pair, motion_with_errors(motion.part(rows, ACCELERATION), errors), gravity)
     noise = {name: finite_rms(own - force_arrays[name][rows]) for name, own in noisy.items()}
     psidd, torque = float(finite_rms(deviations["psidd"][rows])), float(noise["hinge_torque"])
     rms = _two_digits(float(finite_rms(force_arrays["hinge_torque"])))

@@ -7,7 +7,8 @@ differences: the change of a result is as large as what the log's own noise has 
 
 from __future__ import annotations
 
-from typing import Any, Final
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAM
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCoordinates
 
+_HINGE_NAMES = ("psi", "psid", "psidd")
+"""Names of the hinge angle and its derivatives."""
 MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT: Final = 0.01
 """Ratio of the noise of a joint's torque or force to its root mean square above which a note recommends smoothing."""
 
@@ -39,6 +42,19 @@ def finite_rms(values: Float64Array) -> Float64Array:
     with np.errstate(invalid="ignore"):
         rms: Float64Array = np.sqrt((np.where(finite, values, 0.0) ** 2).sum(axis=0) / finite.sum(axis=0))
     return rms
+
+
+def motion_with_errors(motion: MotionByBody1, errors: Mapping[str, Float64Array]) -> MotionByBody1:
+    """Return a copy of a MotionByBody1, which must have second derivatives, with errors added. `errors` is a dict of
+    arrays: (N, 3) by R1, v1, a1, S1 (rotation vectors), omega1 and alpha1, and (N,) by psi, psid and psidd.
+    """
+    moved = {
+        letter: np.asarray(getattr(motion.body1, letter)) + errors[f"{letter}1"]
+        for letter in ("R", "v", "a", "omega", "alpha")
+    }
+    moved["S"] = rotation_exp(errors["S1"]) @ np.asarray(motion.body1.S)
+    hinge = tuple(angle + errors[name] for angle, name in zip(motion.hinge, _HINGE_NAMES, strict=True))
+    return MotionByBody1(BodyMotion(**moved), hinge)
 
 
 class LogNoise:
@@ -101,16 +117,14 @@ class LogNoise:
         """Return a copy of a MotionByBody1 with random noise of the estimated size added to the motion of body 1, to
         psi and to their derivatives. Store the sizes in the attribute `sizes`.
         """
-        letters: Any = ("R", "v", "a"), ("S", "omega", "alpha")
-        hinge = self._draw_noise(("psi", "psid", "psidd"), [angle[:, None] for angle in motion.hinge])
-        R, v, a, S, omega, alpha = (np.asarray(getattr(motion.body1, letter)) for own in letters for letter in own)
-        places = self._draw_noise(("R1", "v1", "a1"), [R, v, a])
-        turns = self._draw_noise(("S1", "omega1", "alpha1"), [S, omega, alpha])
-        moved = {letter: own + noise for letter, own, noise in zip("Rva", (R, v, a), places, strict=True)}
-        moved["S"] = rotation_exp(turns[0]) @ S
-        moved |= {"omega": omega + turns[1], "alpha": alpha + turns[2]}
-        angles = tuple(angle + noise[:, 0] for angle, noise in zip(motion.hinge, hinge, strict=True))
-        return MotionByBody1(BodyMotion(**moved), angles)
+        errors: dict[str, Float64Array] = {}
+        hinge = self._draw_noise(_HINGE_NAMES, [angle[:, None] for angle in motion.hinge])
+        errors |= {name: noise[:, 0] for name, noise in zip(_HINGE_NAMES, hinge, strict=True)}
+        for letters in (("R", "v", "a"), ("S", "omega", "alpha")):
+            names = tuple(f"{letter}1" for letter in letters)
+            values = [np.asarray(getattr(motion.body1, letter)) for letter in letters]
+            errors |= dict(zip(names, self._draw_noise(names, values), strict=True))
+        return motion_with_errors(motion, errors)
 
     def _draw_noise(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
         """Return random noise for a quantity and its two derivatives, a list of arrays (N, k). `values` are the
@@ -139,6 +153,7 @@ class LogNoise:
         return noise
 
     def _keep(self, name: str, size: float) -> None:
+        """Store the standard deviation of the noise of a quantity in the attribute `sizes`, unless it is 0."""
         if size:
             self.sizes[name] = size
 
