@@ -401,14 +401,7 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
         )
     }
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
-    for name in (
-        *(
-            COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["phi"]
-            if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER
-            else ()
-        ),
-        "psi",
-    ):
+    for name in (*_euler_angle_column_names(attitude), "psi"):
         log.notes += angle_suspicions(name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     source: PairMotionSource
@@ -475,9 +468,8 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
-    if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER:
-        for name in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["phi"]:
-            log.notes += angle_suspicions(name, log.columns[name])
+    for name in _euler_angle_column_names(attitude):
+        log.notes += angle_suspicions(name, log.columns[name])
     with warnings.catch_warnings(record=True) as caught, log.naming():
         warnings.simplefilter("always", MeasurementWarning)
         body = smooth(log.since, BodyMotion(R=R1, S=S1))
@@ -509,6 +501,14 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         notes=notes,
         deviations=deviations_by_name,
     )
+
+
+def _euler_angle_column_names(attitude_names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the columns with the Euler angles of body 1; an empty tuple if the attitude is given by
+    quaternions. `attitude_names` are the names of the attitude and its derivatives, from `_attitude_names`.
+    """
+    is_euler = attitude_names is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER
+    return COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["phi"] if is_euler else ()
 
 
 def _missing_log_sample_sentences(
