@@ -1,4 +1,4 @@
-"""What every test shares: each backend in turn, and at the end killers of faults and the table of measured errors."""
+"""What every test shares: each backend in turn, and at the end the table of measured errors."""
 
 from __future__ import annotations
 
@@ -14,25 +14,19 @@ from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 
 
 class Ledger:
-    """What tests found out, of all processes that run them: errors by the way of computing, and killers of faults."""
+    """The largest errors that tests measured, in all processes that run them, by the way of computing."""
 
     def __init__(self):
-        self.measured, self.killers = {}, {}
+        self.measured = {}
 
     def pytest_runtest_logreport(self, report):
         for key, value in report.user_properties if report.when == "call" else ():
-            if key == "fault":
-                self.killers.update([value])
-            elif key == "error":
+            if key == "error":
                 way, output, error = value
                 own = self.measured.setdefault(way, {})
                 own[output] = max(error, own.get(output, 0.0))
 
     def pytest_terminal_summary(self, terminalreporter):
-        if self.killers:
-            terminalreporter.section("injected faults, and the test that noticed")
-            for name, killer in self.killers.items():
-                terminalreporter.write_line(f"{name} -> {killer}")
         if not self.measured:
             return
         terminalreporter.section("largest error in units of u * scale, below the promise; (c) compiled")

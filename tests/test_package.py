@@ -8,7 +8,6 @@ import doctest
 import functools
 import graphlib
 import inspect
-import itertools
 import re
 import subprocess
 import sys
@@ -164,30 +163,13 @@ def test_the_diagram_for_contributors_is_what_the_imports_say() -> None:
     assert drawn == diagram_of_imports(), f"replace the diagram of CONTRIBUTING.md by\n{diagram_of_imports()}"
 
 
-NAMED_FOR_CONTRIBUTORS = {
-    "plans/steps.py": ("BODY2_KINEMATICS_STEPS", "PLANAR_KINEMATICS_STEPS"),
-    "plans/plan.py": ("_SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME", "SPATIAL_MOTION_KIND"),
-    "pair/states.py": ("PairState",),
-    "scenes/explain.py": ("_DESCRIPTION_BY_PLAN_STEP_NAME",),
-    "equations/trees.py": ("slides",),
-    "plans/trees.py": ("Form", "placements"),
-    "mechanism/tree.py": ("Joint",),
-    "cli/output.py": ("JsonOption",),
-    "cli/main.py": ("COMMAND_FUNCTION_BY_NAME",),
-}
-
-
-def test_files_and_names_that_contributors_are_told_of_exist() -> None:
+def test_files_that_contributors_are_told_of_exist() -> None:
     text = CONTRIBUTING.read_text()
     files = set(re.findall(r"`((?:src|tests|docs|models)/[\w./]*|\.ci/run|[\w.]+\.(?:md|cff|toml))`", text))
     assert len(files) > 30
     assert sorted(name for name in files - {"docs/_build"} if not (CONTRIBUTING.parent / name).exists()) == []
     for folder in (path for path in PACKAGE.iterdir() if (path / "__init__.py").exists()):
         assert f"`{folder.name}/`" in text, folder.name
-    for file, names in NAMED_FOR_CONTRIBUTORS.items():
-        for name in names:
-            assert re.search(rf"`[\w.]*{name}`", text), name
-            assert re.search(rf"\b{name}\b", (PACKAGE / file).read_text()), f"{name} in {file}"
 
 
 def test_no_module_reads_private_names_of_another() -> None:
@@ -195,66 +177,6 @@ def test_no_module_reads_private_names_of_another() -> None:
     for module in MODULES:
         own = facts_of(module)
         assert not (own.read & somewhere) - own.made, module
-
-
-SHARED_NAMES = {
-    # the equation, and the function that computes it of arrays
-    *("skew", "unskew", "jacobian", "constraint_jacobian"),
-    # one quantity, of a pair and of a tree
-    *("kinetic_energy", "mass_matrix"),
-    # one alias of types
-    *("Array", "Columns", "Returned"),
-    # one function, of traced values and of arrays of another library, and of pairs and of mechanisms
-    *("where_less", "error_bounds"),
-    # one function, of results and of sweeps, of pairs and of mechanisms
-    "_component_suffixes",
-}
-"""Names that stand in several modules and mean one thing in all of them."""
-
-
-def names_made_at_the_top(body: list[ast.stmt]) -> Iterator[str]:
-    """Yield the functions, classes and variables of a module; those that it imports are another's."""
-    for statement in body:
-        match statement:
-            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
-                yield name
-            case ast.Assign() | ast.AnnAssign():
-                targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
-                nodes = itertools.chain.from_iterable(map(ast.walk, targets))
-                yield from (
-                    node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-                )
-            case ast.If() | ast.Try():
-                yield from names_made_at_the_top([*statement.body, *statement.orelse])
-
-
-def test_a_name_of_a_module_means_one_thing_in_the_package() -> None:
-    modules: dict[str, set[str]] = {}
-    for path in SOURCES:
-        for name in names_made_at_the_top(ast.parse(path.read_text()).body):
-            modules.setdefault(name, set()).add(str(path.relative_to(PACKAGE)))
-    repeated = {name for name, paths in modules.items() if len(paths) > 1 and not name.startswith("__")}
-    assert not {name: sorted(modules[name]) for name in repeated - SHARED_NAMES}, "rename them, or share one"
-    assert repeated >= SHARED_NAMES, "no longer repeated"
-
-
-@pytest.mark.parametrize("package", PACKAGES_IN_IMPORT_ORDER)
-def test_every_constant_says_what_it_is(package: str) -> None:
-    """A comment on its line or above it, or a docstring below it."""
-    unexplained = []
-    for path in (p for p in SOURCES if p.relative_to(PACKAGE).with_suffix("").parts[0] == package):
-        text = path.read_text()
-        lines, body = text.splitlines(), ast.parse(text).body
-        for statement, after in itertools.zip_longest(body, body[1:]):
-            if not isinstance(statement, ast.Assign | ast.AnnAssign):
-                continue
-            target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
-            described = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
-            own_lines = lines[statement.lineno - 1 : statement.end_lineno]
-            commented = lines[statement.lineno - 2].startswith("#") or any("#" in line for line in own_lines)
-            if isinstance(target, ast.Name) and target.id.isupper() and not described and not commented:
-                unexplained.append(f"{path.relative_to(PACKAGE)}:{statement.lineno} {target.id}")
-    assert unexplained == []
 
 
 def test_no_assert() -> None:
