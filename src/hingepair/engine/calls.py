@@ -149,7 +149,7 @@ class Call:
             [(sample_shape, positions.get(name, -1)) for name, sample_shape in self.argument_shapes.items()],
             [sample_shape for _, sample_shape in self.loop.outputs],
             has_constants=bool(self._constant_numbers),
-            kernel_address=kernel.address,
+            kernel_address=kernel.address("kernel"),
             min_unlocked_samples=-(
                 -_MIN_OPERATIONS_PER_CALL_TO_RELEASE_GIL // max(self.program.weighted_operations, 1)
             ),

@@ -26,9 +26,8 @@ if hasattr(os, "register_at_fork"):  # a fork waits for the lock: the child must
 
 
 class Kernel:
-    """A compiled kernel, with the address of its machine code (`address`) and a Python function that runs it (`run`).
-    The constructor compiles the kernel, and raises an error if that fails. Code that uses `address` or `run` must
-    keep a reference to the kernel, which owns the machine code.
+    """A compiled kernel, which owns its machine code: who uses an address or `run` must keep a reference to it. The
+    constructor compiles the kernel, and raises an error if that fails.
 
     Args:
         name: name of the kernel in messages.
@@ -37,7 +36,6 @@ class Kernel:
 
     Attributes:
         ir: the kernel's LLVM module.
-        address: address of the machine code.
         run: function of (table, outer length, inner length); it releases the interpreter's lock.
 
     Raises:
@@ -50,8 +48,13 @@ class Kernel:
         with compiler_lock:
             _link_shared_functions(float_type)
             self._engine = _compile_module(name, ir)
-        self.address: int = self._engine.get_function_address("kernel")
-        self.run: Callable[[Any, int, int], None] = _KERNEL_CTYPES_FUNCTION_TYPE(self.address)
+        self.run: Callable[[Any, int, int], None] = _KERNEL_CTYPES_FUNCTION_TYPE(self.address("kernel"))
+
+    def address(self, symbol: str) -> int:
+        """Return the address of a function that the module defines."""
+        with compiler_lock:  # llvmlite's own lock is not released in a forked child
+            address: int = self._engine.get_function_address(symbol)
+        return address
 
 
 def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool | int]:
