@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
 
 PAIR = """
 [pair]
@@ -47,9 +50,9 @@ def exported(folder, command, text, *options, left_out=None):
         told = f"{kind} cannot express these keys of [dynamics], which are left out: {left_out}"
         with pytest.warns(hp.DynamicsWarning, match=f"^{re.escape(told)}$"):
             done = CliRunner().invoke(app, arguments)
-        assert f"<!-- {told} -->" in done.output
+        assert f"<!-- {told} -->" in done.stdout
     assert done.exit_code == 0, done.exception
-    return done.output
+    return done.stdout
 
 
 def moved_by_mujoco(text, t, qvel):
@@ -219,3 +222,47 @@ def test_the_models_stand_where_their_scenes_start():
     text = (Path(__file__).parents[2] / "models" / "thrown_flail.xml").read_text()
     assert '<body name="body1" pos="0.0 0.0 1.5"' in text
     assert 'gravity="0.0 0.0 -9.81"' in text
+
+
+def drop(key, text=PAIR):
+    return re.sub(rf"^{key} = .*\n", "", text, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "gravity", "free", "assumed"),
+    [
+        (PAIR, (), "0.0 0.0 -9.81", True, "body 1 is free, since it has a mass; gravity is (0, 0, -9.81) m/s^2"),
+        (drop("body1"), (), "0.0 0.0 -9.81", False, "body 1 is fixed, since it has no mass; gravity is"),
+        (drop("body1"), ("--free-base", "--gravity", "0,0,-1.6"), "0.0 0.0 -1.6", True, ""),
+        (PAIR, ("--fixed-base", "--gravity", "1,0,0"), "1.0 0.0 0.0", False, ""),
+        (PLANE, (), "0.0 -9.81 0.0", True, "gravity is (0, -9.81) m/s^2"),
+    ],
+)
+def test_mjcf_has_the_gravity_of_every_command_and_says_what_it_assumes(
+    tmp_path, text, options, gravity, free, assumed
+):
+    (tmp_path / "scene.toml").write_text(text)
+    done = CliRunner().invoke(app, ["mjcf", str(tmp_path / "scene.toml"), *options])
+    root = ET.fromstring(done.stdout)
+    assert root.find("option").get("gravity") == gravity
+    assert (root.find(".//freejoint") is not None) is free
+    assert assumed in done.stderr
+    assert ("assumed" in done.stderr) is bool(assumed)
+
+
+@pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])
+def test_a_mass_that_nobody_gave_is_written_with_a_warning_or_not_at_all(write):
+    lone = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1), body2=BEAM.body2 or hp.Body(2, inertia=(1, 1, 1)))
+    with pytest.warns(hp.DynamicsWarning, match="^body1: no mass properties are given: 1 kg"):
+        text = write(lone)
+    assert "<!-- body1: no mass properties are given: 1 kg" in text
+    masses = [
+        element.get("value", element.get("mass"))
+        for element in ET.fromstring(text).iter()
+        if element.tag in {"mass", "inertial"}
+    ]
+    assert "1.0" in masses
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fixed = ET.fromstring(write(lone, base="fixed"))
+    assert len(list(fixed.iter("inertial"))) == 1

@@ -24,6 +24,10 @@ from support import states
 from support.exported import WRITERS, corner_pair
 from support.sparse import sparse
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*no (mass properties|mass|inertia) (are|is) given:hingepair.DynamicsWarning"
+)
+
 U = 2.0**-53
 
 

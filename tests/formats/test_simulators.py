@@ -15,6 +15,8 @@ from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, output_sca
 from support import states
 from support.exported import WRITERS, corner_pair, pinocchio_of_urdf
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
+
 U = 2.0**-53
 OUTPUTS = ("R2", "S2", "v2", "omega2", "a2", "alpha2")
 

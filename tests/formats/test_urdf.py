@@ -21,6 +21,8 @@ from support import states
 from support.exported import ARM, pinocchio_of_urdf, welded_robot
 from support.hinged import pair_of
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
+
 U = 2.0**-53
 
 

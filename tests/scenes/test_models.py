@@ -26,6 +26,7 @@ NUMBER = re.compile(r"-?\d+\.\d+(?:e[-+]?\d+)?")
 
 
 @pytest.mark.filterwarnings("ignore:.* cannot express these keys:hingepair.DynamicsWarning")
+@pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
 @pytest.mark.parametrize("ending", EXPORTS)
 @pytest.mark.parametrize("scene", sparse(SCENES, 4, lambda path: path.stem))
 def test_the_exports_are_fresh(scene, ending):

@@ -208,7 +208,6 @@ def mujoco_dynamics_job(task: DynamicsTask) -> Job:
     import mujoco as mj
 
     model = mj.MjModel.from_xml_string(to_mjcf(task.pair))
-    model.opt.gravity[:] = DEFAULT_GRAVITY_VECTOR
     data = mj.MjData(model)
     rows = mujoco_coordinates(task.rows, task.body1.v, task.body1.a if task.is_inverse else task.forces.force1)
     last, solve, result = (

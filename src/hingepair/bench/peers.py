@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias
 
@@ -27,6 +28,7 @@ from hingepair.bench.engines import (
 from hingepair.bench.measure import Job, Method
 from hingepair.bench.truth import MotionArrays
 from hingepair.formats.model_writers import to_mjcf
+from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.validation.pinocchio_twin import to_pinocchio
@@ -192,7 +194,8 @@ def mujoco_kinematics_job(task: KinematicsTask) -> Job:
     import mujoco as mj
 
     inputs, buffers = mujoco_coordinates(_pinocchio_inputs(task), *(c[:, :3] for c in task.motion[1:])), task.buffers
-    model = mj.MjModel.from_xml_string(to_mjcf(task.pair))
+    body = Body(1.0, inertia=(0.01, 0.01, 0.01))  # MuJoCo's kinematics want masses, and no gravity in accelerations
+    model = mj.MjModel.from_xml_string(to_mjcf(replace(task.pair, body1=body, body2=body), gravity=(0, 0, 0)))
     data = mj.MjData(model)
     body2, kind = model.body("body2").id, mj.mjtObj.mjOBJ_XBODY
     position, matrix = data.xpos[body2], data.xmat[body2].reshape(3, 3)

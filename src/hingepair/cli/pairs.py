@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
+import numpy as np
 import typer
 
 from hingepair.cli.output import out_option, write_text
@@ -56,6 +58,14 @@ Body2FrameOption = Annotated[
     ),
 ]
 FixedBaseOption = Annotated[bool, typer.Option("--fixed-base", help="Fix body 1 in the world.")]
+GravityOption = Annotated[
+    str | None,
+    typer.Option(
+        "--gravity",
+        metavar="X,Y,Z",
+        help="Acceleration of gravity in world axes [m/s^2]; default: 0,0,-9.81, of a planar pair 0,-9.81.",
+    ),
+]
 
 
 def load_named_pair(source: str, joint: str | None, *frames: str | None) -> HingePair | PlanarPair:
@@ -204,34 +214,64 @@ def mjcf_command(
     body2_frame: Body2FrameOption = None,
     out: TextFileOption = None,
     fixed_base: FixedBaseOption = False,
+    free_base: Annotated[bool, typer.Option("--free-base", help="Give body 1 a free joint.")] = False,
+    gravity: GravityOption = None,
 ) -> None:
     """Write a pair as a MuJoCo model (MJCF).
 
-    The model has a free joint and a hinge. Of a scene with [dynamics] the base, the pose of body 1 at the start,
-    gravity, spring, damping, friction and stops are written as well; a comment and a warning list the keys that MJCF
-    cannot express.
+    Of a scene with [dynamics] the base, the pose of body 1 at the start, gravity, spring, damping, friction and stops
+    are written; a comment and a warning list the keys that MJCF cannot express. Otherwise body 1 has a free joint if
+    it has a mass, and is fixed in the world if it has none.
     """
+    if fixed_base and free_base:
+        raise HingePairError("--fixed-base and --free-base exclude each other; give one of them")
     pair = load_named_pair(source, joint, body1_frame, body2_frame)
     setup = _load_dynamics_setup(source, joint, body1_frame, body2_frame)
+    assumed = []
     if setup is None:
-        return write_text(
-            to_mjcf(_to_spatial(pair), base="fixed" if fixed_base else "free"), out, input_files(source)
-        )
-    base = "fixed" if fixed_base or setup.base == PRESCRIBED_BASE_NAME else setup.base
+        base = "fixed" if pair.body1 is None else "free"
+    else:
+        base = "fixed" if setup.base == PRESCRIBED_BASE_NAME else setup.base
+    if fixed_base or free_base:
+        base = "fixed" if fixed_base else "free"
+    elif setup is None:
+        assumed.append(f"body 1 is {base}, since it has {'no' if pair.body1 is None else 'a'} mass")
+    if gravity is not None:
+        vector: tuple[float, ...] = parse_gravity(gravity, len(pair.u1))
+    else:
+        vector = DEFAULT_PLANAR_GRAVITY_VECTOR if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY_VECTOR
+        if setup is not None and "gravity" in setup.keys:
+            vector = setup.others["gravity"]
+        else:
+            assumed.append(f"gravity is ({', '.join(f'{component:g}' for component in vector)}) m/s^2")
     hinge_keys = ("stiffness", "rest", "damping", "friction", "stops")
-    load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in hinge_keys})
-    gravity_vector = setup.others.get(
-        "gravity", DEFAULT_PLANAR_GRAVITY_VECTOR if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY_VECTOR
+    hinge = {} if setup is None else {key: value for key, value in setup.hinge.items() if key in hinge_keys}
+    text = to_mjcf(
+        _to_spatial(pair),
+        base=base,
+        hinge_torque=HingeLoad(**hinge),
+        body1=None if setup is None else setup.body1,
+        gravity=(*vector, 0.0)[:3],
     )
-    gravity = (*gravity_vector, 0.0)[:3]
-    text = to_mjcf(_to_spatial(pair), base=base, hinge_torque=load, body1=setup.body1, gravity=gravity)
-    written = {
-        *hinge_keys,
-        "gravity",
-        *_BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE,
-        *(("base",) if fixed_base or setup.base != PRESCRIBED_BASE_NAME else ()),
-    }
-    return write_text(_add_omission_comment("MJCF", text, setup, written), out, input_files(source))
+    if assumed:
+        print(f"hingepair: assumed: {'; '.join(assumed)}", file=sys.stderr)
+    if setup is not None:
+        written = {*hinge_keys, "gravity", *_BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE}
+        written |= {"base"} if fixed_base or free_base or setup.base != PRESCRIBED_BASE_NAME else set()
+        text = _add_omission_comment("MJCF", text, setup, written)
+    write_text(text, out, input_files(source))
+
+
+def parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
+    """Return the finite numbers in the text of the option --gravity, which are separated by commas, as a tuple of
+    floats. Raise an ArgumentError unless there are `num_components` numbers, which is 3, or 2 for a planar scene.
+    """
+    with contextlib.suppress(ValueError):
+        vector = tuple(map(float, text.split(",")))
+        if len(vector) == num_components and np.isfinite(vector).all():
+            return vector
+    expected = "three finite numbers X,Y,Z" if num_components == 3 else "two finite numbers X,Y for a planar pair"
+    raise ArgumentError("--gravity", expected, repr(text))
 
 
 _BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE: Final = ("R1_0", "S1_0", "phi_0")

@@ -24,7 +24,7 @@ from hingepair.cli.output import (
     split_names,
     with_progress_bar,
 )
-from hingepair.cli.pairs import load_named_robot, load_named_scene
+from hingepair.cli.pairs import GravityOption, load_named_robot, load_named_scene, parse_gravity
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant_text, json_text, unit_of
@@ -148,13 +148,7 @@ def check_command(
 
 def forces_command(
     scene_file: SceneArgument,
-    gravity: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z",
-            help="Acceleration of gravity in world axes [m/s^2]; default: 0,0,-9.81, of a planar pair 0,-9.81.",
-        ),
-    ] = None,
+    gravity: GravityOption = None,
     out: ResultsOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -176,7 +170,7 @@ def forces_command(
     if not isinstance(scene, Scene):
         _show_mechanism_forces(scene, gravity, out, as_json)
         return
-    gravity_vector = None if gravity is None else _parse_gravity(gravity, len(scene.pair.u1))
+    gravity_vector = None if gravity is None else parse_gravity(gravity, len(scene.pair.u1))
     try:
         result = scene.forces(gravity_vector)
     except ArgumentError as error:
@@ -203,7 +197,7 @@ def _show_mechanism_forces(scene: MechanismScene, gravity: str | None, out: Path
     `as_json` is True, and save them to the file `out` unless it is None. `gravity` is the text of the option
     --gravity, such as 0,0,-9.81, or None for the scene's own gravity.
     """
-    result = scene.forces(None if gravity is None else _parse_gravity(gravity, 3))
+    result = scene.forces(None if gravity is None else parse_gravity(gravity, 3))
     written = None if out is None else str(result.save(out))
     notes = (*result.notes, *scene.notes())
     base = _component_ranges(result.t, {name: result[name] for name in ("force1", "torque1")})
@@ -282,18 +276,6 @@ def _component_ranges(
         name: {key: float(values[i]) for key, values in columns.items()}
         for i, name in enumerate(column_names(arrays))
     }
-
-
-def _parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
-    """Return the finite numbers in the text of the option --gravity, which are separated by commas, as a tuple of
-    floats. Raise an ArgumentError unless there are `num_components` numbers, which is 3, or 2 for a planar scene.
-    """
-    with contextlib.suppress(ValueError):
-        vector = tuple(map(float, text.split(",")))
-        if len(vector) == num_components and np.isfinite(vector).all():
-            return vector
-    expected = "three finite numbers X,Y,Z" if num_components == 3 else "two finite numbers X,Y for a planar pair"
-    raise ArgumentError("--gravity", expected, repr(text))
 
 
 def _scene_facts(scene: Scene | MechanismScene) -> dict[str, Any]:

@@ -10,6 +10,7 @@ frame (R2, S2).
 
 from __future__ import annotations
 
+import functools
 import math
 import warnings
 import xml.etree.ElementTree as ET
@@ -27,6 +28,7 @@ from hingepair.formats.xml_text import (
     add_urdf_joint,
     axis_for_urdf,
     check_xml_text,
+    commented,
     document,
 )
 from hingepair.mechanism.mechanism import Mechanism
@@ -34,6 +36,7 @@ from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
 from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape, warn_of_dynamics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_pair, check_single_pair
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import matrix_to_euler
@@ -83,11 +86,12 @@ def to_urdf(
     - `body2` has the frame (R2, S2); it is fixed to `body2_at_hinge` at -u2.
 
     If a URDF joint has any limit, it must state effort and velocity. If a pair has a limit of any kind, the text
-    states effort="1000.0" [N m] for a missing torque_limit, and velocity="100.0" [rad/s] for a missing rate_limit. If
-    pair.body1 or pair.body2 is None, the mass 1 kg and the inertia 0.01 kg m^2 about each axis are written for this
-    body. For a body without shapes, a box, a rod to the hinge point and a cylinder along the hinge axis are written.
-    Simulators reject a body if one principal moment of inertia exceeds the sum of the other two. Rounding can cause
-    this for a flat body; the moments are then written slightly larger, so that simulators accept them.
+    states effort="1000.0" [N m] for a missing torque_limit, and velocity="100.0" [rad/s] for a missing rate_limit.
+    For a body without mass properties, 1 kg and the inertia 0.01 kg m^2 about each axis are written, unless it is the
+    fixed base; a `DynamicsWarning` and a comment in the text say so. For a body without shapes, a box, a rod to the
+    hinge point and a cylinder along the hinge axis are written. Simulators reject a body if one principal moment of
+    inertia exceeds the sum of the other two. Rounding can cause this for a flat body; the moments are then written
+    slightly larger, so that simulators accept them.
 
     For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
     Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
@@ -127,7 +131,7 @@ def to_urdf(
             "body1", f'None, since a model with base="{base}" does not hold the pose of body 1', quoted(body1)
         )
     hinge_load = _checked_load("URDF", hinge_torque, ("damping", "friction", "stops"))
-    parts = _pair_parts(pair)
+    parts = _pair_parts(pair, base)
     robot = ET.Element("robot", {"name": pair.name})
     # MuJoCo reads URDF too, and this element of it: body2 stays a body of its own, and the shapes are kept.
     add_element(add_element(robot, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
@@ -155,7 +159,7 @@ def to_urdf(
         add_element(hinge, "dynamics", damping=hinge_load.damping, friction=hinge_load.friction)
     to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE_LINK_NAME, BODY2_LINK_NAME)
     add_element(to_body2, "origin", xyz=-pair.u2, rpy=_ZERO_ROLL_PITCH_YAW_IN_RADIANS)
-    return document(robot)
+    return _document(robot, parts)
 
 
 def to_mjcf(
@@ -164,7 +168,7 @@ def to_mjcf(
     base: str = "free",
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
-    gravity: ArrayLike = (0.0, 0.0, 0.0),
+    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
 ) -> str:
     """Return the pair as text in MJCF, the model format of MuJoCo; equal pairs give equal texts. `base` is "free",
     "pinned" or "fixed". `hinge_torque` is a HingeLoad or None, and `body1` is the initial pose of body 1 or None.
@@ -177,9 +181,9 @@ def to_mjcf(
     - "body2", fixed to "body2_at_hinge", has the frame (R2, S2).
 
     With a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1, psi'). The bodies do not
-    collide. If pair.body1 or pair.body2 is None, the mass 1 kg and the inertia 0.01 kg m^2 about each axis are
-    written for this body. For a body without shapes, a box, a rod to the hinge point and a cylinder along the hinge
-    axis are written.
+    collide. For a body without mass properties, 1 kg and the inertia 0.01 kg m^2 about each axis are written, unless
+    it is the fixed base; a `DynamicsWarning` and a comment in the text say so. For a body without shapes, a box, a
+    rod to the hinge point and a cylinder along the hinge axis are written.
 
     Args:
         pair: the pair, whose limits, torque_limit and mass properties (pair.body1 and pair.body2) are written. Its
@@ -194,7 +198,7 @@ def to_mjcf(
             `DynamicsWarning` lists its other properties, which MJCF cannot hold.
         body1: pose of body 1 at the start (R and S of a `BodyMotion`). By default, R is the origin and S is the
             identity.
-        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,); zero unless given.
+        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
 
     Raises:
         ArgumentError: `base` is unknown, another argument cannot be used, or the name of the pair holds a character
@@ -210,7 +214,7 @@ def to_mjcf(
     """
     check_choice("base", base, ("free", "pinned", "fixed"))
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
-    part1, part2 = _pair_parts(pair)
+    part1, part2 = _pair_parts(pair, base)
     root = ET.Element("mujoco", {"model": pair.name})
     add_element(root, "compiler", **_TEXT_BY_MJCF_COMPILER_ATTRIBUTE_NAME)
     add_element(root, "option", gravity=one_constant("gravity", gravity, 3))
@@ -241,7 +245,15 @@ def to_mjcf(
     add_element(at_hinge, "joint", name=HINGE_JOINT_NAME, type="hinge", axis=_axis_in_body2(pair), **joint_attributes)
     _add_mjcf_body(at_hinge, part2)
     add_element(at_hinge, "body", name=BODY2_LINK_NAME, pos=-pair.u2)
-    return document(root)
+    return _document(root, (part1, part2))
+
+
+def _document(root: ET.Element, parts: tuple[_ModelPart, _ModelPart]) -> str:
+    """Return the XML text; a DynamicsWarning and a comment for each sentence on assumed mass properties."""
+    sentences = [f"{part.link}: {sentence}" for part in parts for sentence in part.assumed]
+    for sentence in sentences:
+        warn_of_dynamics(sentence)
+    return functools.reduce(commented, reversed(sentences), document(root))
 
 
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
@@ -302,42 +314,47 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
 
 
 class _ModelPart(NamedTuple):
-    """A body in the frame of a link: the name of the link, the colour as text of four numbers (RGBA), the mass [kg],
-    the centre of mass [m], the moments of inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2] and
-    the shapes.
-    """
+    """A body in the frame of a link."""
 
-    link: str
-    colour: str
-    mass: float
-    center_of_mass: Float64Array
-    moments: tuple[float, ...]
-    shapes: tuple[Shape, ...]
+    link: str  # its name
+    colour: str  # four numbers (RGBA)
+    body: Body | None  # mass properties; None of a fixed base that has none
+    origin: Float64Array  # of the link, in the axes of the body [m]
+    shapes: tuple[Shape, ...]  # in the frame of the link
+    assumed: tuple[str, ...]  # sentences on mass properties that were not given
 
 
-def _pair_parts(pair: HingePair) -> tuple[_ModelPart, _ModelPart]:
+def _pair_parts(pair: HingePair, base: str) -> tuple[_ModelPart, _ModelPart]:
     """Return two _ModelParts of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
     point. Raise an ArgumentError if XML cannot hold the name of the pair, or an error that `drawn_shapes` raises.
     """
     one, two = drawn_shapes(pair)
     check_xml_text("name", pair.name)
     blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure
-    return _make_model_part(BODY1_LINK_NAME, blue, pair.body1, one, np.zeros(3)), _make_model_part(
-        BODY2_AT_HINGE_LINK_NAME, orange, pair.body2, two, pair.u2
+    return (
+        _make_model_part(BODY1_LINK_NAME, blue, pair.body1, one, np.zeros(3), needs_mass=base != "fixed"),
+        _make_model_part(BODY2_AT_HINGE_LINK_NAME, orange, pair.body2, two, pair.u2, needs_mass=True),
     )
 
 
 def _make_model_part(
-    link: str, colour: str, body_or_none: Body | None, drawn_shapes_of_body: tuple[Shape, ...], origin: Float64Array
+    link: str, colour: str, body: Body | None, drawn: tuple[Shape, ...], origin: Float64Array, *, needs_mass: bool
 ) -> _ModelPart:
-    """Return one body as a _ModelPart of the link named `link`, with the mass properties and the shapes
-    `drawn_shapes_of_body` relative to the origin of the link. `origin` is this origin in the axes of the body, and
-    `colour` is text of four numbers (RGBA). If `body_or_none` is None, the default mass and inertia are used.
+    """Return the _ModelPart of a body with the shapes `drawn`, both in the axes of the body; a body that needs a mass
+    and has none gets the default ones.
     """
-    body = body_or_none or Body()
-    shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn_shapes_of_body)
+    assumed = () if body is None else body.assumed
+    if body is None and needs_mass:
+        body = Body()
+        assumed = ("no mass properties are given: 1 kg with a radius of gyration of 0.1 m is written",)
+    shapes = tuple(replace(shape, center=shape.center - origin) for shape in drawn)
+    return _ModelPart(link, colour, body, origin, shapes, assumed if needs_mass else ())
+
+
+def _moments(body: Body) -> tuple[float, ...]:
+    """Return Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2]."""
     (xx, xy, xz), (_, yy, yz), (*_, zz) = _raise_flat_inertia(body.inertia).tolist()
-    return _ModelPart(link, colour, body.mass, body.center_of_mass - origin, (xx, yy, zz, xy, xz, yz), shapes)
+    return xx, yy, zz, xy, xz, yz
 
 
 def _axis_in_body2(pair: HingePair) -> Float64Array:
@@ -394,12 +411,13 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
     each shape, which refers to a material named after the link.
     """
     link = add_element(robot, "link", name=part.link)
-    inertial = add_element(link, "inertial")
-    add_element(inertial, "origin", xyz=part.center_of_mass, rpy=_ZERO_ROLL_PITCH_YAW_IN_RADIANS)
-    add_element(inertial, "mass", value=part.mass)
-    add_element(
-        inertial, "inertia", **dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), part.moments, strict=True))
-    )
+    if part.body is not None:
+        inertial = add_element(link, "inertial")
+        place = part.body.center_of_mass - part.origin
+        add_element(inertial, "origin", xyz=place, rpy=_ZERO_ROLL_PITCH_YAW_IN_RADIANS)
+        add_element(inertial, "mass", value=part.body.mass)
+        moments = dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _moments(part.body), strict=True))
+        add_element(inertial, "inertia", **moments)
     for shape in part.shapes:
         kind, sizes, rpy = _urdf_geometry(shape)
         visual = add_element(link, "visual")
@@ -423,7 +441,9 @@ def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
 
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
     """Add the inertial element of a _ModelPart, and a geom for each of its shapes, to a body element of MJCF."""
-    add_element(body, "inertial", pos=part.center_of_mass, mass=part.mass, fullinertia=part.moments)
+    if part.body is not None:
+        place = part.body.center_of_mass - part.origin
+        add_element(body, "inertial", pos=place, mass=part.body.mass, fullinertia=_moments(part.body))
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
         add_element(body, "geom", **_mjcf_geometry(shape), pos=shape.center, **drawn)
