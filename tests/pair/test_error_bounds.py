@@ -92,6 +92,30 @@ def test_hard_states_keep_their_bounds(name):
     assert all(share <= 1 for share in shares(truth, found, {o: b[None] for o, b in bounds.items()}).values())
 
 
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("n", [(1.0, 0.051084653962263554, 0.0), (1.0, 0.0, 0.0)])
+def test_far_angles_keep_their_bounds(n, backend):
+    """Also where the sine is next to 0, as the C library's sines of far angles have an absolute error."""
+    psi = np.array([2396361.3245628155, 1.5986289000543612e74, 2.331386745148063e283])
+    pair, angles = hp.HingePair((0, 0, 0), (0, 0, 0), n), (0, 0, 0, 0, 0, 0, psi)
+    q = np.stack(np.broadcast_arrays(*angles), axis=-1).astype(float)
+    truth = reference.from_euler((pair.u1, pair.u2, n, None), q, 0 * q, 0 * q)
+    state = pair.forward_kinematics(angles, outputs=("S2",), backend=backend)
+    require(truth, state, pair.error_bounds(angles, outputs=("S2",)))
+
+
+def test_backends_differ_by_both_errors_at_most():
+    """And by more than a few roundings of the scale, which is why no less is promised."""
+    rng = states.generator(94)
+    u1, u2, n, _ = states.pair(rng)
+    pair, motion = as_pair((u1, u2, n, None)), states.coordinates(rng, 4000)
+    one, other = (pair.forward_kinematics(*motion, outputs=OUTPUTS, backend=b) for b in ("numpy", "compiled"))
+    for name, bound in pair.error_bounds(*motion, outputs=OUTPUTS).items():
+        apart = abs(getattr(one, name) - getattr(other, name)).reshape(len(bound), -1).max(axis=-1)
+        assert (apart <= 2 * bound).all(), name
+        assert name != "S2" or apart.max() > 2 * 2.0**-53
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("each_backend")
 def test_constants_that_fold_away_keep_their_bounds():

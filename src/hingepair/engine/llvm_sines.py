@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from hingepair.engine.llvm_builder import LANE_COUNT, FunctionBuilder, hexadecimal, shared_name
+from hingepair.numeric.blocks import MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE
 
 SINE_OPERATION_NAMES: Final = ("sin", "cos", "versine")  # in the order in which the function stores its results
 DOUBLE_VECTOR_TYPE: Final = f"<{LANE_COUNT} x double>"  # LLVM's type of a vector of doubles, one for each lane
@@ -81,7 +82,7 @@ def _sines_function(float_type: str) -> str:
     """Return the LLVM code of the function `sines`, which stores sine, cosine and 1 - cosine of each vector of angles
     [rad], one behind the other, for numbers of type "double" or "float".
 
-    Sine and cosine are right to 1.5 ulp, 1 - cosine to 2.5 ulp.
+    Sine and cosine are right to 1.5 ulp, 1 - cosine to 3.5 ulp.
 
     The angles are the vectors of a frame whose slot numbers are in `slots`. An angle is reduced by the nearest
     multiple of pi/2, in three parts; the quadrant selects polynomial and sign. Vectors with an angle beyond
@@ -200,9 +201,13 @@ def _large_angles_function() -> str:
         absolute = f.put(f"call double @llvm.fabs.f64(double {x})")
         with f.when(f.put(f"fcmp ugt double {absolute}, {hexadecimal(_MAX_REDUCIBLE_ANGLE_RAD)}")):
             sine, cosine = (f.put(f"call double @{name}(double {x})") for name in ("sin", "cos"))
-            half = f.put(f"call double @sin(double {f.put(f'fmul double {x}, {hexadecimal(0.5)}')})")
-            square = f.put(f"fmul double {half}, {half}")
-            for j, term in enumerate((sine, cosine, f.put(f"fadd double {square}, {square}")), 1):
+            # 1 - cosine as NumPy computes it: the square of a half angle's sine is less accurate near 1 - cosine = 2.
+            square, above = f.put(f"fmul double {sine}, {sine}"), f.put(f"fadd double {cosine}, {hexadecimal(1.0)}")
+            near, far = f.put(f"fdiv double {square}, {above}"), f.put(f"fsub double {hexadecimal(1.0)}, {cosine}")
+            limit = hexadecimal(MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE)
+            is_near = f.put(f"fcmp ogt double {cosine}, {limit}")
+            versine = f.put(f"select i1 {is_near}, double {near}, double {far}")
+            for j, term in enumerate((sine, cosine, versine), 1):
                 f.do(f"store double {term}, ptr {f.pointer_at(place, 8 * LANE_COUNT * j)}")
     f.do("ret void")
     return f.text()

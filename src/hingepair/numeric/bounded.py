@@ -17,7 +17,14 @@ from hingepair.numeric.arrays import Component
 
 MAX_SINE_OR_COSINE_ERROR_ULPS = 1.5
 """What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
-1.48), the compiled ones within 1.4, for which their derivation allows 1.5."""
+1.48), the compiled ones within 1.47, for which their derivation allows 1.5."""
+
+MAX_NEAR_ANGLE_RAD: Final = 1e6
+"""Angle [rad] beyond which MAX_FAR_SINE_ERROR counts."""
+
+MAX_FAR_SINE_ERROR: Final = 2.0**-88
+"""Absolute error of a sine or cosine of a far angle that comes on top, from the reduction by multiples of pi/2: the
+largest that a search found in the C library is 2^-92.4. It counts where the sine itself is below 1e-10."""
 
 FLOAT64_UNIT_ROUNDOFF: Final = 2.0**-53
 """Largest relative error u of a rounding to double precision."""
@@ -116,7 +123,7 @@ class Bounded:
         sine adds 1.5 units in the last place; the sine of an exact 0 has no error.
         """
         s = np.sin(self.value)
-        rounding = self._sine_evaluation_error(np.abs(s) + 2 * self.bound) + self.smallest
+        rounding = self._sine_rounding(np.abs(s) + 2 * self.bound) + self._reduction_error() + self.smallest
         return type(self)(s, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def cosine(self) -> Self:
@@ -126,8 +133,12 @@ class Bounded:
         c, half = np.cos(self.value), np.abs(np.sin(0.5 * self.value)) + self.bound
         # The cosine of a small angle is 1, rounded: it is off by no more than a few times what it lacks of 1.
         near_one = 6 * half * half + self.smallest
-        rounding = np.minimum(self._sine_evaluation_error(np.abs(c) + 2 * self.bound), near_one)
+        rounding = np.minimum(self._sine_rounding(np.abs(c) + 2 * self.bound), near_one) + self._reduction_error()
         return type(self)(c, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
+
+    def _reduction_error(self) -> Component:
+        """Return the error of a far angle's sine or cosine that does not shrink with its value."""
+        return np.where(np.abs(self.value) > MAX_NEAR_ANGLE_RAD, MAX_FAR_SINE_ERROR, 0.0)
 
     def _is_exact_zero(self) -> Any:
         """Return whether this number is 0 without an error, sample by sample."""
@@ -135,7 +146,7 @@ class Bounded:
 
     def versine(self) -> Self:
         """Return 1 - cosine of this number with a bound on its error, as a number of this class. The bound holds
-        whether 1 - cosine is computed from the sine or by subtraction.
+        for s^2 / (1 + c) where the cosine c is above 0.7, and for 1 - c elsewhere.
         """
         s, c = self.sine(), self.cosine()
         near, far = s * s / (1 + c), 1 - c
@@ -158,9 +169,9 @@ class Bounded:
         return np.where(size <= cls.largest, in_last_places(0.5, size, cls.u), np.inf)
 
     @classmethod
-    def _sine_evaluation_error(cls, size: Component) -> Component:
-        """Return the largest error of an evaluated sine or cosine whose absolute value is `size`, which is
-        MAX_SINE_OR_COSINE_ERROR_ULPS units in the last place.
+    def _sine_rounding(cls, size: Component) -> Component:
+        """Return MAX_SINE_OR_COSINE_ERROR_ULPS units in the last place of a sine or cosine with the absolute value
+        `size`.
         """
         largest_size = np.minimum(np.abs(size) * (1 + 4 * cls.u), 1 - cls.u)
         return in_last_places(MAX_SINE_OR_COSINE_ERROR_ULPS, largest_size, cls.u)
