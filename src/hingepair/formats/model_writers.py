@@ -116,7 +116,8 @@ def to_urdf(
         ShapeError: u1, u2, n or home of the pair has leading axes.
 
     >>> import hingepair as hp
-    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), limits=(-1, 1))
+    >>> beam = hp.Body(mass=2, shapes=[hp.Box((1, 0.2, 0.1))])
+    >>> pair = hp.HingePair((0.5, 0, 0.1), (-0.25, 0.1, 0), (0, 1, 0), limits=(-1, 1), body1=beam, body2=beam)
     >>> [line.strip() for line in hp.to_urdf(pair).splitlines() if "<limit" in line]
     ['<limit lower="-1.0" upper="1.0" effort="1000.0" velocity="100.0" />']
     """
@@ -207,7 +208,8 @@ def to_mjcf(
 
     >>> import xml.etree.ElementTree as ET
     >>> import hingepair as hp
-    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
+    >>> beam = hp.Body(mass=2, shapes=[hp.Box((1, 0.2, 0.1))])
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), body1=beam, body2=beam)
     >>> root = ET.fromstring(hp.to_mjcf(pair))
     >>> root.find("worldbody/body/body").get("pos")
     '0.5 0.0 0.1'

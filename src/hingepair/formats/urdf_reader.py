@@ -72,7 +72,8 @@ def from_urdf(
               might belong to one of the bodies.
 
     >>> import hingepair as hp
-    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0))
+    >>> beam = hp.Body(mass=2, shapes=[hp.Box((1, 0.2, 0.1))])
+    >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(0, 1, 0), body1=beam, body2=beam)
     >>> hp.from_urdf(hp.to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
     [-0.25, 0.1, 0.0]
     """

@@ -133,7 +133,8 @@ class Mechanism(MechanismMethods):
             ArgumentError: base, locked or snap cannot be used.
 
         >>> import hingepair as hp
-        >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(0, 0, 0), n=(0, 1, 0))
+        >>> beam = hp.Body(mass=2, shapes=[hp.Box((1, 0.2, 0.1))])
+        >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(0, 0, 0), n=(0, 1, 0), body1=beam, body2=beam)
         >>> hp.Mechanism.from_urdf(hp.to_urdf(pair)).names
         ('hinge',)
         """
