@@ -234,6 +234,51 @@ def test_a_weight_of_two_is_a_sample_twice() -> None:
     assert np.abs(weighted.pair.u1 - doubled.pair.u1).max() < 0.02 * weighted.std["u1"].max()
 
 
+@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+def test_a_factor_common_to_all_weights_has_no_effect(loss: str) -> None:
+    made = recording(300, 1e-3, 2e-3, outliers=0.0 if loss == "linear" else 0.1)
+    relative = np.where(np.arange(300) % 2, 0.2, 1.0)
+    small, large = (hp.fit(*bodies(made), loss, weights=factor * relative) for factor in (2.0**-40, 2.0**40))
+    for name in ("u1", "u2", "n"):
+        assert np.abs(getattr(small.pair, name) - getattr(large.pair, name)).max() < 1e-3 * small.std[name].max()
+        np.testing.assert_allclose(small.std[name], large.std[name], rtol=1e-3)
+    assert small.noise_position == pytest.approx(large.noise_position, rel=1e-3)
+    assert (small.ok, small.findings) == (large.ok, large.findings)
+
+
+def tracked_tag(fixed: bool, seed: int, radians: float = 0.03) -> tuple[hp.BodyMotion, hp.BodyMotion]:
+    """Body 2 with noise of attitude, body 1 without: at rest, or moving."""
+    made = recording(2000, seed=seed)
+    noise = np.random.default_rng(seed).standard_normal((2, 2000, 3))
+    R1, S1 = (np.zeros((2000, 3)), np.broadcast_to(np.eye(3), (2000, 3, 3))) if fixed else (made.R1, made.S1)
+    S2 = np.swapaxes(made.S1, -1, -2) @ made.S2
+    R2 = R1 + np.einsum("nij,nj->ni", S1, U1 - S2 @ U2) + 3e-3 * noise[0]
+    return hp.BodyMotion(R=R1, S=S1), hp.BodyMotion(R=R2, S=S1 @ S2 @ turns(radians * noise[1]))
+
+
+@pytest.mark.parametrize("fixed", [True, False], ids=["body 1 at rest", "body 1 moving"])
+def test_noise_of_attitudes_belongs_to_the_body_that_has_it(fixed: bool) -> None:
+    """Levers of a body whose attitudes are noisy come out short, so it matters which body that is."""
+    scores = []
+    for seed in range(8):
+        known = {} if fixed else {"noise1": (1e-6, 1e-6), "noise2": (3e-3, 0.03)}
+        found = hp.fit(*tracked_tag(fixed, seed), **known)
+        sign = np.sign(found.pair.n @ N1)
+        u1, u2, *_ = truth(sign)
+        scores.append(
+            np.concatenate(((found.pair.u1 - u1) / found.std["u1"], (found.pair.u2 - u2) / found.std["u2"]))
+        )
+    assert np.abs(np.mean(scores, axis=0)).max() < 4 / np.sqrt(12)
+    assert np.mean(np.square(scores)) < 2
+
+
+def test_what_the_division_of_the_noise_changes_is_told() -> None:
+    found = hp.fit(*tracked_tag(False, 0, 0.1))
+    assert "noise1 and noise2 tell" in " ".join(found.findings)
+    sign = np.sign(found.pair.n @ N1)
+    assert (np.abs(found.pair.u2 - truth(sign)[1]) < 4 * found.std["u2"]).all()
+
+
 def test_a_body_1_that_stands_still_is_one_pose() -> None:
     psi = recording(100).psi
     S2 = turns(psi[:, None] * N1) @ HOME

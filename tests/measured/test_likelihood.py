@@ -10,11 +10,11 @@ from hingepair.measured.likelihood import (
     LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME,
     Noise,
     SampleResiduals,
+    bias_of_hinge,
     evaluate_hinge,
     iterate_residuals,
     most_likely_hinge,
     num_neighbours_to_sum_and_unresolved_lag,
-    without_bias,
 )
 from hingepair.measured.relative_poses import closed_form_hinge, compute_relative_poses
 from hingepair.rotations.matrices import rotation_log
@@ -26,7 +26,7 @@ NOISE = Noise(place=4e-6, attitude=9e-6)
 def seen(hinge: Hinge, radians: float = 0.0) -> SampleResiduals:
     """What a short recording leaves."""
     made = recording(40, radians, radians)
-    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(40))
+    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2)
     return next(found for _, found in iterate_residuals(poses, hinge))
 
 
@@ -64,7 +64,7 @@ def test_that_covariance_is_what_noise_leaves() -> None:
     shape = (count, 3)
     R1, R2 = made.R1 + 1e-3 * rng.standard_normal(shape), made.R2 + 1e-3 * rng.standard_normal(shape)
     S1, S2 = (turns(2e-3 * rng.standard_normal(shape)) @ S for S in (made.S1, made.S2))
-    poses = compute_relative_poses(R1, S1, R2, S2, np.ones(count))
+    poses = compute_relative_poses(R1, S1, R2, S2)
     sizes = np.concatenate([found.whitened_squares(Noise(2e-6, 8e-6)) for _, found in iterate_residuals(poses, TRUE)])
     assert sizes.mean() == pytest.approx(5, rel=0.01)
     assert sizes.var() == pytest.approx(10, rel=0.03)
@@ -143,7 +143,7 @@ def test_noise_does_not_decide_the_sign_of_usual_axes(axis: tuple[float, ...]) -
 
 def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
     made = recording(400, 1e-5, 2e-2)
-    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(400))
+    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2)
     best, noise, still, *_ = most_likely_hinge(poses, closed_form_hinge(poses), None)
     scatter = np.sqrt(np.diagonal(evaluate_hinge(poses, best, noise, None).covariance))
 
@@ -162,9 +162,9 @@ def test_no_hinge_near_the_most_likely_one_is_likelier() -> None:
 def test_the_bias_of_rough_attitudes_is_taken_off(seed: int) -> None:
     """Rotations that are off at random are on average no rotations: levers come out short, by seven deviations."""
     made = recording(40_000, 1e-3, 4e-2, seed=seed)
-    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2, np.ones(40_000))
+    poses = compute_relative_poses(made.R1, made.S1, made.R2, made.S2)
     rough, noise, *_ = most_likely_hinge(poses, closed_form_hinge(poses), None)
-    better = without_bias(poses, rough, noise)
+    better = rough.moved(-bias_of_hinge(poses, rough, noise))
     change = result_derivatives(rough, "closest_to_R1")
     deviations = np.sqrt(np.diagonal(change @ evaluate_hinge(poses, rough, noise, None).covariance @ change.T))[:6]
     true = TRUE.in_gauge("closest_to_R1")

@@ -139,7 +139,7 @@ class ClockedPoses:
         """
         samples = self._samples
         S1 = samples.S1[body1_rows]
-        poses = compute_relative_poses(samples.R1[body1_rows], S1, R2, S2, samples.weights[body1_rows])
+        poses = compute_relative_poses(samples.R1[body1_rows], S1, R2, S2)
         v1, omega1 = (np.einsum("nji,nj->ni", S1, vector) for vector in (v, omega))
         dQ = -np.asarray(skew(omega1)) @ poses.Q.T.reshape(-1, 3, 3)
         return poses._replace(

@@ -105,7 +105,7 @@ def judge_hinge(
     poses, is_outlier = poses.thinned(_MAX_THINNED_SAMPLES_FOR_FINDINGS), is_outlier[every]
     turning = _angle_scatter(residuals.psi, residuals.weights / residuals.weights.sum())
     lever_length = max(float(np.linalg.norm(hinge.u1)), float(np.linalg.norm(hinge.u2)), _rms_distance(poses.p))
-    outliers = _outlier_findings(residuals, poses, is_outlier)
+    outliers = _outlier_findings(residuals, is_outlier)
     if any(not finding.harmless for finding in outliers):
         return outliers  # whatever else is seen is theirs
     axis_findings = _axis_findings(poses, residuals, turning)
@@ -128,6 +128,17 @@ def judge_hinge(
         )
         listed.append(Finding(text, True))
     return sorted(listed, key=lambda finding: finding.harmless)  # what decides the verdict comes first
+
+
+def split_findings(random: Float64Array, whole: Float64Array) -> list[Finding]:
+    """Return a list with one Finding if the covariance (12, 12) of the results, `whole`, is far larger than that by
+    the noise alone, `random`, because it is not known to which body the noise of the attitudes belongs.
+    """
+    added = np.sqrt(np.maximum(np.diagonal(whole - random), 0.0))[:6]
+    if not (added > 0.5 * np.sqrt(np.diagonal(random))[:6]).any():
+        return []
+    text = f"u1 and u2 depend by {added.max():.2g} m on how the noise of the attitudes divides between the bodies"
+    return [Finding(f"{text}: noise1 and noise2 tell, or a body 1 that is one pose.", True)]
 
 
 def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np.bool_]:
@@ -160,9 +171,7 @@ def _residuals_are_rounding(residuals: HingeResiduals, poses: RelativePoses, sam
     return bool(largest < 1e-12)
 
 
-def _outlier_findings(
-    residuals: HingeResiduals, poses: RelativePoses, is_outlier: NDArray[np.bool_]
-) -> list[Finding]:
+def _outlier_findings(residuals: HingeResiduals, is_outlier: NDArray[np.bool_]) -> list[Finding]:
     """Return a list with one Finding on the share of outliers, which the boolean array `is_outlier` marks, and on
     whether the weights of the outliers in the HingeResiduals `residuals` are reduced. The list is empty if there are
     no outliers.
@@ -170,7 +179,7 @@ def _outlier_findings(
     if not is_outlier.any():
         return []
     share = f"{100 * is_outlier.mean():.2g} % of the samples are outliers"
-    if float(residuals.weights[is_outlier].sum()) < 0.5 * is_outlier.sum() * poses.weights.mean():
+    if float(residuals.weights[is_outlier].sum()) < 0.5 * is_outlier.sum():
         return [Finding(f"{share}; they count little.", True)]
     harmless = bool(residuals.whitened_squares[is_outlier].sum() < residuals.whitened_squares[~is_outlier].sum())
     return [Finding(f'{share}, and count like the others: loss="cauchy" makes them count little.', harmless)]
@@ -320,7 +329,7 @@ class BodyPoses(NamedTuple):
         """Return how badly the closed-form hinge fits the poses, as one number: the median tilt of the axes [rad]
         plus the ratio of the median gap at the hinge point to the rms distance between the bodies.
         """
-        poses = compute_relative_poses(*self, np.ones(self.R1.shape[0]))
+        poses = compute_relative_poses(*self)
         distance = _rms_distance(poses.p)
         _, seen = next(iterate_residuals(poses, closed_form_hinge(poses)))
         tilt, gap = (np.sqrt(np.median((part**2).sum(axis=0))) for part in (seen.tilt, seen.gap))

@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_sample
-from hingepair.measured.findings import BodyPoses, check_turning, find_outliers, judge_hinge, probable_mistakes
+from hingepair.measured.findings import (
+    BodyPoses,
+    check_turning,
+    find_outliers,
+    judge_hinge,
+    probable_mistakes,
+    split_findings,
+)
 from hingepair.measured.hinge import (
     HINGE_POINT_GAUGE_NAMES,
     SIGN_AND_HOME_RULES_TEXT,
@@ -32,13 +39,13 @@ from hingepair.measured.likelihood import (
     Loss,
     Noise,
     attitude_noise_share,
+    bias_of_hinge,
     evaluate_hinge,
     fit_encoder_line,
     frame_turn_angle,
     most_likely_hinge,
     noise_standard_deviations,
     shows_offset,
-    without_bias,
 )
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
 from hingepair.measured.samples import Samples, checked_samples
@@ -57,7 +64,7 @@ if TYPE_CHECKING:
 
 
 _RESIDUAL_TOLERANCE_TO_RMS_RESIDUAL = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
-_MIN_ROBUST_TO_USER_WEIGHT_OF_INLIER = 0.1  # below, a robust loss has made the sample an outlier
+_MIN_ROBUST_WEIGHT_OF_INLIER = 0.1  # below, a robust loss has made the sample an outlier
 # Samples for the start in closed form, and for the check that the motion determines the clock offset.
 _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK = 65536
 _MIN_MENTIONED_CLOCK_OFFSET_IN_STDS = 4.0  # of a clock offset that a finding mentions
@@ -120,7 +127,7 @@ class HingeFit(Shown):
         noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
             noise of both bodies. It is inaccurate if it is much smaller than `noise_angle` times the length of u1 or
             u2. If `fit` was called with `noise1` and `noise2`, `noise_position` and `noise_angle` are root mean
-            squares over the samples.
+            squares over the samples; with `weights`, they are those of a sample of mean weight.
         noise_angle: standard deviation of the measurement noise in the attitude of body 2 relative to body 1 [rad],
             for each component of the rotation vector from the exact to the recorded relative attitude. It includes
             the noise of both bodies. Without an encoder, the noise of psi has the same standard deviation. It is NaN
@@ -327,9 +334,11 @@ def fit(
     the axis. Raise FitError if the samples do not determine a hinge.
 
     A first estimate is computed in closed form from the mean relative attitude and six linear equations. A
-    maximum-likelihood estimate then refines it. Unless noise1 and noise2 are given, the noise is assumed to be
-    isotropic, equal for all samples and equal for both bodies. The size of the noise is estimated from the data.
-    Poses that are not finite count as missing.
+    maximum-likelihood estimate then refines it. Unless `weights`, `noise1` and `noise2` say otherwise, the noise is
+    assumed to be isotropic, equal for all samples and equal for both bodies; a body whose recorded attitude is the
+    same at all samples has no noise of attitude. The size of the noise is estimated from the data. If it is not known
+    how the noise of the attitudes divides between the bodies, the covariance includes what this may change. Poses
+    that are not finite count as missing.
 
     The motion determines neither the position of the hinge point along the axis, nor the sign of n, nor the zero of
     psi. Rules fix these three:
@@ -362,7 +371,9 @@ def fit(
         t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,). If t
             is given and clock_offset is not, the offset between the clocks of the two recordings is estimated. If the
             motion does not determine the offset, 0 is used. The estimate needs SciPy.
-        weights: weights of the samples, such as inverse variances; shape (N,). A sample of weight 0 is left out.
+        weights: weights of the samples, such as inverse variances in any unit; shape (N,). The variance of the noise
+            of a sample is taken as inversely proportional to its weight; a factor common to all weights has no
+            effect. A sample of weight 0 is left out.
         clock_offset: known time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the
             time stamp s was taken at the instant s + clock_offset of body 1's clock. Give 0 if both recordings use
             the same clock; `t` must be given too. With None (the default), the offset is estimated if `t` is given;
@@ -409,21 +420,30 @@ def fit(
         return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
     estimate, clock, poses, used = _estimate_hinge(samples, used, penalty, clock_offset)
     noise = estimate.noise
-    hinge = without_bias(poses, estimate.hinge, noise).signed().in_gauge(gauge)
-    line = fit_encoder_line(poses, hinge, estimate.line)
+    bias = bias_of_hinge(poses, estimate.hinge, noise, estimate.line)
+    line = None if estimate.line is None else estimate.line._replace(slope=estimate.line.slope - float(bias[-1]))
+    hinge = estimate.hinge.moved(-bias[:NUM_HINGE_PARAMETERS]).balanced().signed().in_gauge(gauge)
+    line = fit_encoder_line(poses, hinge, line)
     residuals = evaluate_hinge(poses, hinge, noise, penalty, line)
     home = home_of(hinge)
+    random_part = residuals
+    if not samples.knows_split:
+        residuals = _with_unknown_split(poses, hinge, noise, line, residuals)
     derivatives_of_results = result_derivatives(hinge, gauge)
-    covariance = (
+    random_covariance, covariance = (
         derivatives_of_results
-        @ residuals.covariance[:NUM_HINGE_PARAMETERS, :NUM_HINGE_PARAMETERS]
+        @ each.covariance[:NUM_HINGE_PARAMETERS, :NUM_HINGE_PARAMETERS]
         @ derivatives_of_results.T
+        for each in (random_part, residuals)
     )
     std: dict[str, Any] = dict(
         zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True)
     )
     is_outlier = find_outliers(residuals, poses)
-    listed_findings = judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std)
+    listed_findings = [
+        *judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std),
+        *split_findings(random_covariance, covariance),
+    ]
     texts = [finding.text for finding in listed_findings]
     ok = all(finding.harmless for finding in listed_findings)
     std = {name: read_only(value) for name, value in std.items()} | noise_standard_deviations(
@@ -446,11 +466,12 @@ def fit(
         texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
     texts += samples.noise_suspicions(noise)
-    good = ~is_outlier & (residuals.weights >= _MIN_ROBUST_TO_USER_WEIGHT_OF_INLIER * samples.weights[used])
+    good = ~is_outlier & (residuals.weights >= _MIN_ROBUST_WEIGHT_OF_INLIER)
+    weights = residuals.weights * samples.weights[used]
     zero = home_angle(hinge, home)
     psi = _unwrap_angles(residuals.psi - attitude_noise_share(poses, noise, line) * residuals.turn - zero, good)
     counted = psi[good] if good.any() else psi
-    total = residuals.weights.sum()
+    total = weights.sum()
     gaps = np.sqrt((residuals.gap * residuals.gap).sum(axis=0))
     return HingeFit(
         pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
@@ -458,8 +479,8 @@ def fit(
         psi_range=(float(counted.min()), float(counted.max())),
         covariance=read_only(covariance),
         std=std,
-        rms_position=float(np.sqrt(residuals.weights @ (gaps * gaps) / total)),
-        rms_angle=float(np.sqrt(residuals.weights @ (residuals.tilt * residuals.tilt) / total)),
+        rms_position=float(np.sqrt(weights @ (gaps * gaps) / total)),
+        rms_angle=float(np.sqrt(weights @ (residuals.tilt * residuals.tilt) / total)),
         noise_position=float(np.sqrt(noise.place)),
         noise_angle=float(np.sqrt(noise.attitude)),
         clock_offset=None if samples.t is None else estimate.offset,
@@ -468,7 +489,7 @@ def fit(
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,
-        weights=_scatter_used(residuals.weights, used, 0.0),
+        weights=_scatter_used(weights, used, 0.0),
         t=samples.t,
         gap=_scatter_used(gaps, used),
         tilt=_scatter_used(residuals.tilt, used),
@@ -476,6 +497,20 @@ def fit(
         body2=body2 if clock is None else clock.body2(estimate.offset),
         _body1=body1,
     )
+
+
+def _with_unknown_split(
+    poses: RelativePoses, hinge: Hinge, noise: Noise, line: EncoderLine | None, residuals: HingeResiduals
+) -> HingeResiduals:
+    """Return the HingeResiduals with a covariance widened by the bias of the hinge where body 1's share of the noise
+    of the attitudes can be anything from 0 to 1.
+    """
+    from_body1, from_body2 = (bias_of_hinge(poses, hinge, noise, line, share) for share in (1.0, 0.0))
+    size = residuals.covariance.shape[0]
+    spread = np.zeros(size)
+    spread[np.r_[:NUM_HINGE_PARAMETERS, size - 2 * (line is not None) : size]] = from_body1 - from_body2
+    # the variance of a number between 0 and 1 is 1/12
+    return residuals._replace(covariance=residuals.covariance + np.outer(spread, spread) / 12)
 
 
 def _fit_of_point(
@@ -502,7 +537,7 @@ def _fit_of_point(
     if samples.t is not None:
         unknown = clock is None and clock_offset is None
         std["clock_offset"] = np.float64(np.inf if unknown else fitted.offset_std)
-    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_ROBUST_TO_USER_WEIGHT_OF_INLIER * poses.weights)
+    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_ROBUST_WEIGHT_OF_INLIER * poses.weights)
     psi = _unwrap_angles(fitted.circle.angles(poses.p.T), good)
     counted = psi[good] if good.any() else psi
     gaps = np.linalg.norm(fitted.residuals, axis=1)
@@ -529,7 +564,7 @@ def _fit_of_point(
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,
-        weights=_scatter_used(fitted.weights, used, 0.0),
+        weights=_scatter_used(fitted.weights * samples.weights[used].mean(), used, 0.0),
         t=samples.t,
         gap=_scatter_used(gaps, used),
         tilt=read_only(np.full(used.size, np.nan)),

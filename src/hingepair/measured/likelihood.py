@@ -379,7 +379,7 @@ def attitude_noise_share(
     if encoder_line is None or poses.encoder is None:
         return 0.0
     attitude = noise.attitude * (1.0 if poses.relative_noise is None else poses.relative_noise[1])
-    return np.asarray(attitude / (attitude + noise.encoder) + 0 * poses.weights)
+    return np.broadcast_to(attitude / (attitude + noise.encoder), poses.samples)
 
 
 def noise_standard_deviations(poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None) -> dict[str, Any]:
@@ -414,47 +414,63 @@ def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Est
     others = np.delete(np.arange(normals[0].shape[0]), k)
     across = solve_semidefinite(normals[0][np.ix_(others, others)], normals[0][others, k])
     shown = normals[0][k, k] - normals[0][k, others] @ across
-    share = poses.weights.sum() / max(poses.samples, 1)
     return bool(
         shown > MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_CLOCK_OFFSET * normals[1][k, k]
-        and shown * share * MAX_STD_OF_DETERMINED_CLOCK_OFFSET_IN_SECONDS**2 > 1
+        and shown * MAX_STD_OF_DETERMINED_CLOCK_OFFSET_IN_SECONDS**2 > 1
     )
 
 
-def without_bias(poses: RelativePoses, hinge: Hinge, noise: Noise) -> Hinge:
-    """Return the Hinge corrected for its bias, which is proportional to the variance of the noise and does not
-    decrease with the number of samples. A hinge with a negligible bias is returned as it is. `poses` are those to
-    which the hinge was fitted.
+def bias_of_hinge(
+    poses: RelativePoses, hinge: Hinge, noise: Noise, line: EncoderLine | None = None, share: float | None = None
+) -> Float64Array:
+    """Return the bias of the parameters of the most likely hinge, and of the zero and the slope of the encoder's
+    line, shape (9,) or (11,). It is proportional to the variance of the noise and does not decrease with the number
+    of samples. `share` is the part of the variance of the attitudes that is due to body 1; None: that by which
+    residuals are whitened.
 
     A rotation that is off at random is on average a shorter matrix than a rotation, so levers come out short. What
-    the scores are on average follows from the fitted hinge itself: they are taken at its exact poses, each of the
-    nine coordinates of noise once up and once down. Nothing is taken off that is no tenth of a standard deviation.
+    the scores are on average follows from the fitted hinge itself: they are taken at its exact poses, each coordinate
+    of noise once up and once down. A bias that is no tenth of a standard deviation is 0.
     """
     reach = max(float(np.sqrt((poses.p * poses.p).sum() / poses.samples)), 1e-300)
-    if (
-        np.sqrt(poses.samples) * (np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach)
-        < _MIN_CORRECTED_HINGE_BIAS_IN_STDS
-    ):
-        return hinge
+    size = np.sqrt(noise.attitude) + np.sqrt(noise.place) / reach + (0 if line is None else np.sqrt(noise.encoder))
+    if np.sqrt(poses.samples) * size < _MIN_CORRECTED_HINGE_BIAS_IN_STDS:
+        return np.zeros(NUM_HINGE_PARAMETERS + (0 if line is None else 2))
     thin = poses.thinned(_MAX_THINNED_SAMPLES_FOR_HINGE_BIAS)
+    relative = np.repeat(((1.0,), (1.0,), (0.5,)), thin.samples, axis=1)
+    relative = relative if thin.relative_noise is None else thin.relative_noise
+    part = relative[2] if share is None else share
     first, second = frame(hinge.n), frame(hinge.m)
     q = np.kron(first.T, second.T) @ thin.Q
     psi = np.arctan2(q[3] - q[1], q[0] + q[4])
     c, s, zero = np.cos(psi), np.sin(psi), np.zeros_like(psi)
     Q = first @ np.stack((c, -s, zero, s, c, zero, zero, zero, zero + 1), axis=-1).reshape(-1, 3, 3) @ second.T
     p = hinge.u1 - Q @ hinge.u2
-    exact = []
-    turns = rotation_exp(np.sqrt(noise.attitude / 2) * np.eye(3))
-    for turn, off in zip(turns, np.sqrt(noise.place) * np.eye(3), strict=True):
-        exact += [(turn @ Q, p), (turn.T @ Q, p), (Q, p + off), (Q, p - off)]
-        exact += [(turn.T @ Q, p @ turn), (turn @ Q, p @ turn.T)]
-    rows = np.concatenate([each[0].reshape(-1, 9) for each in exact])
-    places = np.concatenate([each[1] for each in exact])
-    around = RelativePoses(
-        np.ascontiguousarray(rows.T), np.ascontiguousarray(places.T), np.ones(places.shape[0]), poses.size
+    reading = None if thin.encoder is None or line is None else (psi - line.zero) / line.slope + 0 * thin.encoder
+    place, turn1, turn2 = (
+        np.sqrt(variance)[:, None]
+        for variance in (
+            noise.place * relative[0],
+            noise.attitude * relative[1] * part,
+            noise.attitude * relative[1] * (1 - part),
+        )
     )
-    normal, gradient = _normal_equations(around, hinge, noise, None)
-    return hinge.moved(solve_semidefinite(normal / len(exact), gradient / 2)).balanced()
+    noisy = []
+    for axis in np.concatenate((np.eye(3), -np.eye(3))):
+        about1, about2 = (np.asarray(rotation_exp(size * axis)) for size in (turn1, turn2))
+        noisy += [(about2 @ Q, p, reading), (Q, p + place * axis, reading)]
+        noisy += [(about1 @ Q, np.einsum("nij,nj->ni", about1, p), reading)]
+    if reading is not None and line is not None:
+        noisy += [(Q, p, reading + sign * np.sqrt(noise.encoder) / line.slope) for sign in (1, -1)]
+    around = RelativePoses(
+        np.ascontiguousarray(np.concatenate([each[0].reshape(-1, 9) for each in noisy]).T),
+        np.ascontiguousarray(np.concatenate([each[1] for each in noisy]).T),
+        poses.size,
+        relative_noise=None if thin.relative_noise is None else np.tile(relative, len(noisy)),
+        encoder=None if reading is None else np.concatenate([each[2] for each in noisy if each[2] is not None]),
+    )
+    normal, gradient = _normal_equations(around, hinge, noise, None, line)
+    return -solve_semidefinite(normal / len(noisy), gradient / 2)
 
 
 def evaluate_hinge(
@@ -483,24 +499,19 @@ def evaluate_hinge(
         psi[block] = seen.psi
         if seen.turn is not None:
             turn[block] = seen.turn
-        sample_weights = poses.weights[block]
         if (k // 16) % every:  # outside of the stretches of 16 blocks that give the covariance
             sizes[block] = seen.whitened_squares(noise)
-            weights[block] = (
-                sample_weights
-                if loss is None
-                else sample_weights * _loss_derivatives(loss, sample_weights * sizes[block])[0]
-            )
+            weights[block] = 1.0 if loss is None else _loss_derivatives(loss, sizes[block])[0]
             continue
         rows = seen.whitened_rows(noise)
         sizes[block] = (rows[-1] ** 2).sum(axis=0)
-        first, second = (1.0, 0.0) if loss is None else _loss_derivatives(loss, sample_weights * sizes[block])
-        weights[block] = sample_weights * first
+        first, second = (1.0, 0.0) if loss is None else _loss_derivatives(loss, sizes[block])
+        weights[block] = first
         score = np.einsum("kri,ri->ki", rows[:-1], rows[-1])
         slope = (
             slope
             + _weighted_gram_matrix(rows, weights[block])[:-1, :-1]
-            + 2 / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL * (score * (second * sample_weights**2)) @ score.T
+            + 2 / _LOSS_SCALE_OF_WHITENED_SQUARED_RESIDUAL * (score * second) @ score.T
         )
         score_blocks.append(weights[block] * score)
         whitened_blocks.append(weights[block] * rows[-1])
@@ -600,11 +611,12 @@ def _normal_equations(
     outliers (None means least squares). `encoder_line` is the EncoderLine or None.
     """
     total: Float64Array = np.zeros(())
-    for block, seen in iterate_residuals(poses, hinge, encoder_line):
-        rows, weights = seen.whitened_rows(noise), poses.weights[block]
+    for _, seen in iterate_residuals(poses, hinge, encoder_line):
+        rows = seen.whitened_rows(noise)
         if loss is not None:
-            weights = weights * _loss_derivatives(loss, weights * (rows[-1] ** 2).sum(axis=0))[0]
-        total = total + _weighted_gram_matrix(rows, weights)
+            rows *= np.sqrt(_loss_derivatives(loss, (rows[-1] ** 2).sum(axis=0))[0])
+        rows = rows.reshape(rows.shape[0], -1)
+        total = total + rows @ rows.T
     return total[:-1, :-1], total[:-1, -1]
 
 
@@ -650,10 +662,9 @@ def _estimate_noise(
         turn[~np.isfinite(np.nan if poses.encoder is None else poses.encoder[block])] = np.nan
         parts.append((tilt, gap, seen.gap_variance_by_attitude / place, turn, sizes))
     tilt, gap, spread, turn, sizes = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
-    weights = poses.weights
-    near = np.ones(weights.size, dtype=bool)
+    near = np.ones(tilt.size, dtype=bool)
     if loss is None:
-        attitude, across = weights @ tilt / weights.sum() / 2, weights @ gap / weights.sum() / 3
+        attitude, across = tilt.mean() / 2, gap.mean() / 3
     else:
         if 2 * (sizes < _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE_ESTIMATE).sum() > near.size:
             near = sizes < _MAX_WHITENED_SQUARED_RESIDUAL_FOR_NOISE_ESTIMATE
@@ -662,7 +673,7 @@ def _estimate_noise(
             np.median(gap[near]) / CHI2_MEDIAN_BY_DOF[3],
         )
     attitude = max(float(attitude), (4 * FLOAT64_UNIT_ROUNDOFF) ** 2)
-    lever = float(weights[near] @ spread[near] / weights[near].sum()) / 3
+    lever = float(spread[near].mean()) / 3
     rounding = max((4 * FLOAT64_UNIT_ROUNDOFF * poses.size) ** 2, 1e-300)
     place = max(float(across) - attitude * lever, 1e-3 * float(across), rounding)
     noise = Noise(place, attitude)
@@ -675,10 +686,7 @@ def _estimate_noise(
     read = np.isfinite(turn) & near
     if encoder_line is None or not read.any():
         return noise
-    if loss is None:
-        total = float(weights[read] @ turn[read] / weights[read].sum())
-    else:
-        total = float(np.median(turn[read]) / CHI2_MEDIAN_BY_DOF[1])
+    total = float(turn[read].mean() if loss is None else np.median(turn[read]) / CHI2_MEDIAN_BY_DOF[1])
     return noise._replace(
         encoder=max(
             total - noise.attitude,
@@ -700,15 +708,14 @@ def variance_components(
     1992, 8.3).
     """
     squares, places, attitudes = [], [], []
-    for block, seen in iterate_residuals(poses, hinge):
+    for _, seen in iterate_residuals(poses, hinge):
         place, attitude, share = (np.broadcast_to(x, seen.p.shape[1]) for x in seen.variances(Noise(1.0, 1.0)))
         w = np.stack((-seen.arms[1], seen.arms[0], np.zeros_like(place)), axis=-1)
         p, b = seen.p.T, (share * (1 - share))[:, None, None]
         matrix = b * ((p * p).sum(axis=1)[:, None, None] * np.eye(3) - p[:, :, None] * p[:, None])
         values, axes = np.linalg.eigh(matrix + w[:, :, None] * w[:, None] / 4)
         gap = np.einsum("nij,in->jn", axes, seen.gap)
-        weights = poses.weights[block]
-        squares += [*(weights * gap**2), *(weights * seen.tilt**2)]
+        squares += [*gap**2, *seen.tilt**2]
         places += [*np.broadcast_to(place, gap.shape), *np.zeros((2, place.size))]
         attitudes += [*(attitude * np.maximum(values.T, 0.0)), *np.broadcast_to(attitude, (2, attitude.size))]
     square, design = np.concatenate(squares), np.stack((np.concatenate(places), np.concatenate(attitudes)))

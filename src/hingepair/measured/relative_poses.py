@@ -25,15 +25,14 @@ _MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES_IN_RADIANS = 0.017  # [rad] between the s
 
 
 class RelativePoses(NamedTuple):
-    """Attitudes (Q) and positions (p) of body 2 relative to body 1 over N samples, with the samples' weights, the
-    largest coordinate of either body (`size`) and, if known, the derivatives with respect to the clock offset
-    (`offset_derivatives`), the noise that the user gave (`relative_noise`), and encoder readings. Samples are on the
-    last axis.
+    """Attitudes (Q) and positions (p) of body 2 relative to body 1 over N samples, with the largest coordinate of
+    either body (`size`) and, if known, the derivatives with respect to the clock offset (`offset_derivatives`), how
+    the noise differs between samples and bodies (`relative_noise`), and encoder readings. Samples are on the last
+    axis.
     """
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
     p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
-    weights: Float64Array  # of the samples, all positive; shape (N,)
     size: float  # largest coordinate of either body, for what rounding leaves [m]
     offset_derivatives: Float64Array | None = None  # of Q and p, by the clock offset [1/s, m/s]; shape (12, N)
     relative_noise: Float64Array | None = None  # of each sample, as `Samples.relative_noise`; shape (3, N)
@@ -42,7 +41,12 @@ class RelativePoses(NamedTuple):
     @property
     def samples(self) -> int:
         """Return the number of samples."""
-        return self.weights.size
+        return int(self.p.shape[1])
+
+    @property
+    def weights(self) -> Float64Array:
+        """Return the inverse variances of the positions, divided by their mean size; shape (N,)."""
+        return np.ones(self.samples) if self.relative_noise is None else 1 / self.relative_noise[0]
 
     def thinned(self, max_samples: int) -> RelativePoses:
         """Return the relative poses of every k-th sample, with the smallest k that leaves at most `max_samples`."""
@@ -50,19 +54,16 @@ class RelativePoses(NamedTuple):
         if step == 1:
             return self
         every = slice(None, None, step)
-        parts = (self.Q, self.p, self.weights, self.offset_derivatives, self.relative_noise, self.encoder)
-        Q, p, weights, *others = (None if part is None else np.ascontiguousarray(part[..., every]) for part in parts)
-        return RelativePoses(np.asarray(Q), np.asarray(p), np.asarray(weights), self.size, *others)
+        parts = (self.Q, self.p, self.offset_derivatives, self.relative_noise, self.encoder)
+        Q, p, *others = (None if part is None else np.ascontiguousarray(part[..., every]) for part in parts)
+        return RelativePoses(np.asarray(Q), np.asarray(p), self.size, *others)
 
 
-def compute_relative_poses(
-    R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray, weights: Float64Array
-) -> RelativePoses:
+def compute_relative_poses(R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray) -> RelativePoses:
     """Return the poses of body 2 relative to body 1 as RelativePoses, computed from poses in the world, positions R1
-    and R2 (N, 3) and rotation matrices S1 and S2 (N, 3, 3), all finite. `weights` (N,) are the weights of the
-    samples.
+    and R2 (N, 3) and rotation matrices S1 and S2 (N, 3, 3), all finite.
     """
-    count = weights.size
+    count = R1.shape[0]
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
     for start in range(0, count, _NUM_SAMPLES_PER_POSE_BLOCK):
         block = slice(start, start + _NUM_SAMPLES_PER_POSE_BLOCK)
@@ -76,7 +77,7 @@ def compute_relative_poses(
                 Q[3 * i + j, block] = (
                     first[i] * second[j] + first[3 + i] * second[3 + j] + first[6 + i] * second[6 + j]
                 )
-    return RelativePoses(Q, p, weights, size)
+    return RelativePoses(Q, p, size)
 
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
@@ -84,10 +85,10 @@ def closed_form_hinge(poses: RelativePoses) -> Hinge:
     between n and m turned by the relative attitudes, and for n and m the levers that minimise the gaps at the hinge
     point (E1). The hinge point is equally far along the axis from both bodies' reference points.
     """
-    total = poses.weights.sum()
-    Q = (poses.Q @ poses.weights / total).reshape(3, 3)
-    p = poses.p @ poses.weights / total
-    place2 = np.array([((poses.Q[j::3] * poses.p).sum(axis=0) @ poses.weights) / total for j in range(3)])
+    weights = poses.weights / poses.weights.sum()
+    Q = (poses.Q @ weights).reshape(3, 3)
+    p = poses.p @ weights
+    place2 = np.array([(poses.Q[j::3] * poses.p).sum(axis=0) @ weights for j in range(3)])
     left, _, right = np.linalg.svd(Q)
     n, m = left[:, 0], right[0]
     # (1 - Q^T Q) u2 = Q^T p - mean(Q^T p), across m: along it u2 is free

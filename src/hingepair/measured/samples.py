@@ -20,8 +20,8 @@ _MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE_STDS = 1.5  # standard deviations, or t
 
 class Samples(NamedTuple):
     """Checked arrays of one length N: the recorded poses of both bodies (R1, S1, R2, S2), which of them can be used
-    (`known1`, `known2`), instants, weights, encoder readings, and the noise that the user gave (`relative_noise`,
-    `mean_noise`). `is_point` says that body 2 has no attitudes.
+    (`known1`, `known2`), instants, weights, encoder readings, and what is known of the noise (`relative_noise`,
+    `knows_split`, `mean_noise`). `is_point` says that body 2 has no attitudes.
     """
 
     t: Float64Array | None  # instants since the first [s]; shape (N,)
@@ -31,9 +31,11 @@ class Samples(NamedTuple):
     S2: NDArray[np.floating]
     known1: NDArray[np.bool_]  # where body 1 was recorded and has weight; shape (N,)
     known2: NDArray[np.bool_]
-    weights: Float64Array  # shape (N,)
-    # variances of positions and of attitudes divided by their means, and body 1's share of the latter; shape (3, N)
+    weights: Float64Array  # as the user gave them; shape (N,)
+    # variances of positions and of attitudes divided by typical ones, and body 1's share of the latter; shape (3, N).
+    # None: alike for all samples and both bodies
     relative_noise: Float64Array | None
+    knows_split: bool  # whether body 1's share is known
     mean_noise: Noise | None  # the means of these variances
     is_point: bool  # whether body 2 has no attitudes
     encoder: Float64Array | None  # shape (N,)
@@ -44,7 +46,7 @@ class Samples(NamedTuple):
         """
         rows = slice(None) if is_used.all() else is_used
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
-        poses = compute_relative_poses(R1, S1, R2, S2, self.weights[rows])
+        poses = compute_relative_poses(R1, S1, R2, S2)
         return poses._replace(
             relative_noise=None if self.relative_noise is None else self.relative_noise[:, rows],
             encoder=None if self.encoder is None else self.encoder[rows],
@@ -106,6 +108,15 @@ def checked_samples(
         if not np.isfinite(array.sum()):  # one pass where nothing is missing
             known[name[1]] &= np.isfinite(array.reshape(shape[0], -1)).all(axis=-1)
     relative_noise, mean_noise = _checked_noise(noise1, noise2, shape)
+    share = 0.5
+    if not is_point and relative_noise is None:
+        share = 0.0 if _is_constant(full_arrays["S1"]) else 1.0 if _is_constant(full_arrays["S2"]) else 0.5
+    knows_split = relative_noise is not None or share != 0.5
+    used = known["1"] & known["2"]
+    if (used.any() and np.ptp(sample_weights[used]) > 0) or share != 0.5:
+        if relative_noise is None:
+            relative_noise = np.stack((np.ones(shape), np.ones(shape), np.full(shape, share)))
+        relative_noise[:2] /= np.where(used, sample_weights / max(sample_weights[used].mean(), 1e-300), 1.0)
     return Samples(
         t=time,
         **full_arrays,
@@ -113,15 +124,22 @@ def checked_samples(
         known2=known["2"],
         weights=sample_weights,
         relative_noise=relative_noise,
+        knows_split=knows_split,
         mean_noise=mean_noise,
         is_point=is_point,
         encoder=None if encoder is None else _checked_encoder(encoder, shape),
     )
 
 
+def _is_constant(S: NDArray[np.floating]) -> bool:
+    """Return whether all attitudes S (N, 3, 3) are the same: a body at rest, whose pose has no noise."""
+    some = S[:: max(1, S.shape[0] // 16)]
+    return bool((some == S[0]).all() and (S[0] == S).all())
+
+
 def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Array:
     """Return the weights of the samples as an array (num_samples,), all 1 if `weights` is None. Raise ArgumentError
-    if weights are negative or not finite, ShapeError for another shape.
+    if weights are negative, not finite or all 0, ShapeError for another shape.
     """
     if weights is None:
         return np.ones(num_samples)
@@ -130,6 +148,9 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
         raise ShapeError("weights", f"shape ({num_samples},), as the bodies", f"shape {sample_weights.shape}")
     if not (np.isfinite(sample_weights) & (sample_weights >= 0)).all():
         raise ArgumentError("weights", "finite numbers, none negative", sample_weights)
+    # half of the range of floats, in which squares of ratios stay finite
+    if sample_weights.size and not 1e-150 < sample_weights.max() < 1e150:
+        raise ArgumentError("weights", "numbers between 1e-150 and 1e150, the largest of them", sample_weights.max())
     return sample_weights
 
 
