@@ -373,7 +373,7 @@ def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
 
 @pytest.mark.slow
 def test_a_closed_pipe_is_no_failed_check(short_scene: Path) -> None:
-    done = shell(f"hingepair urdf {short_scene} | true")
+    done = shell(f"hingepair run {short_scene} | true")
     assert done.stderr == b""
     assert done.returncode in {0, 128 + 13}  # the pipe was still open, or the signal that a shell expects
 

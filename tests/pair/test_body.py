@@ -33,6 +33,17 @@ def test_an_inertia_that_a_rigid_body_can_have_is_kept(moments):
     assert np.array_equal(inertia, inertia.T)
 
 
+def test_the_centre_of_mass_is_that_of_the_shapes_whether_or_not_an_inertia_is_given():
+    shapes = [hp.Box((0.9, 0.04, 2), center=(0.45, 0, 1))]
+    free, given = hp.Body(20, shapes=shapes), hp.Body(20, inertia=(7, 8, 1.4), shapes=shapes)
+    assert given.center_of_mass.tolist() == free.center_of_mass.tolist() == [0.45, 0, 1]
+    assert free.assumed == ()
+    (told,) = given.assumed
+    assert "(0.45, 0, 1) m" in told
+    assert hp.Body(20, (0, 0, 0), (7, 8, 1.4), shapes).center_of_mass.tolist() == [0, 0, 0]
+    assert hp.Body(20, (0, 0, 0), (7, 8, 1.4), shapes).assumed == ()
+
+
 def test_without_an_inertia_the_radius_of_gyration_is_a_tenth_of_a_metre():
     assert np.array_equal(hp.Body(mass=3).inertia, 0.03 * np.eye(3))
 

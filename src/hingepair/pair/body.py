@@ -162,8 +162,7 @@ class Body(Frozen):
         mass: mass of the body, above zero [kg]. If it is not given, 1 kg is assumed, and the methods that compute
             dynamics issue a `DynamicsWarning`.
         center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). By
-            default, it leads to the centre of mass of the shapes if there are shapes and no inertia is given; in all
-            other cases, the default is zero.
+            default, it leads to the centre of mass of the shapes, and it is zero if there are none.
         inertia: inertia about the centre of mass, body axes [kg m^2]: a symmetric matrix, shape (3, 3), or the three
             moments about axes through the centre of mass that are parallel to the body's x, y and z axes, shape (3,).
             All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
@@ -172,10 +171,10 @@ class Body(Frozen):
             of mass is used, scaled to the mass, even if `center_of_mass` is another point. If there are no shapes
             either, a radius of gyration of 0.1 m about every axis through the centre of mass is assumed, and the
             methods that compute dynamics issue a `DynamicsWarning`.
-        shapes: Box, Cylinder and Sphere objects, which viewers draw. If no inertia is given, the shapes determine the
-            inertia, and also the centre of mass unless `center_of_mass` is given. All shapes then have the same
-            density, and the mass of a volume that two shapes share counts twice. By default, there are no shapes, and
-            viewers draw the body as an arm that leads to the hinge, with one half of the hinge.
+        shapes: Box, Cylinder and Sphere objects, which viewers draw. The shapes determine the inertia and the centre
+            of mass, each unless it is given. All shapes have the same density, and the mass of a volume that two
+            shapes share counts twice. By default, there are no shapes, and viewers draw the body as an arm that leads
+            to the hinge, with one half of the hinge.
         _computed: an internal argument that `dataclasses.replace` passes.
 
     `dataclasses.replace(body, mass=3)` returns a body with another mass. Values that were not given for `body`, such
@@ -221,7 +220,7 @@ class Body(Frozen):
         for shape in shape_tuple:
             if not isinstance(shape, Shape):
                 raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
-        default_centre, inertia_per_mass = _mass_distribution(shape_tuple if inertia is None else ())
+        default_centre, inertia_per_mass = _mass_distribution(shape_tuple)
         centre = default_centre if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
         tensor = _checked_inertia(mass_value * inertia_per_mass if inertia is None else _inertia_matrix(inertia))
         arguments = {"mass": mass, "center_of_mass": center_of_mass, "inertia": inertia}
@@ -231,8 +230,9 @@ class Body(Frozen):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Sentences about assumed values, as a tuple of str. There is one if the mass was not given, and one if
-        neither an inertia nor shapes were given. Each names the value that is used.
+        """Sentences about assumed values, as a tuple of str. There is one if the mass was not given, one if neither
+        an inertia nor shapes were given, and one if an inertia was given beside shapes whose centre of mass is not
+        the reference point, without a centre of mass. Each names the value that is used.
         """
         sentences = []
         if "mass" in self._computed:
@@ -243,6 +243,12 @@ class Body(Frozen):
             sentences.append(
                 "no inertia is given, a radius of gyration of 0.1 m is taken; Body(inertia=...) or Body(shapes=...) "
                 "gives it, in a scene the key inertia or shapes of the body"
+            )
+        if "center_of_mass" in self._computed and "inertia" not in self._computed and self.center_of_mass.any():
+            centre = ", ".join(f"{component:.4g}" for component in self.center_of_mass + 0.0)
+            sentences.append(
+                f"no center_of_mass is given beside inertia, that of the shapes is taken, ({centre}) m; "
+                "center_of_mass gives it"
             )
         return tuple(sentences)
 
