@@ -5,6 +5,8 @@ from __future__ import annotations
 import atexit
 import gc
 import os
+import shutil
+import tempfile
 
 import pytest
 
@@ -46,6 +48,9 @@ class Ledger:
 def pytest_configure(config):
     config.pluginmanager.register(Ledger())
     gc.disable()
+    if "HINGEPAIR_CACHE" not in os.environ:  # one for all workers, and for what they run
+        os.environ["HINGEPAIR_CACHE"] = folder = tempfile.mkdtemp(prefix="hingepair-tests-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
 
 @pytest.hookimpl(optionalhook=True)

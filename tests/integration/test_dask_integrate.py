@@ -208,7 +208,7 @@ import hingepair as hp
 from hingepair.engine import native
 
 names, compile_module = [], native._compile_module
-native._compile_module = lambda name, ir: names.append(name) or compile_module(name, ir)
+native._compile_module = lambda name, *rest, **options: names.append(name) or compile_module(name, *rest, **options)
 dask.config.set(scheduler="synchronous")
 pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
 omega1 = da.ones((40, 100, 3), chunks=(4, 100, 3))

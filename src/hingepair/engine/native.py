@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import importlib.util
+import itertools
 import os
 import platform
 import threading
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
+from hingepair.engine import images, object_cache
 from hingepair.engine.array_reader import call_ir
 from hingepair.engine.backend import disable_kernels, mark_shared_code_compiled
 from hingepair.engine.llvm_shared import shared_ir, shared_symbols
@@ -46,15 +50,12 @@ class Kernel:
     def __init__(self, name: str, ir: str, float_type: str = "double") -> None:
         self.ir = ir
         with compiler_lock:
-            _link_shared_functions(float_type)
-            self._engine = _compile_module(name, ir)
+            self._code = _compile_module(name, ir, _shared_functions(float_type))
         self.run: Callable[[Any, int, int], None] = _KERNEL_CTYPES_FUNCTION_TYPE(self.address("kernel"))
 
     def address(self, symbol: str) -> int:
         """Return the address of a function that the module defines."""
-        with compiler_lock:  # llvmlite's own lock is not released in a forked child
-            address: int = self._engine.get_function_address(symbol)
-        return address
+        return self._code.address(symbol)
 
 
 def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool | int]:
@@ -100,54 +101,127 @@ _new_built_in_function: Any = ctypes.pythonapi.PyCFunction_NewEx
 _new_built_in_function.restype = ctypes.py_object
 _new_built_in_function.argtypes = (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
 
+_OBJECT_KIND = "image 1" if images.CAN_LINK else "object 1"
 # Functions of Python's C interface that compiled code calls.
 _PYTHON_API_FUNCTION_NAMES = ("PyBool_FromLong", "PyLong_FromLongLong", "PyEval_SaveThread", "PyEval_RestoreThread")
 # Functions of the C library that compiled code calls.
 _C_LIBRARY_FUNCTION_NAMES = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")
 
 
-def _compile_module(name: str, ir: str) -> Any:
-    """Compile an LLVM module, given as text (`ir`), and return llvmlite's engine that owns its machine code. Raises
-    an error, with the given name of the module, if llvmlite is missing or LLVM fails.
+class _Code(Protocol):
+    """Machine code in this process."""
+
+    def address(self, symbol: str) -> int:
+        """Return the address of a function."""
+
+
+class _JitCode:
+    """Machine code that llvmlite has loaded, for systems whose objects `images` does not link."""
+
+    def __init__(self, compiled: bytes) -> None:
+        llvm = load_llvmlite()
+        while _unused_engines:
+            _unused_engines.pop().close()
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine(llvm))
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(compiled))
+        self._engine.finalize_object()
+
+    def address(self, symbol: str) -> int:
+        """Return the address of a function."""
+        with compiler_lock:
+            address: int = self._engine.get_function_address(symbol)
+        return address
+
+    def __del__(self) -> None:  # closed later, under the lock: a fork beside it would leave llvmlite's own lock held
+        _unused_engines.append(self._engine)
+
+
+_unused_engines: list[Any] = []
+
+
+def _compile_module(name: str, ir: str, shared: Mapping[str, int] | None = None, keep: bool = True) -> _Code:
+    """Compile an LLVM module, given as text (`ir`), or take its machine code from the disk, and load it.
 
     LLVM's optimiser is not run: the trace has been folded already.
 
+    Args:
+        name: name of the module in messages.
+        ir: the module.
+        shared: addresses of functions that the module calls, beside those of C and Python.
+        keep: whether the code holds in other processes, and is kept on disk.
+
     Raises:
         MissingDependencyError: llvmlite is not installed.
-        CompilationError: LLVM does not compile the module.
+        CompilationError: LLVM does not compile the module, or the code cannot be loaded.
     """
     with compiler_lock:
-        llvm = load_llvmlite()
+        processor = host_processor()
+        key = object_cache.cache_key(_OBJECT_KIND, _llvmlite_build(), *processor, ir)
         try:
-            processor, features = host_processor(llvm)
-            target = llvm.Target.from_default_triple()
-            machine = target.create_target_machine(cpu=processor, features=features, opt=1)  # owned by the engine
-            engine = llvm.create_mcjit_compiler(llvm.parse_assembly(ir), machine)
-            engine.finalize_object()
+            code = object_cache.read_object(key) if keep else None
+            if code is None:
+                code = _compile(ir)
+                if keep:
+                    object_cache.write_object(key, code)
+            if images.CAN_LINK:
+                return images.Image(code, functools.partial(_import_address, shared or {}))
+            llvm = load_llvmlite()
+            for symbol, address in (shared or {}).items():
+                llvm.add_symbol(symbol, address)
+            return _JitCode(code)
+        except MissingDependencyError:
+            raise
         except Exception as error:
             raise CompilationError(name, f"{type(error).__name__}: {error}") from error
-        return engine
 
 
-def _link_shared_functions(float_type: str) -> None:
-    """Register the shared functions for numbers of type "double" or "float" with LLVM, so that kernels can call them
-    by name. The first call compiles them; raises an error if that fails.
-    """
+def _compile(ir: str) -> bytes:
+    """Return the machine code of an LLVM module: an image where they run, else an object file."""
     llvm = load_llvmlite()
-    for symbol, address in _shared_functions(float_type, host_processor(llvm))[1].items():
-        llvm.add_symbol(symbol, address)
+    module = llvm.parse_assembly(ir)
+    module.verify()
+    compiled: bytes = _target_machine(llvm).emit_object(module)
+    return images.link(compiled) if images.CAN_LINK else compiled
+
+
+def _target_machine(llvm: Any) -> Any:
+    """Return LLVM's description of what it compiles for."""
+    processor, features = host_processor()
+    options = {"reloc": "pic", "codemodel": "small"} if images.CAN_LINK else {"jit": True}
+    return llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=1, **options)
+
+
+def _import_address(shared: Mapping[str, int], name: str) -> int:
+    """Return the address of a shared function, or of a function of Python or the C library."""
+    if name in shared:
+        return shared[name]
+    owner = ctypes.pythonapi if name in _PYTHON_API_FUNCTION_NAMES else _c_library()
+    address = ctypes.cast(getattr(owner, name), ctypes.c_void_p).value
+    if address is None:
+        raise AttributeError(name)
+    return address
 
 
 @functools.cache
-def _shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[Any, dict[str, int]]:  # noqa: ARG001
-    """Compile the functions that all kernels share for numbers of type "double" or "float", and record that they are
-    compiled for the estimates of compile time. Return the engine that owns their machine code, and a dictionary of
-    their addresses by symbol. The result is cached by number type and by `processor`, the pair that `host_processor`
-    returns.
+def _c_library() -> Any:
+    """Return the C library of this process."""
+    return ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
+
+
+def _shared_functions(float_type: str) -> Mapping[str, int]:
+    """Return the addresses, by symbol, of the functions that kernels share for numbers of type "double" or "float".
+    The first call compiles them.
     """
-    engine = _compile_module("shared functions", shared_ir(float_type))
+    with compiler_lock:
+        return _loaded_shared_functions(float_type, host_processor())[1]
+
+
+@functools.cache
+def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
+    """Return the shared functions, which are loaded once for each processor, and their addresses by symbol."""
+    code = _compile_module("shared functions", shared_ir(float_type))
     mark_shared_code_compiled()
-    return engine, {symbol: engine.get_function_address(symbol) for symbol in shared_symbols(float_type)}
+    return code, {symbol: code.address(symbol) for symbol in shared_symbols(float_type)}
 
 
 @functools.cache
@@ -155,8 +229,8 @@ def _call_method_definition() -> _MethodDefinition:
     """Return the cached definition of the built-in function that calls kernels with arrays. The first call compiles
     the function; raises an error if that fails.
     """
-    engine = _compile_module("array_call", call_ir())
-    method = _MethodDefinition(b"kernel", engine.get_function_address("call"), _METH_FASTCALL_FLAG)
+    engine = _compile_module("array_call", call_ir(), keep=False)  # it holds addresses of this process
+    method = _MethodDefinition(b"kernel", engine.address("call"), _METH_FASTCALL_FLAG)
     method.engine = engine  # kept alive as long as the definition
     return method
 
@@ -175,18 +249,22 @@ def load_llvmlite() -> Any:
 
             llvm.initialize_native_target()
             llvm.initialize_native_asmprinter()
-            host_processor(llvm)
+            _ask_host_processor(llvm)
         except ModuleNotFoundError as error:
-            raise MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error)) from None
+            raise _no_llvmlite(error) from None
         except Exception as error:
             raise MissingDependencyError(
                 "backend", "an llvmlite that starts", f"{type(error).__name__}: {error}"
             ) from error
-        library = ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
-        for owner, names in ((ctypes.pythonapi, _PYTHON_API_FUNCTION_NAMES), (library, _C_LIBRARY_FUNCTION_NAMES)):
-            for name in names:
-                llvm.add_symbol(name, ctypes.cast(getattr(owner, name), ctypes.c_void_p).value)
+        if not images.CAN_LINK:
+            for name in (*_PYTHON_API_FUNCTION_NAMES, *_C_LIBRARY_FUNCTION_NAMES):
+                llvm.add_symbol(name, _import_address({}, name))
         return llvm
+
+
+def _no_llvmlite(error: object) -> MissingDependencyError:
+    """Return the error of an llvmlite that is not installed."""
+    return MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error))
 
 
 @functools.cache
@@ -211,10 +289,65 @@ def can_fuse() -> bool:
         MissingDependencyError: llvmlite is not installed.
     """
     with compiler_lock:
-        features = host_processor(load_llvmlite())[1].split(",")
-        return "+fma" in features or platform.machine().lower() in {"arm64", "aarch64"}
+        return "+fma" in host_processor()[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
 
 
-def host_processor(llvm: Any) -> tuple[str, str]:
+def host_processor() -> tuple[str, str]:
     """Return the pair (name, features) by which LLVM describes the processor of this machine."""
+    return _host_processor()
+
+
+@functools.cache
+def _host_processor() -> tuple[str, str]:
+    """Return LLVM's name and features of the processor; they are kept on disk for what Linux tells of the processor,
+    so that llvmlite need not be imported.
+    """
+    told = _linux_processor() if images.CAN_LINK else None
+    if told is None:
+        return _ask_host_processor(load_llvmlite())
+    key = object_cache.cache_key("processor", _llvmlite_build(), told)
+    kept = object_cache.read_object(key)
+    if kept is None:
+        kept = "\n".join(_ask_host_processor(load_llvmlite())).encode()
+        object_cache.write_object(key, kept)
+    name, features = kept.decode().split("\n")
+    return name, features
+
+
+def _ask_host_processor(llvm: Any) -> tuple[str, str]:
+    """Return LLVM's name and features of the processor."""
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _linux_processor() -> str | None:
+    """Return what identifies the first processor in /proc/cpuinfo, or None."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+            lines = dict.fromkeys(itertools.takewhile(str.strip, file))
+    except OSError:
+        return None
+    fields = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+    return "\n".join(fields[name] for name in _CPUINFO) if fields.keys() >= {*_CPUINFO} else None
+
+
+_CPUINFO = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")
+
+
+@functools.cache
+def _llvmlite_build() -> str:
+    """Return what tells one build of llvmlite from another, without importing it: its version, and the size of the
+    library that contains LLVM.
+
+    Raises:
+        MissingDependencyError: llvmlite is not installed.
+    """
+    try:
+        found = importlib.util.find_spec("llvmlite")
+    except ValueError as error:  # a module without a specification
+        raise _no_llvmlite(error) from None
+    if found is None or not found.submodule_search_locations:
+        raise _no_llvmlite("No module named 'llvmlite'")
+    folder = Path(found.submodule_search_locations[0])
+    version = (folder / "_version.py").read_text()
+    sizes = sorted((path.name, path.stat().st_size) for path in (folder / "binding").glob("*llvmlite*"))
+    return f"{version}\n{sizes}"

@@ -1,0 +1,209 @@
+"""Machine code on disk: compiled once on a machine, and loaded by every later process.
+
+The folder is `HINGEPAIR_CACHE`, or `hingepair` in the user's folder for caches; `HINGEPAIR_CACHE=off` turns it off.
+What is read is run, so only files are read that belong to this user or to root, that nobody else can write, and whose
+digest is right. A file that cannot be read or written is as if it were not there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import functools
+import hashlib
+import os
+import stat
+import time
+import warnings
+from pathlib import Path
+from typing import Final, NamedTuple
+from uuid import uuid4
+
+MAX_BYTES: Final = 256 * 2**20
+"""Size of the folder; past it the objects that were not used for the longest time are deleted."""
+
+_BYTES_AFTER_TRIM: Final = MAX_BYTES * 3 // 4
+_MAGIC: Final = b"hingepair object 1\n"
+_DIGEST_BYTES: Final = 32
+_PREFIX, _SUFFIX = "hingepair-", ".object"
+_UNFINISHED: Final = ".part"  # suffix of a file that is being written
+_MAX_WRITE_SECONDS: Final = 3600.0  # an unfinished file that is older was left by a process that was killed
+_USE_SECONDS: Final = 86400.0  # a use is noted at most once a day
+_OFF: Final = {"off", "0"}
+
+_written_bytes = 0  # by this process since it last looked at the folder
+_looked = False
+
+
+class CacheFile(NamedTuple):
+    """A file of the cache: its path, size [bytes] and time of last use [s]."""
+
+    path: Path
+    size: int
+    used: float
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of compiled code, which may not exist yet; None where the cache is turned off."""
+    given = os.environ.get("HINGEPAIR_CACHE", "")
+    if given.lower() in _OFF:
+        return None
+    return Path(given).expanduser().absolute() if given else _user_folder()
+
+
+@functools.cache
+def _user_folder() -> Path:
+    """Return this user's folder of compiled code."""
+    import platformdirs
+
+    return platformdirs.user_cache_path("hingepair", appauthor=False)
+
+
+def cache_key(*parts: str) -> str:
+    """Return the key of what these texts define."""
+    digest = hashlib.sha256()
+    for part in parts:
+        encoded = part.encode()
+        digest.update(b"%d:" % len(encoded))
+        digest.update(encoded)
+    return digest.hexdigest()
+
+
+def read_object(key: str) -> bytes | None:
+    """Return what is kept under a key, or None. Warn of a file that others may have written."""
+    folder = cache_folder()
+    if folder is None:
+        return None
+    path = _path(folder, key)
+    try:
+        descriptor = os.open(
+            path, os.O_RDONLY | _flag("NOFOLLOW") | _flag("CLOEXEC") | _flag("NONBLOCK") | _flag("BINARY")
+        )
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            _refuse(path, "it is a link")
+        return None
+    with os.fdopen(descriptor, "rb") as file:
+        status = os.fstat(descriptor)
+        doubt = _doubt(status)
+        if doubt:
+            _refuse(path, doubt)
+            return None
+        try:
+            content = file.read()
+        except OSError:
+            return None
+    value = content[len(_MAGIC) + _DIGEST_BYTES :]
+    if content[: -len(value) or None] != _MAGIC + _digest(key, value):
+        return None  # damaged: it is made again, and replaced
+    if time.time() - status.st_mtime > _USE_SECONDS:
+        with contextlib.suppress(OSError):
+            os.utime(path)
+    return value
+
+
+def write_object(key: str, value: bytes) -> None:
+    """Keep bytes under a key, if the folder can be written; the file appears when it is whole."""
+    folder = cache_folder()
+    if folder is None:
+        return
+    path = folder / f"{_PREFIX}{uuid4().hex}{_UNFINISHED}"
+    content = _MAGIC + _digest(key, value) + value
+    try:
+        folder.mkdir(mode=0o755, parents=True, exist_ok=True)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _flag("NOFOLLOW") | _flag("CLOEXEC") | _flag("BINARY")
+        with os.fdopen(os.open(path, flags, 0o644), "wb") as file:
+            file.write(content)
+        path.replace(_path(folder, key))
+    except OSError:  # a full or read-only disk
+        with contextlib.suppress(OSError):
+            path.unlink()
+        return
+    _trim(folder, len(content))
+
+
+def cache_files(folder: Path) -> list[CacheFile]:
+    """Return the files of the cache in a folder, those that were not used for the longest time first."""
+    found = []
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.startswith(_PREFIX) and entry.name.endswith((_SUFFIX, _UNFINISHED)):
+                with contextlib.suppress(OSError):
+                    status = entry.stat(follow_symlinks=False)
+                    found.append(CacheFile(Path(entry.path), status.st_size, status.st_mtime))
+    return sorted(found, key=lambda file: file.used)
+
+
+def clear_cache(folder: Path) -> list[CacheFile]:
+    """Delete the files of the cache in a folder, and return them. Files that cannot be deleted stay."""
+    return [file for file in cache_files(folder) if _delete(file.path)]
+
+
+def _trim(folder: Path, written: int) -> None:
+    """Delete what was not used for the longest time, where the folder has become too large, and what processes that
+    were killed have left. A process looks at its first write, and then each time it has written a tenth of the size.
+    """
+    global _written_bytes, _looked  # noqa: PLW0603 (of the process; that two threads look is no harm)
+    _written_bytes += written
+    if _looked and _written_bytes < MAX_BYTES // 10:
+        return
+    _looked, _written_bytes = True, 0
+    files, now = cache_files(folder), time.time()
+    size = sum(file.size for file in files)
+    limit = _BYTES_AFTER_TRIM if size > MAX_BYTES else MAX_BYTES
+    for file in files:
+        left = file.path.suffix == _UNFINISHED
+        if (now - file.used > _MAX_WRITE_SECONDS if left else size > limit) and _delete(file.path):
+            size -= file.size
+
+
+def _delete(path: Path) -> bool:
+    """Delete a file, and return whether that was possible."""
+    try:
+        path.unlink()
+    except OSError:
+        return False
+    return True
+
+
+def _path(folder: Path, key: str) -> Path:
+    """Return the path of the file of a key."""
+    return folder / f"{_PREFIX}{key}{_SUFFIX}"
+
+
+def _digest(key: str, value: bytes) -> bytes:
+    """Return the digest of a value under its key: a whole file under another name is not taken."""
+    return hashlib.sha256(key.encode() + value).digest()
+
+
+def _doubt(status: os.stat_result) -> str:
+    """Return why a file is not to be trusted, or an empty text."""
+    if not stat.S_ISREG(status.st_mode):
+        return "it is no file"
+    if hasattr(os, "geteuid"):
+        if status.st_uid not in {os.geteuid(), 0}:
+            return f"it belongs to user {status.st_uid}"
+        if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            return "others can write it"
+        if status.st_nlink > 1:  # none: another process has just replaced it
+            return "it has a second name"
+    return ""
+
+
+_refused: set[Path] = set()
+
+
+def _refuse(path: Path, doubt: str) -> None:
+    """Warn, once for each folder, that a file of the cache is not used."""
+    if path.parent not in _refused:
+        _refused.add(path.parent)
+        warnings.warn(
+            f"{path} is not used: {doubt}. HINGEPAIR_CACHE can name another folder for compiled code",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+
+
+def _flag(name: str) -> int:
+    """Return a flag of `os.open`, or 0 where the system does not have it."""
+    return getattr(os, f"O_{name}", 0)

@@ -1,0 +1,263 @@
+"""Compiled code on disk: the same bits in every process, whatever happens to the files."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hingepair.engine import images, native, object_cache
+from support.work import HANG
+
+IR = "define i64 @kernel(i64 %x) {{\n  %y = mul i64 %x, {factor}\n  ret i64 %y\n}}\n"
+PROCESS = """
+import sys
+import numpy as np
+import hingepair as hp
+
+{before}
+pair = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1))
+q = np.random.default_rng(0).uniform(-9, 9, (1000, 7))
+state = pair.forward_kinematics(q, outputs={outputs}, backend="compiled")
+print(state.{name}.tobytes().hex()[:4000], "llvmlite" in sys.modules)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    path = tmp_path / "cache"
+    monkeypatch.setenv("HINGEPAIR_CACHE", str(path))
+    monkeypatch.setattr(object_cache, "_looked", False)
+    monkeypatch.setattr(object_cache, "_refused", set())
+    return path
+
+
+def start(before="", name="R2", **environment):
+    code = PROCESS.format(before=before, outputs=(name,), name=name)
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | environment,
+    )
+
+
+def printed(process):
+    output, errors = process.communicate(timeout=HANG)
+    assert process.returncode == 0, errors
+    return output.split()
+
+
+def objects(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_what_is_written_is_read(folder):
+    assert object_cache.read_object("0a") is None
+    object_cache.write_object("0a", b"code")
+    assert object_cache.read_object("0a") == b"code"
+    assert object_cache.read_object("0b") is None
+    assert [path.suffix for path in folder.iterdir()] == [".object"]
+
+
+@pytest.mark.slow(3)
+def test_code_of_one_process_serves_another(folder):
+    """In another order of sets, and at other addresses."""
+    first, made_first = printed(start(PYTHONHASHSEED="1")), objects(folder)
+    second = printed(start(PYTHONHASHSEED="2"))
+    assert first[0] == second[0]
+    assert first[1] == "True"
+    assert objects(folder) == made_first
+    assert printed(start(PYTHONHASHSEED="2", HINGEPAIR_CACHE="off")) == first
+
+
+@pytest.mark.skipif(not images.CAN_LINK, reason="llvmlite loads objects of other systems")
+@pytest.mark.usefixtures("folder")
+def test_code_on_disk_is_loaded_without_llvmlite():
+    code = f"""
+import sys
+from hingepair.engine import native
+native.Kernel("one", {IR.format(factor=7)!r})
+print("llvmlite" in sys.modules)
+"""
+    found = [
+        subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=HANG).stdout.strip()
+        for _ in range(2)
+    ]
+    assert found == [b"True", b"False"]
+
+
+@pytest.mark.slow(3)
+def test_processes_that_start_at_once_share_the_folder(folder):
+    results = [printed(process) for process in [start() for _ in range(8)]]
+    assert len({state for state, _ in results}) == 1
+    assert {path.suffix for path in folder.iterdir()} == {".object"}
+
+
+@pytest.mark.slow(3)
+def test_a_process_killed_while_it_writes_leaves_nothing_that_is_read(folder):
+    kill = """
+import os, signal
+from hingepair.engine import object_cache
+write = object_cache.os.fdopen
+def fdopen(descriptor, mode):
+    if mode == "wb":
+        os.write(descriptor, b"hingepair object 1")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return write(descriptor, mode)
+object_cache.os.fdopen = fdopen
+"""
+    killed = start(kill)
+    killed.communicate(timeout=HANG)
+    assert killed.returncode == -9
+    (left,) = folder.iterdir()
+    assert printed(start())[0] == printed(start(HINGEPAIR_CACHE="off"))[0]
+    assert left.exists()  # it may still be written
+    os.utime(left, (0, 0))
+    object_cache.write_object("0a", b"code")
+    assert not left.exists()
+
+
+@pytest.mark.slow(3)
+def test_a_fork_reads_and_writes_code_beside_its_parent(folder):
+    fork = """
+import os, threading
+import hingepair.engine.native as native
+ir = "define i64 @kernel(i64 %x) {{ %y = add i64 %x, {} ret i64 %y }}"
+def work():
+    for k in range(30):
+        native.Kernel("one", ir.format(k)).address("kernel")
+thread = threading.Thread(target=work)
+thread.start()
+for _ in range(5):
+    child = os.fork()
+    if not child:
+        work()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+thread.join()
+"""
+    printed(start(fork))
+    assert len(objects(folder)) >= 30
+
+
+HARMS = {
+    "empty": lambda _: b"",
+    "cut": lambda content: content[:-1],
+    "longer": lambda content: content + b"\0",
+    "a bit": lambda content: content[:-9] + bytes([content[-9] ^ 4]) + content[-8:],
+    "magic": lambda content: b"H" + content[1:],
+    "digest": lambda content: content[:30] + bytes([content[30] ^ 1]) + content[31:],
+}
+
+
+@pytest.mark.parametrize("harm", HARMS)
+def test_a_damaged_file_is_made_again(folder, harm):
+    object_cache.write_object("0a", b"some machine code")
+    (path,) = folder.iterdir()
+    whole = path.read_bytes()
+    path.write_bytes(HARMS[harm](whole))
+    assert object_cache.read_object("0a") is None
+    object_cache.write_object("0a", b"some machine code")
+    assert path.read_bytes() == whole
+
+
+def test_a_file_under_another_key_is_not_taken(folder):
+    object_cache.write_object("0a", b"code")
+    (path,) = folder.iterdir()
+    path.rename(path.with_name(path.name.replace("0a", "0b")))
+    assert object_cache.read_object("0b") is None
+
+
+def give_away(path):
+    if os.geteuid():
+        pytest.skip("only root can give a file away")
+    os.chown(path, 12345, 12345)
+
+
+def link_to(path):
+    other = path.rename(path.with_name("elsewhere"))
+    path.symlink_to(other)
+
+
+def replace_by_pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+SUSPECTS = {
+    "another's": give_away,
+    "writable by the group": lambda path: path.chmod(0o664),
+    "writable by all": lambda path: path.chmod(0o646),
+    "a symbolic link": link_to,
+    "a second name": lambda path: path.with_name("again").hardlink_to(path),
+    "a pipe": replace_by_pipe,
+}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="owners and modes of files")
+@pytest.mark.parametrize("suspect", SUSPECTS)
+def test_a_file_that_others_may_have_written_is_refused_with_a_warning(folder, suspect):
+    object_cache.write_object("0a", b"code")
+    (path,) = folder.iterdir()
+    SUSPECTS[suspect](path)
+    with pytest.warns(RuntimeWarning, match="is not used"):
+        assert object_cache.read_object("0a") is None
+    assert object_cache.read_object("0a") is None  # said once
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.skipif(os.name != "posix", reason="owners of files")
+def test_files_of_root_serve_others(monkeypatch):
+    """As in an image of a container whose code root has compiled."""
+    if os.geteuid():
+        pytest.skip("only root writes files of root")
+    object_cache.write_object("0a", b"code")
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    assert object_cache.read_object("0a") == b"code"
+
+
+def test_what_was_not_used_for_the_longest_time_goes_when_the_folder_is_full(folder, monkeypatch):
+    for k, name in enumerate(("used", "old", "new")):
+        object_cache.write_object(name, bytes(1000))
+        os.utime(next(folder.glob(f"*-{name}.*")), (k, k))
+    assert object_cache.read_object("used") is not None
+    monkeypatch.setattr(object_cache, "MAX_BYTES", 3500)
+    monkeypatch.setattr(object_cache, "_BYTES_AFTER_TRIM", 2500)
+    object_cache.write_object("last", bytes(1000))
+    assert {name for name in ("used", "old", "new", "last") if object_cache.read_object(name)} == {"used", "last"}
+
+
+@pytest.mark.parametrize("value", ["off", "0", "/dev/null/cache"])
+def test_without_a_folder_code_is_compiled_all_the_same(value, monkeypatch):
+    monkeypatch.setenv("HINGEPAIR_CACHE", value)
+    object_cache.write_object("0a", b"code")
+    assert object_cache.read_object("0a") is None
+    assert native.Kernel("one", IR.format(factor=3)).address("kernel")
+
+
+def test_code_of_another_processor_is_not_taken(folder, monkeypatch):
+    native.Kernel("one", IR.format(factor=5))
+    before, processor = set(folder.iterdir()), native.host_processor()
+    native.Kernel("one", IR.format(factor=5))
+    assert set(folder.iterdir()) == before
+    monkeypatch.setattr(native, "host_processor", lambda: (processor[0], processor[1] + ",-sse4a"))
+    native.Kernel("one", IR.format(factor=5))
+    assert len({*folder.iterdir()} - before) == 2  # the kernel, and the functions that kernels share
+
+
+def test_the_folder_is_the_users_unless_one_is_named(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    object_cache._user_folder.cache_clear()
+    monkeypatch.delenv("HINGEPAIR_CACHE")
+    folder = object_cache.cache_folder()
+    object_cache._user_folder.cache_clear()
+    assert folder is not None
+    assert folder.name == "hingepair"
+    assert sys.platform != "linux" or folder == tmp_path / "hingepair"
+    monkeypatch.setenv("HINGEPAIR_CACHE", "~/one")
+    assert object_cache.cache_folder() == Path.home() / "one"
