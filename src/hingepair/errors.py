@@ -31,6 +31,16 @@ class ArgumentError(HingePairError, ValueError):
     def __reduce__(self) -> tuple[type, tuple[str, str, object]]:
         return type(self), (self.name, self.expected, self.got)
 
+    def renamed(self, name: str, kind: type[ArgumentError] | None = None) -> ArgumentError:
+        """Return a copy of the error, with its message and notes, that says `name` in place of the old name. `kind`
+        is the class of the copy, by default that of the error.
+        """
+        error = (kind or type(self))(name, self.expected, self.got)
+        error.args = (printable(name + str(self).removeprefix(self.name)),)
+        for note in getattr(self, "__notes__", ()):
+            error.add_note(note)
+        return error
+
 
 class AxisError(ArgumentError):
     """An axis, such as a hinge axis, is zero or not finite. The attributes `name`, `expected` and `got` are those of

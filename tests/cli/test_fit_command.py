@@ -142,7 +142,7 @@ def test_a_file_to_write_that_is_read_or_written_twice_is_named_by_its_option(tm
     file = saved(tmp_path / "poses.csv", made)
     text = (tmp_path / "poses.csv").read_bytes()
     error = refused(file, "--scene", tmp_path / "poses.toml")
-    assert str(error).startswith(f"--scene: expected another name, since it would write {file}, which is read, got ")
+    assert str(error).startswith(f"--scene: expected the name of new files, since {file} exists, got ")
     assert str(refused(file, "--out", file)).startswith("--out: expected a file other than those that are read")
     report = tmp_path / "poses.md"
     report.symlink_to(file)

@@ -389,7 +389,9 @@ REFUSED = {
     "unknown_key": ("chunk = 4", "chunks = 4", "grid.toml: chunks: expected one of title, scene"),
     "no_number": ("pair.u1[1]", "pair.u3[1]", "vary[0].key: expected"),
     "no_place": ("pair.u1[1]", "pair.u1[3]", "vary[0].key: expected a place in a list: there is a list of 3"),
-    "no_path": ("pair.u1[1]", "pair/u1", "vary[0].key: expected names with dots and places in brackets"),
+    "no_path": ("pair.u1[1]", "pair/u1", "vary[0].key: expected names with dots, and places in brackets"),
+    "another_spelling": ("pair.body2.mass", "pair.u1[01]", "vary[1].key: expected names with dots, and places"),
+    "huge_place": ("pair.u1[1]", f"pair.u1[{'9' * 5000}]", "vary[0].key: expected names with dots, and places"),
     "a_table": ('"pair.u1[1]"', '"pair.body1"', "vary[0].key: expected the key of a number of the scene"),
     "twice": ("pair.body2.mass", "pair.u1[1]", "vary[1].key: expected a number that is varied once"),
     "no_count": ("count = 3", "", "vary[1].count: expected a whole number from 1"),
@@ -438,7 +440,20 @@ def test_stores_and_schedulers_that_cannot_be_used_are_refused(monkeypatch, caps
     assert not Path("y.parquet.parts").exists()
     Path("z.parquet.parts").mkdir()
     Path("z.parquet.parts/sweep.json").write_text("{}")
-    assert "whose chunks are of another one" in refused("--out", "z.parquet")
+    assert "or remove this folder, of another sweep" in refused("--out", "z.parquet")
+    Path("z.parquet.parts/sweep.json").write_bytes(b"\xff")
+    assert "or remove this folder, of another sweep" in refused("--out", "z.parquet")
+
+
+def test_of_two_sweeps_into_one_store_the_second_is_refused_and_the_first_is_whole(monkeypatch, capsys):
+    shown = []
+
+    def second(finished, _):
+        if finished == 1:
+            shown.append(run_command("grid.toml", monkeypatch=monkeypatch, capsys=capsys, code=2))
+
+    assert len(table(swept("grid", "grid.parquet", progress=second))["variant"]) == 9
+    assert "--out: expected a store that no other sweep is writing now, got 'grid.parquet.parts'" in shown[0]
 
 
 @pytest.mark.parametrize("package", ["dask", "pyarrow"])

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from hingepair.cli.output import split_names, write_text
+from hingepair.cli.output import check_output, split_names, write_text
 from hingepair.cli.pairs import (
     Body1FrameOption,
     Body2FrameOption,
@@ -91,6 +91,7 @@ def derive_command(
     """
     if unicode + latex + python + as_json > 1:
         raise HingePairError("--unicode, --latex, --python and --json exclude each other; give one of them")
+    check_output("--out", out, [source])
     output_format = "latex" if latex else "python" if python else "json" if as_json else "text"
     symbols, output_names = split_names("--symbolic", symbolic) or (), split_names("--outputs", outputs)
     robot = None if joint or body1_frame or body2_frame else _load_snapped_robot(source, snap)

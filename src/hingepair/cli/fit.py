@@ -14,8 +14,10 @@ import typer
 from hingepair.cli.output import (
     PICTURE_FILE_SUFFIXES,
     JsonOption,
+    check_output,
     check_picture_suffix,
     make_console,
+    naming_option,
     out_option,
     save_figure,
 )
@@ -24,6 +26,7 @@ from hingepair.formats.recordings import read_recording
 from hingepair.measured.hinge import HINGE_POINT_GAUGE_NAMES, SIGN_AND_HOME_RULES_TEXT
 from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME
+from hingepair.numeric.instants import checked_gaps
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import RESULT_FILE_SUFFIXES, Record, check_ending
@@ -111,7 +114,7 @@ def fit_command(
     """
     _check_suffixes(out, plot, scene, report)
     _check_output_paths(files, out, plot, scene, report)
-    recording = read_recording(files, ignore or (), gaps, encoder)
+    recording = read_recording(files, ignore or (), checked_gaps(gaps), encoder)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
     try:
@@ -126,7 +129,8 @@ def fit_command(
         )
     except FitError as error:
         if report is not None:
-            _save_text(report, _report_without_hinge(error, files), files)
+            with naming_option("report"):
+                _save_text(report, _report_without_hinge(error, files), files)
         if as_json:
             print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2))
         else:
@@ -156,35 +160,23 @@ def _check_suffixes(out: Path | None, plot: Path | None, scene: Path | None, rep
 def _check_output_paths(
     files: list[Path], out: Path | None, plot: Path | None, scene: Path | None, report: Path | None
 ) -> None:
-    """Raise an ArgumentError if an output path is one of `files`, which are read, if the scene or its log (.csv)
-    exists already, or if `out` is the log. The output paths are `out`, `plot`, `report`, `scene` and the log of the
-    scene. A path that is None is not checked.
+    """Raise an ArgumentError if an output cannot be written or is one of `files`, which are read, if the scene or its
+    log (.csv) exists already, or if `out` is the log. A path that is None is not checked.
 
     Results, figures and reports are overwritten, since their names are given; a scene is not, since users edit it,
     nor its log, whose name is not given.
     """
-    results = {"out": out, "plot": plot, "report": report}
-    for option, path in results.items():
-        if path is not None and _is_one_of(path, files):
-            raise ArgumentError(option, "a file other than those that are read", quoted(str(path)))
+    for option, path in (("out", out), ("plot", plot), ("report", report)):
+        check_output(option, path, files)
     if scene is None:
         return
     log = scene.with_suffix(".csv")
     for path in (scene, log):
-        if _is_one_of(path, files):
-            raise ArgumentError(
-                "scene", f"another name, since it would write {path}, which is read", quoted(str(scene))
-            )
-    if out is not None and os.path.abspath(out) == os.path.abspath(log):
-        raise ArgumentError("scene", f"another name, since --out and it would both write {log}", quoted(str(scene)))
-    for path in (scene, log):
         if path.exists() or path.is_symlink():
             raise ArgumentError("scene", f"the name of new files, since {path} exists", quoted(str(scene)))
-
-
-def _is_one_of(path: Path, files: Sequence[Path]) -> bool:
-    """Return whether a path leads to one of the files."""
-    return path.exists() and any(file.exists() and path.samefile(file) for file in files)
+        check_output("scene", path)
+    if out is not None and os.path.abspath(out) == os.path.abspath(log):
+        raise ArgumentError("scene", f"another name, since --out and it would both write {log}", quoted(str(scene)))
 
 
 def _save(
@@ -201,6 +193,26 @@ def _save(
     of body 1; `files` are the recordings, which are not overwritten.
     """
     written: list[Path] = []
+    try:
+        _save_each(written, fitted, body1, files, out, plot, scene, report)
+    except ArgumentError as error:
+        if written:
+            error.add_note(f"written before: {', '.join(map(str, written))}")
+        raise
+    return written
+
+
+def _save_each(
+    written: list[Path],
+    fitted: HingeFit,
+    body1: BodyMotion,
+    files: list[Path],
+    out: Path | None,
+    plot: Path | None,
+    scene: Path | None,
+    report: Path | None,
+) -> None:
+    """Do the work of `_save`, and append each path to `written` when its file is complete."""
     if out is not None:
         t = np.arange(float(fitted.psi.size)) if fitted.t is None else fitted.t
         arrays = {"psi": fitted.psi, "gap": fitted.gap, "tilt": fitted.tilt, "weight": fitted.weights}
@@ -208,15 +220,16 @@ def _save(
             del arrays["tilt"]
         written.append(Record(t, arrays, "what is left of each sample").save(out, files))
     if plot is not None:
-        save_figure(fitted.plot(), plot, files)
+        save_figure("plot", fitted.plot(), plot, files)
         written.append(plot)
     if scene is not None:
-        written += _save_scene(scene, fitted, body1, files)
+        with naming_option("scene"):
+            written += _save_scene(scene, fitted, body1, files)
     if report is not None:
         figure = None if plot is None else os.path.relpath(plot, report.parent)
-        _save_text(report, _report(fitted, files, figure), files)
+        with naming_option("report"):
+            _save_text(report, _report(fitted, files, figure), files)
         written.append(report)
-    return written
 
 
 def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:

@@ -44,11 +44,9 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
             hint = next(filter(None, map(missing_file_hint, missing)), None)
             if name == error.name and hint is None:
                 raise
-            named_error = type(error)(name, error.expected, error.got)
-            message = name + str(error).removeprefix(error.name)
-            named_error.args = (message if hint is None else f"{message}; {hint}",)
-            for note in getattr(error, "__notes__", ()):
-                named_error.add_note(note)
+            named_error = error.renamed(name)
+            if hint is not None:
+                named_error.args = (f"{named_error}; {hint}",)
             raise named_error from None
 
     return run_command

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.numeric.tables import ruled_table
-from hingepair.numeric.whole_file import whole_file
+from hingepair.numeric.whole_file import check_writable, whole_file
 from hingepair.pair.results import RESULT_ROWS_PER_BLOCK
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES
@@ -76,12 +76,31 @@ def check_picture_suffix(option: str, path: Path) -> None:
         raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_FILE_SUFFIXES)}", quoted(str(path)))
 
 
-def save_figure(figure: Any, path: Path, inputs: Iterable[Path], **options: Any) -> None:
-    """Write a Matplotlib figure to a file in the format of its suffix, completely or not at all. Further keyword
-    arguments are passed to `savefig`. Raise an ArgumentError if the file is one of `inputs` or cannot be written.
+def check_output(option: str, path: Path | None, inputs: Iterable[str | os.PathLike[str]] = ()) -> None:
+    """Raise an ArgumentError that names `option` if no file can be written to `path` (None: nothing is checked) or if
+    it is one of `inputs`. Commands call this before they compute.
     """
-    with whole_file(path, inputs) as file:
-        figure.savefig(file, format=path.suffix.lower()[1:], **options)
+    if path is not None:
+        with naming_option(option):
+            check_writable(path, inputs)
+
+
+@contextlib.contextmanager
+def naming_option(option: str) -> Iterator[None]:
+    """Make ArgumentErrors of the block that are about `path` name an option, such as --plot, instead."""
+    try:
+        yield
+    except ArgumentError as error:
+        raise error.renamed(option) if error.name == "path" else error from None
+
+
+def save_figure(option: str, figure: Any, path: Path, inputs: Iterable[Path], **settings: Any) -> None:
+    """Write a Matplotlib figure to a file in the format of its suffix, completely or not at all. Further keyword
+    arguments are passed to `savefig`. Raise an ArgumentError that names `option` if the file is one of `inputs` or
+    cannot be written.
+    """
+    with naming_option(option), whole_file(path, inputs) as file:
+        figure.savefig(file, format=path.suffix.lower()[1:], **settings)
 
 
 def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Piece]:
@@ -143,6 +162,8 @@ def set_up_process() -> None:
     """
     if sys.stdout is None:  # closed by the shell, >&-
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process runs
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):

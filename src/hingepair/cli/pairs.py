@@ -25,13 +25,14 @@ from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.pair.results import RESULT_FILE_SUFFIXES
+from hingepair.scenes.motion import PRESCRIBED_BASE_NAME
 from hingepair.scenes.scene import Scene, load_dynamics_setup, load_mechanism, load_pair, load_scene, scene_files
-from hingepair.scenes.simulated_motion import PRESCRIBED_BASE_NAME, DynamicsSetup
 from hingepair.scenes.tables import read_tables
 from hingepair.urdf.reader import read_urdf
 
 if TYPE_CHECKING:
     from hingepair.scenes.mechanisms.scene import MechanismScene
+    from hingepair.scenes.simulated_motion import DynamicsSetup
 
 SourceArgument = Annotated[
     str,

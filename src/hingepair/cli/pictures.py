@@ -10,6 +10,7 @@ import typer
 from hingepair.cli.output import (
     PICTURE_FILE_SUFFIXES,
     OutputsOption,
+    check_output,
     check_picture_suffix,
     make_console,
     out_option,
@@ -51,12 +52,13 @@ def plot_command(
     """
     if out is not None:
         check_picture_suffix("--out", out)
+    out = out or _check_new_file(f"{scene_file.stem}.png")
+    check_output("--out", out, [scene_file])
     scene, names = load_named_scene(scene_file), split_names("--outputs", outputs)
     if names is not None:
         scene.plan(names)  # raises an error about an unknown output
-    out = out or _check_new_file(f"{scene_file.stem}.png")
     figure = plot_figure(scene, names)
-    save_figure(figure, out, scene.files, dpi=110)
+    save_figure("--out", figure, out, scene.files, dpi=110)
     make_console().print(f"written: {out}")
 
 
@@ -75,11 +77,12 @@ def view_command(
     motion. A scene without a motion, and the JOINT of a robot or URDF file, shows the hinge turning within its
     limits. A whole robot, given by its name or URDF file, is shown in its neutral pose.
     """
+    name = Path(source).stem if joint is None else f"{Path(source).stem}_{Path(joint).name}"
+    out = out or _check_new_file(f"{name}.html")
+    check_output("--out", out, [source])
     frames = (body1_frame, body2_frame)
     robot = None if joint is not None or any(frames) else load_named_robot(source)
     shown = robot or load_scene_or_pair(source, joint, *frames)
-    name = Path(source).stem if joint is None else f"{Path(source).stem}_{Path(joint).name}"
-    out = out or _check_new_file(f"{name}.html")
     page = make_page(shown.to_spatial() if isinstance(shown, PlanarPair) else shown)
     path = page.save(out, input_files(source))
     content = page.shown if page.frames else page.joints

@@ -17,6 +17,7 @@ from rich.console import Console
 from hingepair.cli.output import (
     JsonOption,
     OutputsOption,
+    check_output,
     make_console,
     out_option,
     print_component_table,
@@ -61,6 +62,7 @@ def run_command(
     """
     if out is not None:
         check_ending(out)
+        check_output("--out", out, [scene_file])
     scene = load_named_scene(scene_file)
     names = split_names("--outputs", outputs)
     plan = scene.plan(names) if explain else None
@@ -166,6 +168,7 @@ def forces_command(
     """
     if out is not None:
         check_ending(out)
+        check_output("--out", out, [scene_file])
     scene = load_named_scene(scene_file)
     if not isinstance(scene, Scene):
         _show_mechanism_forces(scene, gravity, out, as_json)

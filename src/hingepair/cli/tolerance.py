@@ -10,6 +10,7 @@ import typer
 from hingepair.cli.output import (
     PICTURE_FILE_SUFFIXES,
     JsonOption,
+    check_output,
     check_picture_suffix,
     make_console,
     save_figure,
@@ -55,12 +56,13 @@ def tolerance_command(
     """
     if plot is not None:
         check_picture_suffix("--plot", plot)
+    check_output("--plot", plot, [scene_file])
     option_texts = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
     std = {name: _parse_numbers(name, text) for name, text in option_texts.items() if text is not None}
     scene = load_named_scene(scene_file)
     study = study_tolerances(scene, samples, seed, **std)
     if plot is not None:
-        save_figure(study.plot(), plot, scene.files, dpi=110)
+        save_figure("--plot", study.plot(), plot, scene.files, dpi=110)
     if as_json:
         print(study.to_json())
         return

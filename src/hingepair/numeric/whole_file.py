@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import stat
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO
@@ -23,8 +25,7 @@ def whole_file(
     target cannot be written, or is one of the files `input_paths`.
 
     Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it
-    that is replaced. A device, a pipe and what is our own standard output have no place to take: they are written
-    to as they are.
+    that is replaced. Devices, pipes and standard output are written directly.
 
     Args:
         target: where the file shall be.
@@ -33,12 +34,8 @@ def whole_file(
     Raises:
         ArgumentError: `path`, the target, cannot be written, or is one of the inputs; what was there before stays.
     """
-    try:
-        status = _file_status(target)
-        if status is not None and any(
-            os.path.samestat(status, other) for other in map(_file_status, input_paths) if other
-        ):
-            raise ArgumentError("path", "a file other than those that are read", repr(os.fspath(target)))
+    with _os_errors_named(target):
+        status = _checked_status(target, input_paths)
         if status is not None and _is_standard_output(status):
             sys.stdout.flush()
             with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as file:
@@ -49,9 +46,47 @@ def whole_file(
         else:
             with _temporary_replacement(Path(os.path.realpath(target)), status) as file:
                 yield file
+
+
+def check_writable(target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]] = ()) -> None:
+    """Raise the ArgumentError about `path` that `whole_file` would raise at its start, and leave no file behind."""
+    with _os_errors_named(target):
+        status = _checked_status(target, input_paths)
+        if status is None or stat.S_ISREG(status.st_mode):
+            _check_access(Path(target), status)
+            with tempfile.TemporaryFile(dir=Path(os.path.realpath(target)).parent):
+                pass
+        elif stat.S_ISDIR(status.st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        else:
+            _check_access(Path(target), status)
+
+
+@contextlib.contextmanager
+def _os_errors_named(target: str | os.PathLike[str]) -> Iterator[None]:
+    """Convert an OSError of the block into an ArgumentError about `path` that names the target."""
+    try:
+        yield
     except OSError as error:
         got = f"{os.fspath(target)!r} ({error.strerror or error})"
         raise ArgumentError("path", "a file that can be written", got) from None
+
+
+def _checked_status(
+    target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]]
+) -> os.stat_result | None:
+    """Return the `os.stat_result` of the target, None if there is none; raise ArgumentError if it is an input."""
+    status = _file_status(target)
+    if status is not None and any(
+        os.path.samestat(status, other) for other in map(_file_status, input_paths) if other
+    ):
+        raise ArgumentError("path", "a file other than those that are read", repr(os.fspath(target)))
+    return status
+
+
+def _check_access(target: Path, status: os.stat_result | None) -> None:
+    if status is not None and not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
 
 @contextlib.contextmanager
@@ -61,8 +96,7 @@ def _temporary_replacement(target: Path, status: os.stat_result | None) -> Itera
     `status`, the status of the old file (None if there is none). Raise PermissionError if the old file is not
     writable.
     """
-    if status is not None and not os.access(target, os.W_OK):
-        raise PermissionError(13, "Permission denied")
+    _check_access(target, status)
     path = target.with_name(f".hingepair-{uuid4().hex}")
     with path.open("xb") as file:
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.known_motion import KnownMotion
+
+PRESCRIBED_BASE_NAME: Final = "prescribed"
+"""Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""
 
 
 class PairMotionSource(Protocol):

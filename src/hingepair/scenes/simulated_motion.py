@@ -30,15 +30,12 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.expression_motion import read_coordinate_functions
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.known_motion import MotionByBody1, MotionByCoordinates
-from hingepair.scenes.motion import Motion
+from hingepair.scenes.motion import PRESCRIBED_BASE_NAME, Motion
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import constant_value
 from hingepair.symbolic.time_functions import TimeFunctions
-
-PRESCRIBED_BASE_NAME: Final = "prescribed"
-"""Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""
 
 _HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS: Final = ("psi", "psid")
 """Names in expressions, beside t, for the hinge angle [rad] and its rate [rad/s]."""

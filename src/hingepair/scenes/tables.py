@@ -69,11 +69,7 @@ class NamedSource:
             raise
         except ArgumentError as error:
             label = self.label(key_by_argument.get(error.name) or key or error.name)
-            named = SceneError(label, error.expected, error.got)
-            named.args = (label + str(error).removeprefix(error.name),)
-            for note in getattr(error, "__notes__", ()):
-                named.add_note(note)
-            raise named from None
+            raise error.renamed(label, SceneError) from None
 
 
 @dataclass(eq=False)

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final, Self
 from zipfile import BadZipFile
 
 import numpy as np
@@ -22,6 +22,8 @@ from hingepair.numeric.whole_file import whole_file
 STORE_SUFFIXES: Final = (".parquet", ".zarr")
 """Endings of the names of stores."""
 
+_LOCK_NAME: Final = "lock"  # file in the folder of the chunks, locked while a sweep runs
+
 Columns = Mapping[str, NDArray[Any]]
 
 
@@ -31,34 +33,52 @@ class Store:
     interrupted run there. It raises an ArgumentError if the suffix of the path is not in `STORE_SUFFIXES`, if the
     store exists, or if the folder cannot be made or belongs to another sweep.
 
-    While a sweep runs, the files of its chunks are in the folder `<store>.parts`, which the constructor makes.
+    While a sweep runs, the files of its chunks are in the folder `<store>.parts`, which the constructor makes and
+    locks; as a context manager, a Store unlocks it at the end of the block.
 
     Args:
         path: path of the store; ends in one of `STORE_SUFFIXES`.
         identity: text that identifies the sweep; chunks of a sweep with another text are refused.
 
     Raises:
-        ArgumentError: `out`: the store exists, its folder has chunks of another sweep, or it cannot be written.
+        ArgumentError: `out`: the store exists, another sweep is writing it, its folder has chunks of another sweep,
+            or it cannot be written.
     """
 
     def __init__(self, path: Path, identity: str) -> None:
         if path.suffix.lower() not in STORE_SUFFIXES:
             raise ArgumentError("out", f"a name that ends in {' or '.join(STORE_SUFFIXES)}", quoted(str(path)))
-        if path.exists():
-            raise ArgumentError("out", "a name that does not exist yet (or remove what is there)", quoted(str(path)))
         self.path, self.identity = path, identity
         self.parts = path.with_name(f"{path.name}.parts")
+        self._check_new()
         with _convert_os_errors(self.parts):
             self.parts.mkdir(exist_ok=True)
             known = self.parts / "sweep.json"
-            if not known.exists():
-                if any(self.parts.iterdir()):
-                    raise ArgumentError("out", "no folder of another program in the way", quoted(str(self.parts)))
-                with whole_file(known) as file:
-                    file.write(identity.encode())
-            elif known.read_text(encoding="utf-8") != identity:
-                expected = "a name of its own for each sweep (or remove this folder, whose chunks are of another one)"
-                raise ArgumentError("out", expected, quoted(str(self.parts)))
+            if not known.exists() and {*os.listdir(self.parts)} - {_LOCK_NAME}:
+                raise ArgumentError("out", "no folder of another program in the way", quoted(str(self.parts)))
+            self._lock = _lock(self.parts / _LOCK_NAME)
+            try:
+                self._check_new()  # the sweep that had the lock may have written it
+                if not known.exists():
+                    with whole_file(known) as file:
+                        file.write(identity.encode())
+                elif known.read_bytes() != identity.encode():
+                    expected = "a name of its own for each sweep (or remove this folder, of another sweep)"
+                    raise ArgumentError("out", expected, quoted(str(self.parts)))
+            except BaseException:
+                self._lock.close()
+                raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.close()
+
+    def _check_new(self) -> None:
+        if self.path.exists():
+            expected = "a name that does not exist yet (or remove what is there)"
+            raise ArgumentError("out", expected, quoted(str(self.path)))
 
     def missing(self, chunk_count: int) -> list[int]:
         """Return the list of the indices of chunks, from 0 to `chunk_count` - 1, that are not finished."""
@@ -96,6 +116,29 @@ class Store:
 
     def _part(self, chunk: int) -> Path:
         return self.parts / f"part-{chunk:07d}.npz"
+
+
+def _lock(path: Path) -> IO[bytes]:
+    """Open a file and lock it until it is closed or the process ends. Raise an ArgumentError about `out` if another
+    sweep has it.
+    """
+    file = path.open("ab")
+    try:
+        import fcntl
+    except ImportError:  # Windows: two sweeps into one store are not told apart
+        file.close()
+        return file
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        file.close()
+        raise ArgumentError("out", "a store that no other sweep is writing now", quoted(str(path.parent))) from None
+    except OSError:  # a file system without locks
+        return file
+    if not path.exists() or not os.path.samestat(path.stat(), os.fstat(file.fileno())):
+        file.close()  # the other sweep has just finished
+        raise ArgumentError("out", "a store that no other sweep is writing now", quoted(str(path.parent)))
+    return file
 
 
 @contextlib.contextmanager

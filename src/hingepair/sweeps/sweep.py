@@ -237,7 +237,8 @@ def run_sweep(
     with contextlib.ExitStack() as connected:
         # A scheduler that does not answer leaves nothing behind.
         client = None if scheduler is None else connected.enter_context(_connect(scheduler))
-        _compute_missing_chunks(sweep, Store(out, sweep.identity), client, workers, progress)
+        store = connected.enter_context(Store(out, sweep.identity))
+        _compute_missing_chunks(sweep, store, client, workers, progress)
     return out
 
 

@@ -32,8 +32,8 @@ from hingepair.sweeps.payloads import PayloadVariantComputer, payload_variant_co
 PAIR_FORCE_OUTPUT_NAMES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
 """Outputs of a scene of a pair with masses, beside those of its motion."""
 
-# One part of the path to a number of a scene: a key, then indices in brackets.
-_VARIED_NUMBER_KEY_PART_PATTERN: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
+# One part of the path to a number of a scene: a key, then indices in brackets. Each number has one spelling.
+_KEY_PART: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[(?:0|[1-9][0-9]{0,8})\])*)")
 # Keys of [[joint]] that the motion of the coordinates does not depend on.
 _JOINT_TABLE_KEYS_WITHOUT_EFFECT_ON_COORDINATES: Final = ("u1", "u2", "n", "home", "body1", "body2")
 
@@ -74,9 +74,9 @@ def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
     """
     steps: list[str | int] = []
     for part in key.split("."):
-        match = _VARIED_NUMBER_KEY_PART_PATTERN.fullmatch(part)
+        match = _KEY_PART.fullmatch(part)
         if match is None:
-            table.fail("key", 'names with dots and places in brackets, such as "pair.u1[0]"')
+            table.fail("key", 'names with dots, and places in brackets counted from 0, such as "pair.u1[0]"')
         steps.append(match[1])
         steps += [int(place) for place in re.findall(r"\d+", match[2])]
     return tuple(steps)

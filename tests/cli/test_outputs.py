@@ -1,0 +1,96 @@
+"""Files that commands write: checked before any work, named by their option, and nothing is left behind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hingepair as hp
+from hingepair.cli import derive, fit, pictures, scenes, tolerance
+from hingepair.pair.results import Record
+from support.commands import refusal, run_command
+from support.recorded import recording
+from support.work import HANG
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def work(*_: object, **__: object) -> None:
+    raise AssertionError("the work begins before the outputs are checked")
+
+
+@pytest.mark.parametrize(
+    ("command", "ending", "option"),
+    [
+        ("run a.toml --out", ".csv", "--out"),
+        ("forces a.toml --out", ".csv", "--out"),
+        ("plot a.toml --out", ".png", "--out"),
+        ("view a.toml --out", ".html", "--out"),
+        ("derive a.toml --out", ".txt", "--out"),
+        ("tolerance a.toml --plot", ".png", "--plot"),
+        ("fit a.toml --out", ".csv", "--out"),
+        ("fit a.toml --out psi.csv --plot", ".png", "--plot"),
+        ("fit a.toml --out psi.csv --plot p.png --report", ".md", "--report"),
+    ],
+)
+@pytest.mark.parametrize("target", ["missing/x", "folder", "input"])
+def test_outputs_are_checked_before_work(command, ending, option, target, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for module in (scenes, pictures, tolerance):
+        monkeypatch.setattr(module, "load_named_scene", work)
+    for module in (derive, pictures):
+        monkeypatch.setattr(module, "load_scene_or_pair", work)
+    monkeypatch.setattr(fit, "read_recording", work)
+    Path("a.toml").write_text("")
+    Path(f"folder{ending}").mkdir()
+    Path(f"input{ending}").symlink_to("a.toml")
+    before = {*os.listdir()}
+    assert refusal(*command.split(), target + ending).startswith(f"{option}: expected a file ")
+    assert {*os.listdir()} == before
+
+
+@pytest.mark.slow(3)
+def test_what_fails_after_the_check_names_its_option_and_what_is_written(tmp_path, monkeypatch):
+    made = recording(300, 1e-3, 2e-3)
+    file = Record(made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2}).save(tmp_path / "a.npz")
+    out, plot = tmp_path / "psi.csv", tmp_path / "there" / "fit.png"
+    plot.parent.mkdir()
+    monkeypatch.setattr(hp.HingeFit, "plot", lambda _: plot.parent.rmdir())
+    message = run_command("fit", file, "--out", out, "--plot", plot, code=2).stderr
+    assert message.startswith("hingepair: --plot: expected a file that can be written")
+    assert message.endswith(f"\nwritten before: {out}\n")
+
+
+def test_a_gap_is_a_number_before_work(monkeypatch):
+    monkeypatch.setattr(fit, "read_recording", work)
+    assert refusal("fit", "log.csv", "--gaps", "nan").startswith("--gaps: expected a finite number")
+
+
+@pytest.mark.slow(2)
+def test_an_error_never_stands_on_standard_output():
+    command = f"{sys.executable} -m hingepair run nowhere.toml 2>&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, timeout=HANG, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (2, b"", b"")
+
+
+INTERRUPTED = """
+import os, signal, sys
+import hingepair.__main__ as program
+
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == "hingepair.cli.main":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupt())
+program.main()
+"""
+
+
+def test_ctrl_c_ends_the_program_silently_while_it_imports():
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, timeout=HANG, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
