@@ -321,3 +321,21 @@ def test_values_compare_as_objects():
     assert body1 == body1  # noqa: PLR0124
     assert other != ONE
     assert len({ONE, other, body1}) == 3
+
+
+@pytest.mark.parametrize("broadcast", [False, True], ids=["own", "broadcast"])
+@pytest.mark.parametrize("form", ["S", "quat_xyzw", "quat_wxyz", "rotvec"])
+def test_a_motion_does_not_change_with_the_arrays_it_was_made_of(form, broadcast):
+    attitude = {"S": np.eye(3), "quat_xyzw": np.array((0.0, 0, 0, 1)), "quat_wxyz": np.array((1.0, 0, 0, 0))}
+    given = {name: np.ones(3) for name in ("R", "v", "omega", "a", "alpha")} | {
+        form: attitude.get(form, np.zeros(3))
+    }
+    views = {name: np.broadcast_to(one, (4, *one.shape)) if broadcast else one for name, one in given.items()}
+    make = hp.BodyMotion if form == "S" else getattr(hp.BodyMotion, f"from_{form.replace('quat', 'quaternion')}")
+    body = make(**views)
+    for one in given.values():
+        one *= 2.0
+    for name in ("R", "v", "omega", "a", "alpha"):
+        assert (getattr(body, name) == 1.0).all(), name
+    assert (body.S == np.eye(3)).all()
+    assert not broadcast or body.S.strides[0] == 0 or form != "S"

@@ -139,6 +139,14 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
+def own_copy(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a read-only copy in the same memory layout; axes along which an array is broadcast stay broadcast."""
+    if 0 not in array.strides:
+        return read_only(array.copy(order="K"))
+    once = array[tuple(slice(None) if step else slice(0, 1) for step in array.strides)]
+    return np.broadcast_to(once.copy(order="K"), array.shape)
+
+
 class Frozen:
     """Base class of frozen dataclasses whose arrays stay read-only in copies and pickles."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.array_libraries import check_sample_shape, is_foreign, library_of
-from hingepair.numeric.arrays import Frozen, broadcast_shape, read_only, vectors
+from hingepair.numeric.arrays import Frozen, broadcast_shape, own_copy, read_only, vectors
 from hingepair.numeric.dask_arrays import holds_dask, unwrap_lazy_xarray
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
 
@@ -27,10 +27,10 @@ class BodyMotion(Frozen):
     """Position R, attitude S, velocities v and omega, and accelerations a and alpha of one body, at one or many
     samples, in world axes.
 
-    The arrays are not copied; the attributes are read-only views of them, or None for arrays that were not given. The
-    leading axes of the arrays, which are the axes of the samples, broadcast against each other. Arrays of JAX,
-    PyTorch and other libraries are kept as they are; whether S then holds rotation matrices is not checked. A Dask
-    array S is checked chunk by chunk when the chunks are computed.
+    The attributes are read-only copies of the arrays, or None for arrays that were not given. The leading axes of the
+    arrays, which are the axes of the samples, broadcast against each other. Arrays of JAX, PyTorch and other
+    libraries are kept as they are; whether S then holds rotation matrices is not checked. A Dask array S is checked
+    chunk by chunk when the chunks are computed.
 
     Args:
         R: position of the body's reference point [m]; shape (..., 3).
@@ -76,10 +76,10 @@ class BodyMotion(Frozen):
     ) -> None:
         array_by_name: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
         array_by_name = {name: unwrap_lazy_xarray(value) for name, value in array_by_name.items()}
-        if S is not None and not holds_dask(array_by_name) and library_of(array_by_name) is None:
-            array_by_name["S"] = vectors("S", S, 3, 3)
-            check_rotation("S", array_by_name["S"])
-        _set_arrays(self, array_by_name)
+        is_checked = S is not None and not holds_dask(array_by_name) and library_of(array_by_name) is None
+        _set_arrays(self, array_by_name, array_by_name)
+        if is_checked:
+            check_rotation("S", self.S)
 
     def __repr__(self) -> str:
         names = ", ".join(name for name in ("R", "S", "v", "omega", "a", "alpha") if getattr(self, name) is not None)
@@ -122,7 +122,7 @@ class BodyMotion(Frozen):
                [0., 0., 1.]])
         """
         S = quaternion_to_matrix("quat_xyzw", quat_xyzw, scalar_first=False)
-        return motion_of_rotations(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+        return _motion_with_attitude(S, R=R, v=v, omega=omega, a=a, alpha=alpha)
 
     @classmethod
     def from_quaternion_wxyz(
@@ -161,7 +161,7 @@ class BodyMotion(Frozen):
                [0., 0., 1.]])
         """
         S = quaternion_to_matrix("quat_wxyz", quat_wxyz, scalar_first=True)
-        return motion_of_rotations(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+        return _motion_with_attitude(S, R=R, v=v, omega=omega, a=a, alpha=alpha)
 
     @classmethod
     def from_rotvec(
@@ -195,12 +195,12 @@ class BodyMotion(Frozen):
                [ 0., -1.,  0.],
                [ 0.,  0.,  1.]])
         """
-        return motion_of_rotations(R=R, S=rotation_exp(rotvec), v=v, omega=omega, a=a, alpha=alpha)
+        return _motion_with_attitude(rotation_exp(rotvec), R=R, v=v, omega=omega, a=a, alpha=alpha)
 
 
 def motion_of_rotations(**arrays: Any) -> BodyMotion:
-    """Return a BodyMotion made of the keyword arguments R, S, v, omega, a and alpha, all optional except R. Whether S
-    holds rotation matrices is not checked. Raise ShapeError or DtypeError for an unusable array.
+    """Return a BodyMotion made of the keyword arguments R, S, v, omega, a and alpha, all optional except R. The
+    arrays are the package's own: they are not copied, and whether S holds rotation matrices is not checked.
 
     The keyword arguments are those of `BodyMotion`.
 
@@ -212,15 +212,25 @@ def motion_of_rotations(**arrays: Any) -> BodyMotion:
     return body
 
 
-def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any]) -> None:
+def _motion_with_attitude(S: Any, **users_arrays: Any) -> BodyMotion:
+    """Return the BodyMotion of computed rotations S and of copies of the user's other arrays."""
+    body: BodyMotion = object.__new__(BodyMotion)
+    _set_arrays(body, {"S": S, **users_arrays}, users_arrays)
+    return body
+
+
+def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[str] = ()) -> None:
     """Set the attributes R, S, v, omega, a and alpha of the BodyMotion `body` in place: to read-only views of
-    `arrays`, a dict by attribute name, or to None if there is no such array. Set the attribute `shape` to the common
-    leading shape of the arrays. Raise ShapeError or DtypeError for an unusable array.
+    `arrays`, a dict by attribute name, or to None if there is no such array; NumPy arrays named in `copied` are
+    copied. Set the attribute `shape` to the common leading shape of the arrays. Raise ShapeError or DtypeError for an
+    unusable array.
     """
     shapes = {}
     for name, tail in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE.items():
         value = arrays.get(name)
         array = None if value is None and name != "R" else _read_motion_array(name, value, *tail)
+        if name in copied and isinstance(array, np.ndarray):
+            array = own_copy(array)
         object.__setattr__(body, name, array)
         if array is not None:
             shapes[name] = array.shape[: array.ndim - len(tail)]
