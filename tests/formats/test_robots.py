@@ -136,7 +136,7 @@ def test_every_hinge_of_every_robot():
 
 def test_every_robot_has_a_name_of_its_own():
     names = robot_names()
-    assert len(names) == len(set(names)) >= 69
+    assert len(names) == len(set(names)) >= 68
     assert sorted(names) == list(names)
     assert {robot_urdf(name).suffix for name in names} == {".urdf"}
     assert len({robot_urdf(name) for name in names}) == len(names)

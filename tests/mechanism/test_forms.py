@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 import warnings
 
@@ -231,6 +232,11 @@ REFUSED = {
     "bounds_tau": (lambda r, q: r.error_bounds(q, q, outputs=("qdd",)), "tau: .*output qdd needs them"),
     "count_jacobian": (lambda r, q: r.count_operations(q, outputs=("jacobian",)), "outputs: expected one of R, S, d"),
     "count_text": (lambda r, q: r.count_operations(q, outputs="R"), "outputs: expected a tuple of names"),
+    "frame_twice": (lambda r, q: r.forward_kinematics(q, frames=["panda_hand"] * 2), "frames: expected each"),
+    "two_frames": (lambda r, q: r.jacobian(q, frames=("panda_hand", "panda_link3")), "frames: expected one name"),
+    "matrix": (lambda r, q: r.mass_matrix(q[0, 0], out=np.eye(r.dof).view(np.matrix), workers=2), "out: .*no matrix"),
+    "axes": (lambda r, _: r.mass_matrix(np.zeros((1,) * 40 + (r.dof,))), "q: expected at most 29 axes"),
+    "count_four": (lambda r, q: r.count_operations(q, q, q, q, outputs=("R",)), "q, qd and qdd, got 4"),
     "count_rates": (lambda r, q: r.count_operations(q, outputs=("v",), frames="panda_hand"), "qd: .*output v"),
     "bounds_base": (lambda r, q: r.error_bounds(q, q, tau=q, outputs=("a1",)), "outputs: expected one of"),
     "bounds_force": (lambda r, q: r.error_bounds(q, force1=(1, 2, 3)), "force1: expected 0: a fixed base"),
@@ -444,3 +450,59 @@ def test_jax_arrays_stay_what_they_are_and_have_gradients():
         np.testing.assert_allclose(matrix, robot.mass_matrix(motion[0, 0]), atol=1e-13)
         with pytest.raises(hp.ArgumentError, match="qd: expected an array of jax"):
             robot.inverse_dynamics(q, motion[1], qdd)
+
+
+def test_a_prepared_call_counts_the_operations_of_its_own_arguments(robot):
+    moved = ("R1", "S1", "v1", "omega1", "a1", "alpha1")
+    base = hp.BodyMotion(
+        **{name.removesuffix("1"): np.ones((2, 3)) for name in moved if name != "S1"}, S=[np.eye(3)] * 2
+    )
+    q = np.ones((2, robot.dof))
+    for names, motion in ((), None), (moved, base):
+        step = robot.prepare(("q", "qd", "qdd", *names), outputs=("tau",), backend="numpy")
+        assert step.operations == robot.count_operations(q, q, q, outputs=("tau",), base_motion=motion)
+    held = robot.prepare("inverse_dynamics", outputs=("tau",), backend="numpy")
+    assert held.operations.per_sample < 0.9 * step.operations.per_sample
+    assert str(step.operations.per_sample) in str(step)
+
+
+def test_frames_stands_for_the_one_frame_of_a_jacobian(robot, motion):
+    q, qd, _ = motion[:, 0, 0]
+    assert np.array_equal(robot.jacobian(q, frames=("panda_hand",)), robot.jacobian(q, "panda_hand"))
+    bias = robot.acceleration_bias(q, qd, frames="panda_hand")
+    assert np.array_equal(bias, robot.acceleration_bias(q, qd, "panda_hand"))
+
+
+def test_numbers_of_numpy_stand_for_numbers(robot, motion):
+    q, zero = motion[0, 0], np.int64(0)
+    loaded = robot.inverse_dynamics(q, q, q, wrenches={"panda_hand": (zero, np.float32(0))}, workers=np.int64(2))
+    assert np.array_equal(loaded.tau, robot.inverse_dynamics(q, q, q, wrenches={"panda_hand": (0, 0)}).tau)
+    assert np.array_equal(robot.forward_dynamics(q, q, q, force1=zero).qdd, robot.forward_dynamics(q, q, q).qdd)
+
+
+@pytest.mark.parametrize("name", ["R", "S", "d", "v", "omega", "a", "alpha"])
+def test_a_frame_with_the_name_of_an_output_is_a_frame(name):
+    state = hp.Mechanism([hp.HingePair((0, 0, 1), (0, 0, 0), (1, 0, 0), name=name)]).forward_kinematics(
+        [0.5], [1], [2]
+    )
+    assert state[name].R.tolist() == [0, 0, 1]
+    assert set(state.arrays()) == {"R", "S", "d", "v", "omega", "a", "alpha"}
+    assert all(getattr(state, output).shape[0] == 1 for output in state.arrays())
+    assert pickle.loads(pickle.dumps(state))[name].omega.tolist() == [1, 0, 0]
+
+
+def test_products_that_overflow_are_refused_where_masses_are_used():
+    ball = hp.Body(1e10, inertia=(1, 1, 1))
+    pairs = [hp.HingePair((0, 0, 1e160), (0, 0, 0), (1, 0, 0), name=name, body2=ball) for name in "ab"]
+    robot = hp.Mechanism(pairs, name="huge")
+    assert robot.forward_kinematics([0, 0])["b"].R.tolist() == [0, 0, 2e160]
+    for _ in range(2):
+        with pytest.raises(hp.ArgumentError, match="robot 'huge': expected masses and lengths"):
+            robot.gravity_forces([0, 0])
+    with pytest.raises(hp.ArgumentError, match="robot 'huge'"):
+        robot.prepare("mass_matrix")
+
+
+def test_the_base_of_a_robot_is_not_replaced(robot):
+    with pytest.raises(ValueError, match="base"):
+        dataclasses.replace(robot, base="free")

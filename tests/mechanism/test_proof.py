@@ -12,8 +12,6 @@ BOUND = 16.0
 
 It equals `pair.accuracy.MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE`.
 """
-REFUSED = {"ur3"}
-"""The one URDF that Pinocchio does not load either: it holds nothing."""
 KINDS = {
     "panda": "fixed",  # an arm with sliders, of which one follows the other
     "kinova": "moving",  # continuous joints
@@ -39,7 +37,7 @@ def test_one_robot_of_each_kind(name, mode):
 
 @pytest.mark.proof
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", sorted(set(robot_names()) - REFUSED))
+@pytest.mark.parametrize("name", robot_names())
 def test_every_robot(name, mode):
     """All links and outputs; random states, angles to 1e15 and down to 1e-160, rates and accelerations to 1e8."""
     check(name, mode)
@@ -54,4 +52,4 @@ def test_compiled(name, mode):
 
 @pytest.mark.proof
 def test_none_is_left_out():
-    assert len(set(robot_names()) - REFUSED) == 68
+    assert len(set(robot_names())) == 68

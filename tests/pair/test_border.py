@@ -327,15 +327,13 @@ def test_values_compare_as_objects():
 @pytest.mark.parametrize("form", ["S", "quat_xyzw", "quat_wxyz", "rotvec"])
 def test_a_motion_does_not_change_with_the_arrays_it_was_made_of(form, broadcast):
     attitude = {"S": np.eye(3), "quat_xyzw": np.array((0.0, 0, 0, 1)), "quat_wxyz": np.array((1.0, 0, 0, 0))}
-    given = {name: np.ones(3) for name in ("R", "v", "omega", "a", "alpha")} | {
-        form: attitude.get(form, np.zeros(3))
-    }
+    given = {name: np.ones(3) for name in ("R", "v", "omega", "a", "alpha")} | {form: attitude.get(form, np.zeros(3))}
     views = {name: np.broadcast_to(one, (4, *one.shape)) if broadcast else one for name, one in given.items()}
     make = hp.BodyMotion if form == "S" else getattr(hp.BodyMotion, f"from_{form.replace('quat', 'quaternion')}")
     body = make(**views)
     for one in given.values():
-        one *= 2.0
+        np.multiply(one, 2.0, out=one)
     for name in ("R", "v", "omega", "a", "alpha"):
         assert (getattr(body, name) == 1.0).all(), name
-    assert (body.S == np.eye(3)).all()
+    assert np.array_equal(body.S, np.broadcast_to(np.eye(3), body.S.shape))
     assert not broadcast or body.S.strides[0] == 0 or form != "S"

@@ -120,3 +120,9 @@ def test_what_is_no_rotation_is_refused(function):
     for reflection in (-S, -S[0]):
         with pytest.raises(hp.RotationError, match=r"S: .* a reflection"):
             function(reflection)
+
+
+def test_a_projection_does_not_raise_what_numpy_is_told_to_raise():
+    M = np.array([[1, 1e-320, 0], [0, 1, 0], [0, 0, 1]])
+    with np.errstate(all="raise"):
+        assert np.array_equal(hp.project_to_rotation(M).round(15), np.eye(3))

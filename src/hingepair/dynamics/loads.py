@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import finite_number, one_constant
+from hingepair.numeric.arrays import finite_number, is_zero, one_constant
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, call_with_arrays, check_callable, is_plain_hinge_load
 
@@ -140,7 +140,7 @@ class Loads:
         wrong shape.
         """
         tail = self._load_shape(name)
-        if isinstance(load, int | float) and load == 0:
+        if is_zero(load):
             return (0.0, 0.0, 0.0)
         value = one_constant(name, load, *tail) if tail else np.array(finite_number(name, load))
         return tuple((_to_space(value, len(tail)) if self._is_planar else value).tolist())

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from contextvars import ContextVar
 from typing import NamedTuple
 
+import numpy as np
+
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 
@@ -59,6 +61,8 @@ def execution_of(backend: str, workers: int) -> Execution:
     """
     if type(backend) is not str:
         check_choice("backend", backend, BACKEND_NAMES)
+    if type(workers) is not int and isinstance(workers, np.integer):
+        workers = int(workers)
     if type(workers) is not int or (workers < 1 and workers != -1):
         raise ArgumentError("workers", "a positive integer, or -1 for all cores", quoted(workers))
     return _cached_execution(backend, workers)

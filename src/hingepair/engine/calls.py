@@ -554,8 +554,8 @@ def _check_buffer(output_name: str, array: Any, shape: ArrayShape, dtype: np.dty
     dtype.
     """
     name = f"out[{output_name!r}]"
-    if not isinstance(array, np.ndarray):
-        raise ArgumentError(name, "a NumPy array to write into", quoted(array))
+    if not isinstance(array, np.ndarray) or isinstance(array, np.matrix):
+        raise ArgumentError(name, "a NumPy array to write into (no matrix)", quoted(array))
     if array.shape != shape:
         raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
     if array.dtype != dtype:

@@ -47,7 +47,7 @@ class Results(DaskCollection, Shown):
         """Return a dict whose keys are the names of the computed outputs. Each value is a read-only
         array, or a NumPy number if the output is a single number.
         """
-        return {name: self[name] for name in self._content[0]}
+        return {name: self._output(name) for name in self._content[0]}
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
         """Return a pair: a dictionary of the Dask arrays among the results, and a function that takes the computed
@@ -64,9 +64,12 @@ class Results(DaskCollection, Shown):
         Raises:
             KeyError: the output was not computed.
         """
-        names, arrays, _ = self._content
-        if name not in names:
+        if name not in self._content[0]:
             raise KeyError(name)
+        return self._output(name)
+
+    def _output(self, name: str) -> FloatArray:
+        names, arrays, _ = self._content
         array: FloatArray = _user_view(arrays[names.index(name)])
         return array
 
@@ -76,7 +79,7 @@ class Results(DaskCollection, Shown):
             """Return an output that is accessed for the first time, or None if it was not computed."""
             if name not in type(self).__slots__:
                 raise missing_attribute_error(self, name)
-            array = self[name] if name in self._content[0] else None
+            array = self._output(name) if name in self._content[0] else None
             _set_attribute(self, name, array)
             return array
 

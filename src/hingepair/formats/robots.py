@@ -160,7 +160,9 @@ def _urdf_paths() -> Mapping[str, Path]:
         if file.suffix != ".urdf" or "robots" not in file.parts:
             continue
         inside = PurePosixPath(*file.parts[file.parts.index("robots") + 1 :])
-        paths[f"{inside.parts[0]}/{inside.stem}"] = Path(str(distribution.locate_file(file)))
+        path = Path(str(distribution.locate_file(file)))
+        if path.is_file() and b"<link" in path.read_bytes():  # ur3.urdf holds no robot
+            paths[f"{inside.parts[0]}/{inside.stem}"] = path
     if not paths:
         raise MissingDependencyError(
             "robot", f"{ROBOT_DATA_DISTRIBUTION_NAME} with its robots", "none of its files listed"

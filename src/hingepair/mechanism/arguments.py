@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.numeric.array_libraries import Library, check_sample_shape, is_foreign, library_of
-from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, vectors
+from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, is_zero, vectors
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.forward_kinematics import read_component
 
@@ -211,7 +211,7 @@ def _read_vector(name: str, value: Any) -> tuple[Any, tuple[int, ...]]:
     axes). The number 0 becomes a tuple of three zeros. Raise an ArgumentError for the argument `name` if the value
     has another shape.
     """
-    if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
+    if is_zero(value):
         return (0.0, 0.0, 0.0), ()
     if is_foreign(value):
         check_sample_shape(name, value, 3)

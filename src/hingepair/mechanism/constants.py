@@ -6,6 +6,7 @@ in exact arithmetic (T9), and rounded once.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -63,6 +64,11 @@ class RobotConstants:
         """Whether the mass matrix may be singular: some joint may move without any inertia that resists."""
         return bool(self.pivot_thresholds.any())
 
+    @property
+    def overflows(self) -> bool:
+        """Whether a mass times the square of a length is too large for a float."""
+        return not all(map(math.isfinite, self.numbers))
+
 
 def robot_constants(tree: Tree, free: bool) -> RobotConstants:
     """Compute the constants of a robot's generated programs from its Tree, and return them as RobotConstants. The
@@ -71,7 +77,8 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
     axes = _axes_of_bodies(tree)
     moments = _shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free))
     oblique = [bool((np.count_nonzero(value, axis=0) > 1).any()) for value in axes]
-    thresholds = _pivot_thresholds(tree, axes)
+    with np.errstate(all="ignore"):  # what overflows is refused where masses are used
+        thresholds = _pivot_thresholds(tree, axes)
     numbers = _rounded_numbers(moments[0])
     bounds = _mass_bounds(numbers, any(oblique))
     for k, joint in enumerate(tree.joints, 1):
@@ -318,7 +325,15 @@ def _ten_numbers(moments: _MassMoments) -> Exact:
 
 def _rounded_numbers(moments: _MassMoments) -> list[float]:
     """Return mass, first moment and second moment of a body as a list of ten floats."""
-    return [float(x) for x in _ten_numbers(moments)]
+    return [_nearest_float(x) for x in _ten_numbers(moments)]
+
+
+def _nearest_float(x: Fraction) -> float:
+    """Return the float nearest to x, infinite beyond the largest."""
+    try:
+        return float(x)
+    except OverflowError:
+        return math.inf if x > 0 else -math.inf
 
 
 def _padded_mass_numbers(moments: Sequence[_MassMoments]) -> Exact:

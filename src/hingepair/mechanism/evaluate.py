@@ -90,12 +90,7 @@ class RobotComputation:
         `gravity` [m/s^2], the robot's constants, and the values of a base at rest without loads for inputs that are
         not given.
         """
-        assumed = {
-            **RESTING_BASE_VALUE_BY_INPUT_NAME,
-            **ZERO_BASE_LOAD_BY_INPUT_NAME,
-            "gravity": gravity,
-            "constants": self.parameters,
-        }
+        assumed = self._assumed(gravity)
         return {
             name: values.value_by_input[name] if name in values.value_by_input else assumed[name]
             for name in self.inputs
@@ -115,12 +110,7 @@ class RobotComputation:
             has_check = check_attitude and "S1" in argument_names
             check = {"attitude_check": MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE} if has_check else {}
             loop = request_loop(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
-            assumed = {
-                **RESTING_BASE_VALUE_BY_INPUT_NAME,
-                **ZERO_BASE_LOAD_BY_INPUT_NAME,
-                "gravity": gravity,
-                "constants": self.parameters,
-            }
+            assumed = self._assumed(gravity)
             constants = {name: assumed[name] for name, _ in loop.inputs if name not in argument_names}
             shapes = {name: _SAMPLE_SHAPE_BY_BASE_INPUT_NAME.get(name, (self.form.dof,)) for name in argument_names}
             shapes |= {name: tail for name, tail in loop.inputs if name in argument_names}
@@ -162,21 +152,18 @@ class RobotComputation:
                 raise
             raise type(error)("out", error.expected, error.got) from None  # the user's name of the only array
 
-    def count_operations(self, known_inputs: Mapping[str, Any] | None = None) -> OperationCounts:
-        """Count the operations of the program that folds known inputs, and of the program that folds none; return
-        both as OperationCounts. In `known_inputs`, a dict by input name or None, a number is a known value, and an
-        array is not. The outputs are not computed.
+    def _assumed(self, gravity: tuple[float, ...]) -> dict[str, Any]:
+        """Return the values of the inputs that a call may leave out, by name."""
+        loads, constants = ZERO_BASE_LOAD_BY_INPUT_NAME, {"gravity": gravity, "constants": self.parameters}
+        return {**RESTING_BASE_VALUE_BY_INPUT_NAME, **loads, **constants}
 
-        Args:
-            known_inputs: arguments by input name, of which numbers are known; arrays of samples unless given.
+    def count_operations(self, values: Mapping[str, Any], gravity: tuple[float, ...]) -> OperationCounts:
+        """Count the operations of the program for these arguments, and of the program that folds no input; return
+        both as OperationCounts. A number among the `values`, by input name, is a known value, an array is not.
         """
         loop = request_loop(self.form, self.request)
         sample_arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         full = loop.program(bind(loop.inputs, sample_arrays).pattern)
-        bound_inputs = {
-            **sample_arrays,
-            **{name: value for name, value in RESTING_BASE_VALUE_BY_INPUT_NAME.items() if name in sample_arrays},
-            "constants": self.parameters,
-            **{name: value for name, value in (known_inputs or {}).items() if name in sample_arrays},
-        }
-        return loop.program(bind(loop.inputs, bound_inputs).pattern).count_operations(full)
+        inputs = {**self._assumed(gravity), **values}
+        bound = bind(loop.inputs, {name: inputs[name] for name, _ in loop.inputs})
+        return loop.program(bound.pattern).count_operations(full)

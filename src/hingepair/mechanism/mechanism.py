@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -79,8 +79,8 @@ class Mechanism(MechanismMethods):
     [0.9, 0.0, 1.0]
     """
 
-    tree: Tree
-    base: str
+    tree: Tree = field(init=False)
+    base: str = field(init=False)
 
     def __init__(
         self,

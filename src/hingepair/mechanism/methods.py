@@ -29,7 +29,7 @@ from hingepair.mechanism.states import (
     mechanism_state_class,
 )
 from hingepair.mechanism.tree import Frame, Tree
-from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant
+from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, is_zero, one_constant
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
@@ -174,6 +174,7 @@ class MechanismMethods(Shown):
         q: Coordinates,
         frame: str | None = None,
         *,
+        frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
@@ -191,6 +192,7 @@ class MechanismMethods(Shown):
             q: coordinates, as for `forward_kinematics`.
             frame: name of a link, a joint or an added frame. The default is the only link in `robot.tips`; if there
                 are several, `frame` must be given.
+            frames: the same name, as other methods take it; in place of `frame`.
             base_motion: motion of the base; only S is used. By default, S is the identity.
             out: an array of the shape of the result, into which the result is written.
             workers: number of threads; -1 for one thread per core.
@@ -205,7 +207,9 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").jacobian(np.zeros(6), "tool0").shape
         (6, 6)
         """
-        computation = self._computation(("jacobian",), self._named_frames("frame", self._frame_or_only_tip(frame)))
+        computation = self._computation(
+            ("jacobian",), self._named_frames("frame", self._frame_or_only_tip(frame, frames))
+        )
         return self._run_array(computation, {"q": q}, base_motion, out, workers, backend)
 
     def acceleration_bias(
@@ -214,6 +218,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         frame: str | None = None,
         *,
+        frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
@@ -237,7 +242,7 @@ class MechanismMethods(Shown):
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
         computation = self._computation(
-            ("acceleration_bias",), self._named_frames("frame", self._frame_or_only_tip(frame))
+            ("acceleration_bias",), self._named_frames("frame", self._frame_or_only_tip(frame, frames))
         )
         return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend)
 
@@ -679,9 +684,11 @@ class MechanismMethods(Shown):
         "centre". `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a
         DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
-        The mass of the base is counted only if the base is free. The inertias of the motors' rotors (`armature`) are
-        not counted. Of `base_motion`, only R, S, v and omega are used; by default, the base rests at the origin of
-        the world. The other arguments are the same as for `inverse_dynamics`.
+        The mass of the base is counted only if the base is free. The motors' rotors, which `energy` counts, are not:
+        their energy follows from `armature`, inertia times the square of the gear ratio, but their momentum is
+        inertia times the ratio itself, which is not known. Of `base_motion`, only R, S, v and omega are used; by
+        default, the base rests at the origin of the world. The other arguments are the same as for
+        `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -810,13 +817,15 @@ class MechanismMethods(Shown):
         >>> counted.per_sample < counted.unfolded
         True
         """
+        if not 1 <= len(coordinates) <= 3:
+            raise ArgumentError("*coordinates", "q, or q and qd, or q, qd and qdd", f"{len(coordinates)} arguments")
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
         names = _checked_outputs(outputs, None, (*FRAME_MOTION_OUTPUT_NAMES, *_INVERSE_DYNAMICS_OUTPUT_NAMES))
         has_frame_outputs = any(name in FRAME_MOTION_OUTPUT_NAMES for name in names)
         computation = self._computation(names, self._named_frames("frames", frames) if has_frame_outputs else None)
         self._check_needed_inputs(computation, named, names)
         values = read_arguments(self._constants.names, named, base_motion, computation.inputs, {})
-        return computation.count_operations(values.value_by_input)
+        return computation.count_operations(values.value_by_input, DEFAULT_GRAVITY_VECTOR)
 
     def _prepared_outputs(
         self, given: str | Iterable[str], argument_names: tuple[str, ...], outputs: Iterable[str] | None
@@ -860,8 +869,8 @@ class MechanismMethods(Shown):
 
     def _named_frames(self, argument: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
         """Return a dict of Frames by name. `frames` is a name, an iterable of names, or None for the last links of
-        all branches. Raise an ArgumentError for the argument named `argument` if there is no such frame, or if no
-        name is given.
+        all branches. Raise an ArgumentError for the argument named `argument` if there is no such frame, or if a
+        name is given twice or none is.
 
         Raises:
             ArgumentError: there is no such frame, or none is named.
@@ -872,6 +881,8 @@ class MechanismMethods(Shown):
             names = ()
         if not names:
             raise ArgumentError(argument, "names of links or joints", quoted(frames))
+        if len({*names}) < len(names):
+            raise ArgumentError(argument, "each name once", quoted(names))
         return {one: self._named_frame(argument, one) for one in names}
 
     def _named_frame(self, argument: str, name: Any) -> Frame:
@@ -887,11 +898,19 @@ class MechanismMethods(Shown):
             raise ArgumentError(argument, expected, quoted(name))
         return frame
 
-    def _frame_or_only_tip(self, frame: str | None) -> str:
-        """Check the argument `frame`, a name or None, and return the name; for None, return the name of the last link
-        of the robot's only branch. Raise an ArgumentError for None if there are several branches, and for any other
-        value that is not a string. Whether a frame has the name is not checked.
+    def _frame_or_only_tip(self, frame: str | None, frames: str | Iterable[str] | None) -> str:
+        """Check the arguments `frame` and `frames`, of which one may be given, and return the name; without one,
+        return the name of the last link of the robot's only branch. Whether a frame has the name is not checked.
+
+        Raises:
+            ArgumentError: both or several names are given, none is although the robot has several branches, or the
+                name is no string.
         """
+        if frames is not None:
+            names = (frames,) if isinstance(frames, str) else tuple(frames)
+            if frame is not None or len(names) != 1:
+                raise ArgumentError("frames", "one name, or frame= in its place", quoted(frames))
+            frame = names[0]
         if frame is None:
             if len(self.tree.tips) != 1:
                 raise ArgumentError(
@@ -981,7 +1000,7 @@ class MechanismMethods(Shown):
         """
         labelled_loads = {}
         for name, value in (("force1", force1), ("torque1", torque1)):
-            if not (isinstance(value, int | float) and value == 0):
+            if not is_zero(value):
                 labelled_loads[name] = value, name
                 if self.base != "free":
                     expected = "0: a fixed base is not moved by forces (base='free' is)"
@@ -1110,9 +1129,15 @@ class MechanismMethods(Shown):
     def _warn_of_masses(self) -> None:
         """Issue a DynamicsWarning for each of the tree's notes on masses that are assumed, or that no rigid body can
         have. Only the first call for a robot issues them.
+
+        Raises:
+            ArgumentError: a mass times the square of a length overflows.
         """
         prepared = self._constants.cache
         if "doubts" not in prepared:
+            if self._constants.overflows:
+                expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
+                raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")
             prepared["doubts"] = True
             for note in self.tree.notes:
                 warn_of_dynamics(f"{self.tree.name}: {note}")

@@ -98,7 +98,8 @@ class PreparedMechanism:
         """Numbers of operations as OperationCounts, with the fields `per_sample` for each sample, `shared` once for
         all samples, and `unfolded` for a program in which no input is known.
         """
-        return self._computation.count_operations()
+        samples = {name: np.empty((2, *self._call.argument_shapes[name])) for name in self.given}
+        return self._computation.count_operations(samples, self._gravity)
 
     def __call__(self, *given: Any, out: Any = None) -> Any:
         """Compute and return the results for one state or many. Arrays in `out` are written in place.

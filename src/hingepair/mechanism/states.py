@@ -55,7 +55,8 @@ class MechanismState(Results):
 
     The axis of the frames follows the axes of the samples: for F frames, S has shape (..., F, 3, 3), and the other
     outputs have shape (..., F, 3). For a MechanismState `state`, `state["hand"]` is the motion of the frame "hand", a
-    FrameState without the axis of the frames. Only hingepair calls the constructor.
+    FrameState without the axis of the frames, whatever the frame is called: if a robot has a frame "R", `state["R"]`
+    is that frame, and `state.R` the positions. Only hingepair calls the constructor.
 
     Attributes:
         frames: names of the frames, in the order of the axis of the frames.
@@ -78,14 +79,15 @@ class MechanismState(Results):
     alpha: FloatArray
 
     def __getitem__(self, name: str) -> Any:
-        """Return the motion of a frame by the frame's name, or an output by the output's name.
+        """Return the motion of a frame by the frame's name; if the robot has no such frame, return an output by its
+        name.
 
         Raises:
             ArgumentError: the frame is not among those that were computed.
         """
-        if name in self.outputs:
-            return super().__getitem__(name)
         if name not in self.frames:
+            if name in self.outputs and name not in self._robot_frames:
+                return super().__getitem__(name)
             expected = choices(self.frames)
             if name in self._robot_frames:
                 expected += f", since {name!r} was not computed: ask for it with frames=({name!r},)"

@@ -18,6 +18,7 @@ Float64Array: TypeAlias = NDArray[np.float64]
 Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcasts against the samples
 Block: TypeAlias = tuple[slice, ...]
 
+_MAX_AXES = 29  # NumPy broadcasts up to 32, and results have up to three more than arguments
 FLOAT64_DTYPE: Final = np.dtype(np.float64)
 """The dtype of double precision, in which what is integrated is computed, whatever the precision of the inputs."""
 
@@ -44,6 +45,8 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
         raise ShapeError(
             name, "an array, or lists that make one", f"a {type(value).__name__} that makes none"
         ) from None
+    if array.ndim > _MAX_AXES:
+        raise ShapeError(name, f"at most {_MAX_AXES} axes", f"{array.ndim}")
     dtype = array.dtype
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array
@@ -268,6 +271,11 @@ def finite_number(name: str, value: object) -> float:
     if not math.isfinite(number):
         raise ArgumentError(name, "a finite number", quoted(value))
     return number
+
+
+def is_zero(value: object) -> bool:
+    """Return whether a value is the number 0, of Python or of NumPy; False for bool and for arrays."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and value == 0
 
 
 def number_not_below_0(name: str, value: object) -> float:

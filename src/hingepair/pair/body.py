@@ -220,9 +220,13 @@ class Body(Frozen):
         for shape in shape_tuple:
             if not isinstance(shape, Shape):
                 raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
-        default_centre, inertia_per_mass = _mass_distribution(shape_tuple)
+        default_centre, inertia_per_mass = _mass_distribution(
+            shape_tuple if inertia is None or center_of_mass is None else ()
+        )
         centre = default_centre if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
-        tensor = _checked_inertia(mass_value * inertia_per_mass if inertia is None else _inertia_matrix(inertia))
+        with np.errstate(over="ignore"):
+            tensor = mass_value * inertia_per_mass if inertia is None else _inertia_matrix(inertia)
+        tensor = _checked_inertia(tensor)
         arguments = {"mass": mass, "center_of_mass": center_of_mass, "inertia": inertia}
         values = {"mass": mass_value, "center_of_mass": centre, "inertia": tensor}
         computed = {name: value for name, value in values.items() if arguments[name] is None}
@@ -263,11 +267,14 @@ def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], 
     """
     if not shapes:
         return read_only(np.zeros(3)), _DEFAULT_SQUARED_GYRATION_RADIUS_IN_SQUARE_METRES * np.eye(3)
-    volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
-    weights, centers = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
-    center_of_mass = weights @ centers
-    levers = centers - center_of_mass
-    second_moments = np.einsum("n,ni,nj->ij", weights, levers, levers) + np.einsum("n,nij->ij", weights, moments)
+    with np.errstate(all="ignore"):
+        volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
+        weights, centers = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
+        center_of_mass = weights @ centers
+        levers = centers - center_of_mass
+        second_moments = np.einsum("n,ni,nj->ij", weights, levers, levers) + np.einsum("n,nij->ij", weights, moments)
+    if not (np.isfinite(second_moments).all() and second_moments.any()):
+        raise ArgumentError("shapes", "sizes whose volume and inertia can be computed", shapes)
     return read_only(center_of_mass), np.trace(second_moments) * np.eye(3) - second_moments
 
 
@@ -277,7 +284,7 @@ def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
     """
     if isinstance(shape, Box):
         return float(shape.size.prod()), (shape.axes * shape.size**2) @ shape.axes.T / 12
-    square = shape.radius**2
+    square = np.float64(shape.radius) ** 2  # inf, not OverflowError
     if isinstance(shape, Sphere):
         return 4 / 3 * np.pi * shape.radius * square, square / 5 * np.eye(3)
     along = np.outer(shape.axis, shape.axis)
@@ -302,6 +309,8 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
         ArgumentError: no rigid body can have it.
     """
     size = float(np.abs(inertia).max())
+    if not np.isfinite(size):
+        raise ArgumentError("inertia", "finite numbers (mass times the size of the shapes overflows)", inertia)
     if size == 0:
         raise ArgumentError("inertia", "principal moments above 0", inertia)
     scaled = inertia / size

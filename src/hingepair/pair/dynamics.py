@@ -14,7 +14,7 @@ from hingepair.engine.calls import Call
 from hingepair.engine.results import writable_arrays
 from hingepair.equations.spatial import Vector
 from hingepair.errors import ArgumentError
-from hingepair.numeric.arrays import FloatArray, one_constant, vectors
+from hingepair.numeric.arrays import FloatArray, is_zero, one_constant, vectors
 from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
@@ -352,4 +352,4 @@ def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return a force or a torque as an array of shape (..., 3); for the number 0, return zeros of shape (3,). Raise
     ShapeError, which names the argument `name`, for another shape.
     """
-    return _ZERO_LOAD_ARRAY if isinstance(value, int | float) and value == 0 else vectors(name, value, 3)
+    return _ZERO_LOAD_ARRAY if is_zero(value) else vectors(name, value, 3)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.calls import Out
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, one_constant, vectors
+from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, is_zero, one_constant, vectors
 from hingepair.numeric.blocks import components_of, numbers
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
@@ -544,6 +544,6 @@ def _spatial_load(name: str, value: ArrayLike) -> Any:
         return kinematics.read_component(name, value)
     if name.startswith("torque"):
         return 0.0, 0.0, kinematics.read_component(name, value)
-    if isinstance(value, int | float) and value == 0:
+    if is_zero(value):
         return 0.0, 0.0, 0.0
     return *components_of(vectors(name, value, 2)), 0.0

@@ -140,7 +140,7 @@ def angular_velocity_from_samples(
     >>> hp.angular_velocity_from_samples(t, hp.rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
     array([0., 0., 2.])
     """
-    if isinstance(order, bool) or order not in ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY:
+    if not isinstance(order, int | np.integer) or order not in ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY:
         raise ArgumentError(
             "order", f"one of {', '.join(map(str, ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY))}", quoted(order)
         )

@@ -291,13 +291,16 @@ def project_to_rotation(M: ArrayLike) -> FloatArray:
     finite = np.isfinite(work).all(axis=(-2, -1))
     work[~finite] = np.eye(3)
     size = np.abs(work).max(axis=(-2, -1), keepdims=True, initial=0.0)
-    left, singular, right = np.linalg.svd(work / np.where(size > 0, size, 1.0))
-    S = left @ right
-    bad = (singular[..., 2] <= 1e-14 * singular[..., 0]) | (np.linalg.det(S) < 0)
-    if np.any(bad):
-        raise RotationError("M", "matrices with a positive determinant", f"{int(np.sum(bad))} of {bad.size} without")
-    S = _refine_nearest_rotation(S, work / np.where(size > 0, size, 1.0))
-    S = 0.5 * (S @ (3 * np.eye(3) - np.swapaxes(S, -1, -2) @ S))
+    with np.errstate(all="ignore"):  # tiny entries underflow
+        scaled = work / np.where(size > 0, size, 1.0)
+        left, singular, right = np.linalg.svd(scaled)
+        S = left @ right
+        bad = (singular[..., 2] <= 1e-14 * singular[..., 0]) | (np.linalg.det(S) < 0)
+        if np.any(bad):
+            got = f"{int(np.sum(bad))} of {bad.size} without"
+            raise RotationError("M", "matrices with a positive determinant", got)
+        S = _refine_nearest_rotation(S, scaled)
+        S = 0.5 * (S @ (3 * np.eye(3) - np.swapaxes(S, -1, -2) @ S))
     S[~finite] = np.nan
     nearest: FloatArray = S.astype(result_dtype((matrix,)), copy=False)
     return nearest

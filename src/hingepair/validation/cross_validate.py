@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.arguments import Coordinates
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
@@ -66,7 +67,7 @@ def cross_validate(
     """Compare the outputs that hingepair computes for a pair or a robot at the states q, qd, qdd with the outputs
     that Pinocchio computes. Return a report that says whether they agree: a CrossValidation for a pair, a
     RobotValidation for a robot. `sequence` is the Euler sequence of a pair's coordinates; `frames`, `base_motion` and
-    `gravity` are for robots only; for a pair, they are ignored.
+    `gravity` are for robots only.
 
     The two computations share no code. Pinocchio also computes the attitude and the angular velocity of body 1 from
     the Euler angles, with a chain of three revolute joints in the order of the Euler sequence.
@@ -90,7 +91,7 @@ def cross_validate(
             array for each joint's name.
         qd: first time derivatives of q, in the same form as q.
         qdd: second time derivatives of q, in the same form as q.
-        sequence: Euler sequence of body 1 of a pair; "XYZ" unless given. Not used for planar pairs and robots.
+        sequence: Euler sequence of body 1 of a `HingePair`; "XYZ" unless given.
         frames: for a robot, names of the links, joints or other frames whose motion and Jacobians are compared. By
             default, the motion of all links and the Jacobians of all links without children are compared.
         base_motion: for a robot, BodyMotion of its base; by default the base rests at the origin.
@@ -113,7 +114,8 @@ def cross_validate(
         - `.samples`: number of compared samples.
 
     Raises:
-        ArgumentError: an argument cannot be used by `forward_kinematics` of the pair or robot.
+        ArgumentError: an argument cannot be used by `forward_kinematics` of the pair or robot, or has no meaning for
+            it, such as `gravity` for a pair.
         MissingDependencyError: Pinocchio is not installed.
 
     >>> import numpy as np
@@ -122,6 +124,14 @@ def cross_validate(
     >>> hp.cross_validate(pair, np.linspace(0, 3, 70).reshape(10, 7)).ok
     True
     """
+    is_robot = isinstance(pair, Mechanism)
+    if (is_robot or isinstance(pair, PlanarPair)) and sequence != "XYZ":
+        raise ArgumentError("sequence", "nothing, since there are no Euler angles", quoted(sequence))
+    given_gravity = None if gravity is DEFAULT_GRAVITY_VECTOR else gravity
+    of_robots: dict[str, Any] = {"frames": frames, "base_motion": base_motion, "gravity": given_gravity}
+    for name, value in of_robots.items():
+        if value is not None and not is_robot:
+            raise ArgumentError(name, "nothing, since it is for robots", quoted(value))
     if isinstance(pair, Mechanism):
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
         return cross_validate_robot(pair, coordinates, frames, base_motion, gravity)
