@@ -12,6 +12,7 @@ import typer
 
 from hingepair import __version__
 from hingepair.cli.bench import bench_app
+from hingepair.cli.cache import cache_command
 from hingepair.cli.derive import derive_command
 from hingepair.cli.examples import examples_command
 from hingepair.cli.fit import fit_command
@@ -52,6 +53,7 @@ COMMAND_FUNCTION_BY_NAME: dict[str, Callable[..., None]] = {
     "sweep": sweep_command,
     "examples": examples_command,
     "fit": fit_command,
+    "cache": cache_command,
 }
 """The commands by the names that users type, in the order of --help."""
 
