@@ -6,10 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from hingepair.bench import dynamics as bench
-from hingepair.cli.main import app
+from support.commands import run_command
 
 PAIR = bench.make_pair_with_masses()
 
@@ -51,9 +50,7 @@ def test_the_textbook_is_newton_and_euler():
 @pytest.mark.slow
 def test_the_command_reports_a_simulation(monkeypatch):
     monkeypatch.setattr(bench, "_TUMBLING_SIMULATION_INSTANTS_SECONDS", np.linspace(0, 0.1, 3))
-    done = CliRunner().invoke(app, ["bench", "dynamics", "--samples", "10", "--repeats", "1", "--json"])
-    assert done.exit_code == 0, done.output
-    report = json.loads(done.stdout)
+    report = json.loads(run_command("bench", "dynamics", "--samples", 10, "--repeats", 1, "--json").stdout)
     assert {bench.TUMBLING_SIMULATION_CASE_NAME, bench.case_name(bench.INVERSE_WORKLOAD, 1)} < {
         row["case"] for row in report["rows"]
     }

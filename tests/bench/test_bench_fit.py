@@ -7,10 +7,9 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from hingepair.bench import fit as bench
-from hingepair.cli.main import app
+from support.commands import run_command
 
 
 @pytest.mark.parametrize("method", [bench.fit_by_hingepair, bench.fit_by_constraints, bench.fit_by_equations])
@@ -34,9 +33,7 @@ def test_theerror_of_column_sees_anerror_of():
 
 @pytest.mark.slow
 def test_the_command_prints_rows():
-    done = CliRunner().invoke(app, ["bench", "fit", "--sizes", "50", "--repeats", "1", "--json"])
-    assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
+    told = json.loads(run_command("bench", "fit", "--sizes", 50, "--repeats", 1, "--json").stdout)
     assert {row["method"] for row in told["rows"]} == {
         bench.HINGEPAIR_FIT_NAME,
         bench.CONSTRAINTS_FIT_NAME,

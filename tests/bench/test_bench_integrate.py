@@ -9,11 +9,10 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from hingepair.bench import integrate
 from hingepair.bench.integrate import ROTATION_CASES
-from hingepair.cli.main import app
+from support.commands import run_command
 from support.spins import REFERENCE
 
 
@@ -59,12 +58,11 @@ def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     monkeypatch.setattr(integrate, "_SCIPY_SOLVER_NAMES", ("LSODA",))
     monkeypatch.setattr(integrate, "_SCIPY_TOLERANCES", (1e-2, 1e-4))
     picture = tmp_path / "i.png"
-    options = ["bench", "integrate", "--repeats", "1", "--steps", "3000"]
-    done = CliRunner().invoke(app, [*options, "--plot", str(picture)])
-    assert done.exit_code == 0, done.output
-    assert all(name in done.stdout for name in (*methods, "SciPy LSODA"))
+    options = ("bench", "integrate", "--repeats", 1, "--steps", 3000)
+    shown = run_command(*options, "--plot", picture).stdout
+    assert all(name in shown for name in (*methods, "SciPy LSODA"))
     assert picture.read_bytes().startswith(b"\x89PNG")
-    found = json.loads(CliRunner().invoke(app, [*options, "--json"]).stdout, parse_constant=pytest.fail)
+    found = json.loads(run_command(*options, "--json").stdout, parse_constant=pytest.fail)
     assert len([row for row in found["rows"] if row["case"] == "turned"]) == 2 * 3
     orders = {row["method"]: row["extra_columns"].get("order") for row in found["rows"] if row["case"] == "turned"}
     assert round(orders["magnus6, 1000 steps"]) == 6

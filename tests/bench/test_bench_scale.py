@@ -8,10 +8,9 @@ from typing import Final
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from hingepair.bench import scale as bench
-from hingepair.cli.main import app
+from support.commands import run_command
 
 MAX_MEGABYTES: Final = 600
 """Of a process that reduces chunks of 500,000 samples on two threads, with its libraries."""
@@ -21,10 +20,8 @@ pytest.importorskip("dask", reason="the extra dask is not installed")
 
 @pytest.mark.slow
 def test_the_command_prints_rows():
-    words = ["bench", "scale", "--samples", "2000", "--long", "600000", "--repeats", "1", "--json"]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
-    rows = json.loads(done.stdout)["rows"]
+    options = ("--samples", 2000, "--long", 600_000, "--repeats", 1, "--json")
+    rows = json.loads(run_command("bench", "scale", *options).stdout)["rows"]
     cases = [row["case"] for row in rows]
     assert len(set(cases)) == 5
     timed = [row for row in rows if row["case"] in {"velocity", "forward dynamics of panda"}]

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app, main
 from hingepair.sweeps.sweep import load_sweep
+from support.commands import refusal, run_command
 
 ROOT = Path(__file__).parents[2]
 MODELS = ROOT / "models"
@@ -18,21 +16,11 @@ NAMES = sorted(path.relative_to(MODELS).with_suffix("").as_posix() for path in M
 
 
 def examples(*arguments: object) -> str:
-    done = CliRunner().invoke(app, ["examples", *map(str, arguments)])
-    assert done.exit_code == 0, done.output
-    return done.stdout
+    return run_command("examples", *arguments).stdout
 
 
 def copied(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-
-
-def refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: object) -> str:
-    monkeypatch.setattr(sys, "argv", ["hingepair", "examples", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert caught.value.code == 2
-    return capsys.readouterr().err
 
 
 def test_every_scene_and_sweep_is_listed_with_a_title() -> None:
@@ -76,23 +64,23 @@ def test_an_example_goes_to_the_working_directory_unless_told(tmp_path: Path, mo
     assert copied(tmp_path) == {"logged_arm.toml", "logged_arm.csv"}
 
 
-def test_nothing_is_overwritten(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
     log = tmp_path / "logged_arm.csv"
     log.write_text("mine")
-    message = refused(capsys, monkeypatch, "logged_arm", tmp_path)
-    expected = "DIRECTORY: expected a directory without files of these names, since nothing is overwritten"
-    assert message == f"hingepair: {expected}, got {log}\n"
+    message = refusal("examples", "logged_arm", tmp_path)
+    assert message.startswith("DIRECTORY: ")
+    assert message.endswith(f"got {log}")
     assert log.read_text() == "mine"
     assert copied(tmp_path) == {"logged_arm.csv"}
 
 
-def test_a_wrong_name_or_directory_is_an_error_that_says_what_to_do(tmp_path: Path, capsys, monkeypatch) -> None:
-    message = refused(capsys, monkeypatch, "landing_gaer", tmp_path)
+def test_a_wrong_name_or_directory_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
+    message = refusal("examples", "landing_gaer", tmp_path)
     assert "NAME: expected one of all, excavator, " in message
     assert "(nearest: landing_gear), got 'landing_gaer'" in message
     (tmp_path / "file").touch()
-    message = refused(capsys, monkeypatch, "excavator", tmp_path / "file" / "folder")
-    assert message.startswith("hingepair: DIRECTORY: expected a directory that can be written, got ")
+    message = refusal("examples", "excavator", tmp_path / "file" / "folder")
+    assert message.startswith("DIRECTORY: ")
 
 
 @pytest.mark.parametrize(
@@ -109,30 +97,17 @@ def test_a_wrong_name_or_directory_is_an_error_that_says_what_to_do(tmp_path: Pa
     ],
 )
 def test_a_file_that_is_not_there_leads_to_the_examples(
-    words: tuple[str, ...],
-    hint: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...], hint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["hingepair", *words])
-    with pytest.raises(SystemExit):
-        main()
-    (message,) = capsys.readouterr().err.splitlines()
-    assert message.startswith("hingepair: ")
+    message = refusal(*words)
     assert "path_or_text" not in message
     assert message.rpartition("; ")[2].startswith(hint)
 
 
-def test_other_errors_have_no_hint_at_the_examples(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_errors_have_no_hint_at_the_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file that is there, a name that is nobody's, and an option whose file is not there yet."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "talos_elbow.toml").write_text("nonsense")
     for words in (("run", "talos_elbow.toml"), ("run", "nobody"), ("fit", "mine.csv", "--scene", "talos_elbow.txt")):
-        monkeypatch.setattr(sys, "argv", ["hingepair", *words])
-        with pytest.raises(SystemExit):
-            main()
-        assert "hingepair examples" not in capsys.readouterr().err
+        assert "hingepair examples" not in refusal(*words)

@@ -7,14 +7,21 @@ import re
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
 from hingepair.pair.results import Record
+from support.commands import refusal, run_command
 from support.recorded import HOME, recording
 
 NOISE = re.compile(r"smoothed: noise of (0\.001|0\.0009\d) m of position, (0\.002|0\.0019) rad of attitude")
+
+
+def fit(*arguments, code=0):
+    return run_command("fit", *arguments, code=code).stdout
+
+
+def refused(*arguments):
+    return refusal("fit", *arguments)
 
 
 def saved(path, made):
@@ -25,13 +32,11 @@ def saved(path, made):
 def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     file, out, plot = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.png"
-    done = CliRunner().invoke(app, ["fit", file, "--out", str(out), "--plot", str(plot)])
-    assert done.exit_code == 0, done.output
-    assert "u1 = (" in done.output
+    assert "u1 = (" in fit(file, "--out", out, "--plot", plot)
     psi = np.genfromtxt(out, delimiter=",", names=True)["psi"]
     assert np.ptp(psi - made.psi) < 0.05  # home is another than that of the recording
     assert plot.read_bytes().startswith(b"\x89PNG")
-    told = json.loads(CliRunner().invoke(app, ["fit", file, "--json", "--loss", "cauchy"]).output)
+    told = json.loads(fit(file, "--json", "--loss", "cauchy"))
     assert told["ok"] is True
     assert told["loss"] == "cauchy"
 
@@ -39,26 +44,19 @@ def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
 @pytest.mark.slow
 def test_what_shows_no_hinge_has_exit_code_1(tmp_path):
     fixed = saved(tmp_path / "fixed.csv", recording(300, Q=HOME))
-    done = CliRunner().invoke(app, ["fit", fixed])
-    assert done.exit_code == 1
-    assert "a fixed pair" in done.output
-    assert json.loads(CliRunner().invoke(app, ["fit", fixed, "--json"]).output)["ok"] is False
+    assert "a fixed pair" in fit(fixed, code=1)
+    assert json.loads(fit(fixed, "--json", code=1))["ok"] is False
     slides = recording(300, slip=0.1 * np.sin(recording(300).t)[:, None] * (1, 2, -0.5))
-    done = CliRunner().invoke(app, ["fit", saved(tmp_path / "slides.csv", slides)])
-    assert done.exit_code == 1
-    assert "slides along the axis" in done.output
+    assert "slides along the axis" in fit(saved(tmp_path / "slides.csv", slides), code=1)
 
 
 @pytest.mark.slow
 def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     scene = tmp_path / "fitted.toml"
-    done = CliRunner().invoke(
-        app, ["fit", saved(tmp_path / "a.npz", made), "--scene", str(scene), "--clock-offset", "0"]
-    )
-    assert done.exit_code == 0, done.output
-    assert "clock offset: 0 ms (given)\n" in done.output
-    assert f"written: {scene}" in done.output
+    shown = fit(saved(tmp_path / "a.npz", made), "--scene", scene, "--clock-offset", 0)
+    assert "clock offset: 0 ms (given)\n" in shown
+    assert f"written: {scene}" in shown
     loaded = hp.load_scene(scene)
     assert any(NOISE.search(note) for note in loaded.motion.notes)
     result = loaded.evaluate(outputs=("R2", "S2", "v2", "alpha2"))
@@ -68,24 +66,16 @@ def test_a_scene_of_the_fitted_pair_moves_as_recorded(tmp_path):
     assert np.sqrt(np.mean((result.R2 - exact.R2)[inside] ** 2)) < 1e-3
     slopes = np.gradient(exact.R2, exact.t, axis=0)
     assert np.sqrt(np.mean((result.v2 - slopes)[inside] ** 2)) < 0.05
-    checked = CliRunner().invoke(app, ["check", str(scene), "--json"])
-    assert checked.exit_code == 0, checked.output
-    assert any("smoothed: noise of" in note for note in json.loads(checked.output)["notes"])
+    checked = json.loads(run_command("check", scene, "--json").stdout)
+    assert any("smoothed: noise of" in note for note in checked["notes"])
 
 
 @pytest.mark.slow
 def test_a_known_clock_offset_is_printed_and_a_scene_needs_instants(tmp_path):
     made = recording(300, 1e-3, 2e-3)
-    done = CliRunner().invoke(app, ["fit", saved(tmp_path / "a.npz", made)])
-    assert "clock offset: " in done.output
-    bad = CliRunner().invoke(app, ["fit", saved(tmp_path / "a.npz", made), "--scene", "x.json"])
-    assert isinstance(bad.exception, hp.ArgumentError) or bad.exit_code == 2
-
-
-def invoke(*arguments):
-    done = CliRunner().invoke(app, ["fit", *map(str, arguments)])
-    assert done.exit_code in (0, 1), done.output
-    return done
+    file = saved(tmp_path / "a.npz", made)
+    assert "clock offset: " in fit(file)
+    assert refused(file, "--scene", "x.json").startswith("--scene: ")
 
 
 def saved_columns(path, made, **columns):
@@ -98,14 +88,13 @@ def test_an_encoder_is_a_column_of_the_file(tmp_path):
     made = recording(600, 1e-3, 1e-2)
     reading = np.degrees(0.4 - made.psi + 1e-3 * np.random.default_rng(1).standard_normal(600))
     file = saved_columns(tmp_path / "a.npz", made, R2=made.R2, S2=made.S2, enc=reading)
-    told = json.loads(invoke(file, "--encoder", "enc", "--clock-offset", 0, "--json").output)
+    told = json.loads(fit(file, "--encoder", "enc", "--clock-offset", 0, "--json"))
     assert told["ok"] is True
     assert abs(told["encoder"]["scale"]) == pytest.approx(np.pi / 180, abs=4 * told["encoder"]["std"]["scale"])
     assert 0 < told["encoder"]["noise"] < 3e-3  # poorly known beside attitudes that are ten times as rough
-    assert "* encoder, whose noise is" in invoke(file, "--encoder", "enc").output
+    assert "* encoder, whose noise is" in fit(file, "--encoder", "enc")
     scene, out = tmp_path / "fitted.toml", tmp_path / "psi.csv"
-    done = invoke(file, "--encoder", "enc", "--clock-offset", 0, "--scene", scene, "--out", out)
-    assert done.exit_code == 0, done.output
+    fit(file, "--encoder", "enc", "--clock-offset", 0, "--scene", scene, "--out", out)
     psi = np.genfromtxt(out, delimiter=",", names=True)["psi"]
     turned = psi - np.sign(np.polyfit(made.psi, psi, 1)[0]) * made.psi
     assert np.std(turned) < 2e-3  # the attitudes alone leave 14
@@ -118,9 +107,8 @@ def test_a_point_is_fitted_reported_and_moved_in_a_scene(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     file = saved_columns(tmp_path / "a.npz", made, R2=made.R2)
     scene, out, report = (tmp_path / name for name in ("fitted.toml", "psi.csv", "fit.md"))
-    done = invoke(file, "--scene", scene, "--out", out, "--report", report)
-    assert done.exit_code == 0, done.output
-    assert "body 2 is a point" in done.output
+    done = fit(file, "--scene", scene, "--out", out, "--report", report)
+    assert "body 2 is a point" in done
     assert "tilt" not in np.genfromtxt(out, delimiter=",", names=True).dtype.names
     assert "tilt" not in report.read_text()
     result = hp.load_scene(scene).evaluate(outputs=("R2",))
@@ -153,12 +141,6 @@ def test_a_file_to_write_that_is_read_or_written_twice_is_named_by_its_option(tm
     assert {path.name for path in tmp_path.iterdir()} == {"poses.csv", "poses.md"}
 
 
-def refused(*arguments):
-    with pytest.raises(hp.ArgumentError) as caught:
-        CliRunner().invoke(app, ["fit", *map(str, arguments)], catch_exceptions=False)
-    return str(caught.value)
-
-
 def test_columns_that_are_missing_are_named(tmp_path):
     made = recording(50, 1e-3, 2e-3)
     file = saved_columns(tmp_path / "a.npz", made, R2=made.R2, S2=made.S2, angle=made.psi)
@@ -176,8 +158,8 @@ def test_the_report_says_what_was_found_and_what_to_do(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     file, report, plot = saved(tmp_path / "a.npz", made), tmp_path / "out" / "fit.md", tmp_path / "fit.png"
     report.parent.mkdir()
-    done = invoke(file, "--report", report, "--plot", plot)
-    assert f"written: {report}" in done.output
+    done = fit(file, "--report", report, "--plot", plot)
+    assert f"written: {report}" in done
     text = report.read_text()
     found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2), t=made.t)
     assert "**ok**" in text
@@ -201,13 +183,13 @@ def test_the_report_says_what_was_found_and_what_to_do(tmp_path):
 def test_a_report_on_what_is_no_hinge_says_so(tmp_path):
     report = tmp_path / "fit.md"
     slides = recording(300, slip=0.1 * np.sin(recording(300).t)[:, None] * (1, 2, -0.5))
-    assert invoke(saved(tmp_path / "slides.csv", slides), "--report", report).exit_code == 1
+    assert fit(saved(tmp_path / "slides.csv", slides), "--report", report, code=1)
     text = report.read_text()
     assert "**Not reliable.**" in text
     assert text.index("slides along the axis") < text.index("Do not use these numbers")
     assert "**ok**" not in text
     assert "HingePair(" not in text
-    assert invoke(saved(tmp_path / "fixed.csv", recording(300, Q=HOME)), "--report", report).exit_code == 1
+    assert fit(saved(tmp_path / "fixed.csv", recording(300, Q=HOME)), "--report", report, code=1)
     assert "**No hinge.**" in report.read_text()
     assert "a fixed pair" in report.read_text()
 
@@ -217,7 +199,6 @@ def test_a_scene_of_a_recording_with_missing_samples_moves(tmp_path):
     made = recording(600, 1e-3, 2e-3)
     made.R2[200:203] = np.nan
     scene = tmp_path / "fitted.toml"
-    done = invoke(saved(tmp_path / "a.npz", made), "--scene", scene, "--clock-offset", 0)
-    assert done.exit_code == 0, done.output
+    fit(saved(tmp_path / "a.npz", made), "--scene", scene, "--clock-offset", 0)
     result = hp.load_scene(scene).evaluate(outputs=("R2",))
     assert np.nanmax(np.abs(result.R2 - recording(600).R2)) < 0.02

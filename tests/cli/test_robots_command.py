@@ -7,18 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app, main
+from support.commands import run_command
 
 MODELS = Path(__file__).parents[2] / "models"
 
 
 def robots(*arguments: object) -> str:
-    done = CliRunner().invoke(app, ["robots", *map(str, arguments)])
-    assert done.exit_code == 0, done.output
-    return done.stdout
+    return run_command("robots", *arguments).stdout
 
 
 def joints_of(name: object) -> dict[str, dict[str, object]]:
@@ -142,13 +139,3 @@ def test_hinges_of_what_is_no_whole_robot_are_listed(tmp_path: Path) -> None:
         "prismatic, fixed, got 'planar'"
     ]
     assert "q has" not in robots(path)
-
-
-def test_an_unknown_robot_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("sys.argv", ["hingepair", "robots", "ur5"])
-    monkeypatch.setattr("hingepair.cli.main.set_up_process", lambda: None)
-    with pytest.raises(SystemExit) as done:
-        main()
-    assert done.value.code == 2
-    assert "hingepair: NAME: expected one of the " in (said := capsys.readouterr().err)
-    assert "ur5_robot" in said

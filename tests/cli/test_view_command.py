@@ -5,19 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
 from hingepair.formats.robots import robot_urdf
+from support.commands import refusal, run_command
 
 MODELS = Path(__file__).parents[2] / "models"
 
 
 def view(*arguments: object) -> str:
-    done = CliRunner().invoke(app, ["view", *map(str, arguments)])
-    assert done.exception is None or isinstance(done.exception, hp.HingePairError), done.exception
-    return done.output + str(done.exception or "")
+    return run_command("view", *arguments).stdout
 
 
 def test_a_robot_is_viewed_by_its_name_or_its_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -25,7 +22,7 @@ def test_a_robot_is_viewed_by_its_name_or_its_urdf(tmp_path: Path, monkeypatch: 
     assert view("panda") == "written: panda.html (8 joints; open it in a browser)\n"
     page = (tmp_path / "panda.html").read_text()
     assert page == hp.view(hp.load_robot("panda")).html
-    assert "expected a file name, since panda.html exists" in view("panda")
+    assert "panda.html exists" in refusal("view", "panda")
     assert view(robot_urdf("panda"), "-o", "file.html").startswith("written: file.html (8 joints;")
     assert (tmp_path / "file.html").read_text() == page
     assert "(1 joint;" in view(MODELS / "talos_elbow.urdf")
@@ -40,11 +37,11 @@ def test_a_hinge_of_a_robot_is_viewed_as_a_pair(tmp_path: Path, monkeypatch: pyt
 
 def test_what_is_no_robot_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert "nobody: expected a file, or one of the 69 robots of example-robot-data" in view("nobody")
-    assert "--body1-frame and --body2-frame: expected a JOINT" in view("panda", "--body1-frame", "panda_hand")
+    assert refusal("view", "nobody").startswith("nobody: ")
+    assert "--body1-frame" in refusal("view", "panda", "--body1-frame", "panda_hand")
     urdf = tmp_path / "robot.html.urdf"
     urdf.write_text('<robot name="x"><link name="a"/></robot>')
-    assert "expected a file name that ends in .html" in view(urdf, "-o", urdf)
+    assert ".html" in refusal("view", urdf, "-o", urdf)
     assert not list(tmp_path.glob("*.html"))
 
 

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
 from hingepair.integration import interpolation_error, solve
+from support.commands import run_command
 from support.sparse import sparse
 from support.spins import U
 from support.states import generator
@@ -279,4 +278,4 @@ def test_run_shows_what_a_gap_in_a_log_costs(tmp_path):
         off = np.linalg.norm(hp.rotation_log(np.swapaxes(S, -1, -2) @ motion.source.body1.S), axis=-1).max()
         check(motion.error_estimate, max(off, np.abs(motion.source.hinge[0] - kept[:, 5]).max()), factor=2)
         assert off > 1e-8
-    assert f"error about {motion.error_estimate:.1g} rad" in CliRunner().invoke(app, ["run", str(scene)]).stdout
+    assert f"error about {motion.error_estimate:.1g} rad" in run_command("run", scene).stdout

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
+from support.commands import refusal, run_command
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -215,14 +214,12 @@ def test_curves_go_on_from_piece_to_piece(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_command_writes_a_picture_that_is_not_blank(tmp_path):
-    scene, out = str(MODELS / "talos_elbow.toml"), tmp_path / "a.png"
-    done = CliRunner().invoke(app, ["plot", scene, "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    scene, out = MODELS / "talos_elbow.toml", tmp_path / "a.png"
+    run_command("plot", scene, "--out", out)
     from matplotlib.image import imread
 
     assert imread(out).std() > 0.05
-    refused = CliRunner().invoke(app, ["plot", scene, "--out", str(tmp_path / "a.doc")])
-    assert "ends in .png, .svg, .pdf" in str(refused.exception)
+    assert ".png, .svg, .pdf" in refusal("plot", scene, "--out", tmp_path / "a.doc")
 
 
 def test_some_outputs_alone():
@@ -263,11 +260,10 @@ def test_pictures_are_named_as_their_scene(tmp_path, monkeypatch):
     text = (MODELS / "reference_2d.toml").read_text().replace('name = "reference_2d"', "")
     Path("two links.toml").write_text(text)
     for command in ("plot", "view"):
-        done = CliRunner().invoke(app, [command, "two links.toml"])
-        assert done.exit_code == 0, done.output
+        run_command(command, "two links.toml")
     Path("few").mkdir()
     monkeypatch.chdir("few")
-    assert CliRunner().invoke(app, ["plot", "../two links.toml", "--outputs", "R2,psid"]).exit_code == 0
+    run_command("plot", "../two links.toml", "--outputs", "R2,psid")
     assert sorted(map(str, tmp_path.rglob("*.*"))) == sorted(
         str(tmp_path / name) for name in ("two links.toml", "two links.png", "two links.html", "few/two links.png")
     )
@@ -279,7 +275,7 @@ def test_a_file_that_nobody_named_is_not_overwritten(tmp_path, monkeypatch):
     for command, scene, ending in (("plot", "reference_2d", "png"), ("view", "landing_gear", "html")):
         name = f"{scene}.{ending}"
         Path(name).write_text("mine")
-        done = CliRunner().invoke(app, [command, str(MODELS / f"{scene}.toml")])
-        assert done.exit_code != 0
-        assert f"--out: expected a file name, since {name} exists (--out {name} overwrites it)" in str(done.exception)
+        message = refusal(command, MODELS / f"{scene}.toml")
+        assert message.startswith("--out: ")
+        assert f"(--out {name} overwrites it)" in message
         assert Path(name).read_text() == "mine"

@@ -11,12 +11,11 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
 from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.jets import time_symbol
+from support.commands import run_command
 from support.spins import U
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -221,14 +220,14 @@ def _with_velocity(row, speed):
 @pytest.mark.slow
 def test_run_says_how_far_the_integration_is_off(tmp_path):
     scene_of(tmp_path, LOGGED, LOG)
-    path = str(tmp_path / "my.toml")
-    found = json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)
+    path = tmp_path / "my.toml"
+    found = json.loads(run_command("run", path, "--json").stdout)
     assert 0 < found["error_estimate"] < 1e-12
-    assert "integrated by magnus6, error about" in CliRunner().invoke(app, ["run", path]).stdout
+    assert "integrated by magnus6, error about" in run_command("run", path).stdout
     scene_of(tmp_path, LOGGED, "\n".join(LOG.splitlines()[:3]) + "\n")
-    assert "error unknown" in CliRunner().invoke(app, ["run", path]).stdout
-    assert json.loads(CliRunner().invoke(app, ["run", path, "--json"]).stdout)["error_estimate"] is None
-    assert CliRunner().invoke(app, ["check", path]).exit_code == 0
+    assert "error unknown" in run_command("run", path).stdout
+    assert json.loads(run_command("run", path, "--json").stdout)["error_estimate"] is None
+    run_command("check", path)
 
 
 @pytest.mark.parametrize(

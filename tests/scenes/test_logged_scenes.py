@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
 from hingepair.numeric.finite_differences import differentiate
+from support.commands import run_command
 from support.sampled import BODY, EULER, RATES, SECOND, logged, moving, scene_of, some
 from support.states import generator
 
@@ -296,14 +295,13 @@ def test_given_derivatives_are_kept(tmp_path):
 
 def test_commands_work_on_a_pose_only_log(tmp_path):
     scene_of(tmp_path, some(logged(30), *BODY))
-    scene = str(tmp_path / "my.toml")
-    found = json.loads(CliRunner().invoke(app, ["run", scene, "--json"]).stdout)
+    scene = tmp_path / "my.toml"
+    found = json.loads(run_command("run", scene, "--json").stdout)
     assert found["residuals"].keys() == {"E1"}
     assert found["sequence"] is None
-    assert "attitude as quaternions" in CliRunner().invoke(app, ["run", scene, "--explain"]).stdout
-    done = CliRunner().invoke(app, ["check", scene, "--json"])
-    assert done.exit_code == 0
-    assert [row["output"] for row in json.loads(done.stdout)["rows"]] == ["R2", "S2", "d"]
+    assert "attitude as quaternions" in run_command("run", scene, "--explain").stdout
+    checked = json.loads(run_command("check", scene, "--json").stdout)
+    assert [row["output"] for row in checked["rows"]] == ["R2", "S2", "d"]
 
 
 @pytest.mark.slow
@@ -312,7 +310,7 @@ def test_what_finite_differences_miss_is_not_said_to_be_nothing(tmp_path):
     assert np.isnan(scene.motion.error_estimate)
     names = "v1, a1, omega1, alpha1, psid, psidd"
     assert scene.notes() == (f"{names} were found by finite differences; how far off is not known",)
-    found = json.loads(CliRunner().invoke(app, ["run", str(tmp_path / "my.toml"), "--json"]).stdout)
+    found = json.loads(run_command("run", tmp_path / "my.toml", "--json").stdout)
     assert found["error_estimate"] is None
     stated = scene_of(tmp_path, moving(), "differentiate = true\n")
     assert (stated.motion.error_estimate, stated.notes()) == (0.0, ())
@@ -405,7 +403,7 @@ def test_doubtful_units_of_a_log_are_said_in_a_line(tmp_path):
     columns |= {name: np.zeros(40) for name in (*RATES, *SECOND)}
     scene_of(tmp_path, columns, "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n")
     for command in ("run", "check", "forces"):
-        shown = CliRunner().invoke(app, [command, str(tmp_path / "my.toml")]).stdout
+        shown = run_command(command, tmp_path / "my.toml").stdout
         assert all(f"note: {sentence}\n" in shown for sentence in said), command
 
 
@@ -414,7 +412,7 @@ def test_instants_since_1970_can_be_told_apart(tmp_path):
     (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + rows)
     pair = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 1, 0]\nn = [0, 0, 1]\nlimits = [0, 0.5]\n"
     (tmp_path / "late.toml").write_text(f'{pair}[motion]\nfile = "log.csv"\n')
-    shown = CliRunner().invoke(app, ["run", str(tmp_path / "late.toml")]).output
+    shown = run_command("run", tmp_path / "late.toml").stdout
     for text in (
         "t = 1763746391.0 ",
         "t = 1763746391.25 ",

@@ -18,6 +18,7 @@ import hingepair as hp
 from hingepair.cli.summary import RunSummary
 from hingepair.formats.recordings import read_recording
 from hingepair.scenes.instants import UniformInstants
+from support.commands import refusal, run_command
 from support.sparse import sparse
 from support.work import HANG
 
@@ -233,14 +234,9 @@ def test_poses_as_quaternions_are_a_recording_that_fit_reads(tmp_path):
 
 @pytest.mark.slow
 def test_run_shows_and_a_scene_names_coordinates(tmp_path):
-    from typer.testing import CliRunner
-
-    from hingepair.cli.main import app
-
     path = long_scene(tmp_path, 11)
     path.write_text(path.read_text() + '\n[outputs]\nnames = ["psi", "qd"]\n')
-    shown = CliRunner().invoke(app, ["run", str(path)]).output
+    shown = run_command("run", path).stdout
     assert re.search(r"psi +rad +0 +50 +100", shown)
     assert re.search(r"phid_z +rad/s +5 +5 +5", shown)
-    done = CliRunner().invoke(app, ["run", str(path), "--outputs", "R9"])
-    assert "psi, psid, psidd" in str(done.exception)
+    assert "psi, psid, psidd" in refusal("run", path, "--outputs", "R9")

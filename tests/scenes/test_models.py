@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
+from support.commands import run_command
 from support.sparse import sparse
 from support.summed import summed
 
@@ -40,7 +39,7 @@ def test_the_urdf_of_the_excavator_is_fresh():
 def assert_fresh(scene, ending):
     """To the letter, and to the last bits of each number: machines differ in these (atan2, fused multiply-add)."""
     stored = scene.with_suffix(ending).read_text(encoding="utf-8")
-    fresh = CliRunner().invoke(app, [EXPORTS[ending], str(scene)]).stdout
+    fresh = run_command(EXPORTS[ending], scene).stdout
     assert NUMBER.sub("#", stored) == NUMBER.sub("#", fresh), "stale: see models/README.md"
     one, two = (np.array([float(n) for n in NUMBER.findall(text)]) for text in (stored, fresh))
     assert (np.abs(one - two) <= 8 * U * np.maximum(1, np.abs(two))).all(), "stale: see models/README.md"

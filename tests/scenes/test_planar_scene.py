@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hingepair as hp
-from hingepair.cli.main import app
+from support.commands import run_command
 from support.summed import summed
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -115,8 +114,7 @@ def test_a_wrong_planar_pair_fails_its_check(monkeypatch):
 def test_command_line(tmp_path):
     path = tmp_path / "my.toml"
     path.write_text(PLANAR_MOTION_KIND)
-    run = CliRunner().invoke(app, ["run", str(path), "--json", "-o", str(tmp_path / "out.csv")])
-    facts = json.loads(run.stdout)
+    facts = json.loads(run_command("run", path, "--json", "-o", tmp_path / "out.csv").stdout)
     assert list(facts["outputs"]) == [
         "R2_x",
         "R2_y",
@@ -136,8 +134,8 @@ def test_command_line(tmp_path):
     rows = list(csv.reader((tmp_path / "out.csv").read_text().splitlines()))
     assert rows[0] == ["t", *facts["outputs"], "x", "y", "phi"]
     assert float(rows[-1][3]) == 0.3 * 4 + np.sin(2)
-    assert "in the plane z = 0" in CliRunner().invoke(app, ["run", str(path)]).stdout
-    robot = CliRunner().invoke(app, ["urdf", str(path)]).stdout
+    assert "in the plane z = 0" in run_command("run", path).stdout
+    robot = run_command("urdf", path).stdout
     back = hp.from_urdf(robot, joint="hinge", body2_frame="body2")
     np.testing.assert_allclose(back.u2, (-0.25, 0.1, 0), rtol=0, atol=1e-16)
 

@@ -37,9 +37,8 @@ def run_command(*arguments: object, code: int = 0) -> Printed:
 
 
 def refusal(*arguments: object) -> str:
-    """Return the message of a command that refuses its input: one line, exit code 2, no output."""
+    """Return the message of a command that refuses its input: exit code 2, no output."""
     printed = run_command(*arguments, code=2)
     assert printed.stdout == ""
     assert printed.stderr.startswith("hingepair: ")
-    assert printed.stderr.count("\n") == 1, printed.stderr
     return printed.stderr.removeprefix("hingepair: ").rstrip("\n")
