@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import hingepair as hp
+from hingepair.cli.main import app
 from hingepair.scenes.scene import Scene, load_pair
 from hingepair.scenes.waypoints import WAY_POINT_PROFILE_NAMES, interpolate_way_points
 
@@ -512,6 +514,18 @@ def test_degrees_for_radians_are_noted_and_many_turns_are_not(tmp_path: Path) ->
     assert note == "psi' leaves its limits, -3 to 3 rad/s, at 21 of 21 instants, first at t = 0 s (3.14159)"
 
 
+def test_constants_stand_beside_a_log_and_alone(tmp_path: Path) -> None:
+    constants = "[motion.constants]\nlength = 0.25\n"
+    pair = '[pair]\nu1 = ["2*length", 0, 0]\nu2 = [1, 0, 0]\nn = [0, 0, 1]\n'
+    (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n0,0,0,0,0,0,0,0\n1,0,0,0,0,0,0,1\n")
+    logged = scene_of(tmp_path, pair + '[motion]\nfile = "log.csv"\n' + constants)
+    assert logged.pair.u1.tolist() == [0.5, 0, 0]
+    (tmp_path / "bare.toml").write_text(pair + constants)
+    done = CliRunner().invoke(app, ["derive", str(tmp_path / "bare.toml"), "--symbolic", "length", "--outputs", "R2"])
+    assert "length" in done.stdout
+    assert done.exit_code == 0
+
+
 def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
     """The message of a scene that is refused, the line that it shows, and what stands where its caret points."""
     with pytest.raises(hp.SceneError) as caught:
@@ -531,7 +545,7 @@ def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
         ('"1e-3 t"', "a product is written 1e-3*t", "t"),
         ('"0.2*sin t"', "a function is called as sin(t)", "t"),
         ('"0.2*sine(t)"', "nearest: sin", "sine(t)"),
-        ('"30*deg"', "(degrees are written 30*pi/180)", "deg"),
+        ('"30*deg"', "expected deg(x), got deg at column 4", "deg"),
         ('"arctan2(t, 1)"', "(atan2(y, x))", "arctan2(t, 1)"),
         ('"if(t < 1, 0, 1)"', "a choice is written where(condition, x, y)", "if(t < 1, 0, 1)"),
         ('"t^2"', "a power is written **", "^2"),

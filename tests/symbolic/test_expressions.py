@@ -38,6 +38,7 @@ MEANINGS = {
     "+t": lambda t: t,
     "pi*t + tau + e": lambda t: math.pi * t + math.tau + math.e,
     "w*t": lambda t: 1.5 * t,
+    "deg(90 - 30*t)": lambda t: np.radians(90 - 30 * t),
     "1.25e1*t": lambda t: 12.5 * t,
     "atan2(t, 1 + t)": lambda t: np.arctan2(t, 1 + t),
     "sin(t)*cos(t) + tan(t)": lambda t: np.sin(t) * np.cos(t) + np.tan(t),
@@ -91,6 +92,30 @@ def test_what_does_not_move_is_a_number() -> None:
 def test_decimal_numbers_are_exact() -> None:
     assert str(parse_expression("x", "0.1*3")) == "3/10"
     assert str(parse_expression("x", "w", {"w": 0.1})) == "1/10"
+
+
+@pytest.mark.parametrize(
+    ("text", "real"),
+    [
+        ("sqrt(t - 5)*sqrt(t - 5)", [False, False, True]),
+        ("sqrt(t - 5) - sqrt(t - 5)", [False, False, True]),
+        ("1 + 0*log(t - 1.5)", [False, True, True]),
+        ("exp(2*log(t - 1.5))", [False, True, True]),
+        ("cos(acos(t - 1))", [True, True, False]),
+        ("where(t >= 5, sqrt(t - 5)**2, 3)", [True, True, True]),
+        ("sqrt(t**2)*sqrt(4*t)", [True, True, True]),
+    ],
+)
+def test_what_cancels_is_still_nan_where_it_is_not_real(text: str, real: list[bool]) -> None:
+    ((value,),) = TimeFunctions([parse_expression("x", text)]).derivatives(np.array([0.5, 2, 6]), 0)
+    assert np.isfinite(value).tolist() == real
+
+
+@pytest.mark.parametrize(
+    "guard", ["sin(1)**2 + cos(1)**2 >= 1", "1 <= sin(1)**2 + cos(1)**2", "sqrt(2)*sqrt(3) <= sqrt(6)"]
+)
+def test_a_condition_on_equal_constants_holds(guard: str) -> None:
+    assert parse_expression("x", f"where({guard}, 1, 0)") == 1
 
 
 def test_no_real_value_is_nan_in_its_own_sample() -> None:

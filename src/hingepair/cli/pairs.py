@@ -26,8 +26,15 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.pair.results import RESULT_FILE_SUFFIXES
 from hingepair.scenes.motion import PRESCRIBED_BASE_NAME
-from hingepair.scenes.scene import Scene, load_dynamics_setup, load_mechanism, load_pair, load_scene, scene_files
-from hingepair.scenes.tables import read_tables
+from hingepair.scenes.scene import (
+    Scene,
+    describes_motion,
+    load_dynamics_setup,
+    load_mechanism,
+    load_pair,
+    load_scene,
+    scene_files,
+)
 from hingepair.urdf.reader import read_urdf
 
 if TYPE_CHECKING:
@@ -96,7 +103,7 @@ def load_named_robot(source: str) -> Mechanism | None:
     """
     if is_urdf(source):
         return Mechanism.from_urdf(source)
-    if os.path.isfile(source) and "motion" not in read_tables(source).values:
+    if os.path.isfile(source) and not describes_motion(source):
         return load_mechanism(source)
     with contextlib.suppress(MissingDependencyError):
         if not os.path.exists(source) and source in robot_names():
@@ -141,7 +148,7 @@ def load_scene_or_pair(
     same arguments: source, hinge's name, and the links whose frames are those of body 1 and body 2.
     """
     scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
-    if scene and {"motion", "dynamics"} & read_tables(source).values.keys():
+    if scene and describes_motion(source):
         return load_scene(source)
     return load_named_pair(source, joint, *frames)
 

@@ -122,7 +122,7 @@ def read_log(table: Table, folder: Path) -> Motion:
         wanted = "without differentiate = true" if not integrated else "for a log of rates"
         table.fail("unwrap", f"no such key {wanted}: it determines how angles are differentiated")
     keys = integration_keys if integrated else ("sequence", "unwrap")
-    table.check_keys(("file", "ignore", "differentiate", "integrate", "smooth", "frame", *keys))
+    table.check_keys(("file", "ignore", "differentiate", "integrate", "smooth", "frame", "constants", *keys))
     smoothed = table.flag("smooth")
     if smoothed and (integrated or completed):
         table.fail("smooth", "no such key together with differentiate or integrate: smoothing computes all rates")

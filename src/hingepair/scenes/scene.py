@@ -741,6 +741,22 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
     return read_log(motion, folder)
 
 
+def describes_motion(path: str | os.PathLike[str]) -> bool:
+    """Return whether a scene file has a motion: a table [dynamics], or a table [motion] with more than constants.
+    Raise a SceneError if the file cannot be read.
+
+    Raises:
+        SceneError: the file cannot be read.
+    """
+    tables = read_tables(path)
+    motion = tables.table("motion", required=False).values
+    return (
+        "dynamics" in tables.values
+        or bool(motion.keys() - {"constants"})
+        or {"motion", "time"} <= tables.values.keys()
+    )
+
+
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     """Return a tuple of the paths of the files that a scene is read from: the scene file, and its URDF file and log
     if any. Raise a SceneError if the scene file cannot be read.

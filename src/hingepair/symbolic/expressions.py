@@ -14,7 +14,7 @@ import math
 import operator
 import re
 import warnings
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
@@ -43,7 +43,7 @@ MAX_ABSOLUTE_EXPONENT: Final = 1_000
 MAX_EXPONENT_DENOMINATOR: Final = 10_000
 """Largest denominator of an exponent: t**0.1234 has 5000."""
 
-_KINKED_FUNCTION_BY_SIGNATURE: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
+_OWN_FUNCTION_BY_SIGNATURE: Final[Mapping[str, Callable[..., Expr]]] = MappingProxyType({
     "abs(x)": sympy.Abs,
     "sign(x)": sympy.sign,
     "min(x, y, ...)": lambda *parts: _nest_by_halves(Smaller, parts),
@@ -53,11 +53,12 @@ _KINKED_FUNCTION_BY_SIGNATURE: Final[Mapping[str, Callable[..., Expr]]] = Mappin
     "where(t < 1, x, y)": Where,
     "step(x)": lambda x: Where(x, 1, 0),
     "ramp(x)": lambda x: Larger(x, 0),
+    "deg(x)": lambda x: x * sympy.pi / 180,
 })  # fmt: skip
-"""Functions with kinks or jumps, by their call."""
+"""Functions that SymPy has not, or not as they are wanted here, by their call."""
 
 _HINT_BY_UNKNOWN_NAME: Final = MappingProxyType({
-    **dict.fromkeys(("deg", "degrees", "deg2rad", "radians", "rad"), "degrees are written 30*pi/180"),
+    **dict.fromkeys(("degrees", "deg2rad", "radians", "rad"), "degrees are written deg(30)"),
     **dict.fromkeys(("piecewise", "Piecewise", "ifelse"), "where(condition, x, y)"),
     **dict.fromkeys(("heaviside", "Heaviside"), "step(x)"),
     **{f"arc{name}": f"a{name}(x)" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
@@ -69,7 +70,7 @@ _HINT_BY_UNKNOWN_NAME: Final = MappingProxyType({
 
 FUNCTION_SIGNATURE_BY_NAME: Final = MappingProxyType(
     {name: "atan2(y, x)" if name == "atan2" else f"{name}(x)" for name in SMOOTH_FUNCTION_NAMES}
-    | {call.partition("(")[0]: call for call in _KINKED_FUNCTION_BY_SIGNATURE}
+    | {call.partition("(")[0]: call for call in _OWN_FUNCTION_BY_SIGNATURE}
 )
 """Calls of all functions, by name."""
 
@@ -94,6 +95,13 @@ _REAL_HYPERBOLIC_FUNCTION_BY_NAME: Final = {
     "cosh": cosh,
     "tanh": tanh,
 }  # used for arguments that SymPy does not know to be real
+_DOMAIN_GUARDS: Final[Mapping[type, Callable[[Expr], Expr]]] = {
+    sympy.log: lambda x: x,
+    sympy.asin: lambda x: 1 - x**2,
+    sympy.acos: lambda x: 1 - x**2,
+    sympy.atanh: lambda x: 1 - x**2,
+    sympy.acosh: lambda x: x - 1,
+}  # at least 0 where the function is real
 _EXPECTED_FINITE_NUMBER_TEXT = "a finite real number"  # in messages
 _MAX_GIVEN_CONSTANT_NAMES_IN_UNKNOWN_NAME_MESSAGE = 20  # beside the built-in ones
 _MAX_FRAGMENT_CHARACTERS_IN_MESSAGE = 40  # characters of the text in a message
@@ -341,17 +349,19 @@ class _ExpressionBuilder:
         call, count = FUNCTION_SIGNATURE_BY_NAME[name], len(node.args)
         if node.keywords or (count < 2 if call.endswith("...)") else count != call.count(",") + 1):
             self._refuse(node, call)
-        kinked_function = _KINKED_FUNCTION_BY_SIGNATURE.get(call)
+        own_function = _OWN_FUNCTION_BY_SIGNATURE.get(call)
         first = (
             _ParsedSubexpression(self._build_guard(node.args[0], depth), None)
-            if kinked_function is Where
+            if own_function is Where
             else self.build(node.args[0], depth)
         )
         parts = [first, *(self.build(argument, depth) for argument in node.args[1:])]
-        if kinked_function is not None:
-            if kinked_function is Remainder and not (parts[1].value or 0) > 0:
+        if own_function is not None:
+            if own_function is Remainder and not (parts[1].value or 0) > 0:
                 self._refuse(node, f"{call} with a period above 0 that does not depend on t")
-            return self._checked_subexpression(node, kinked_function(*(part.expr for part in parts)))
+            exprs = [part.expr for part in parts]
+            expr = own_function(*exprs)
+            return self._checked_subexpression(node, expr if own_function is Where else _keep_domains(expr, exprs))
         if name == "exp":  # SymPy turns exp(c*log(b)) into b**c
             for term in sympy.Add.make_args(parts[0].expr):
                 factor, rest = term.as_coeff_Mul()
@@ -402,7 +412,7 @@ class _ExpressionBuilder:
             value = None if None in values else operate_on_floats(*values)
         except (ArithmeticError, ValueError):
             self._refuse(node, _EXPECTED_FINITE_NUMBER_TEXT)
-        return self._checked_subexpression(node, operate_exactly(*exprs), value)
+        return self._checked_subexpression(node, _keep_domains(operate_exactly(*exprs), exprs), value)
 
     def _checked_subexpression(self, node: ast.expr, expr: Expr, value: float | None = None) -> _ParsedSubexpression:
         """Return `expr` as a _ParsedSubexpression, with its float if it has no symbols; `value` is this float if it
@@ -459,7 +469,7 @@ class _ExpressionBuilder:
             )
             return f"; a function is called as {call}"
         if match and match[2].startswith("deg"):
-            return f"; degrees are written {match[1][:_MAX_FRAGMENT_CHARACTERS_IN_MESSAGE]}*pi/180"
+            return f"; degrees are written deg({match[1][:_MAX_FRAGMENT_CHARACTERS_IN_MESSAGE]})"
         if match:
             left, right = (operand[:_MAX_FRAGMENT_CHARACTERS_IN_MESSAGE] for operand in match.groups()[:2])
             return f"; a product is written {left}*{right}"
@@ -508,6 +518,28 @@ class _ExpressionBuilder:
         if column is not None:
             error.add_note(line_with_caret(self.line, column))
         raise error from None
+
+
+def _domains(exprs: Iterable[Expr]) -> dict[Expr, Expr]:
+    """Return the parts of expressions that are real for some values of their symbols only, each by its guard: an
+    expression that is at least 0 where the part is real.
+    """
+    parts = {}
+    for part in (part for expr in exprs for part in expr.atoms(sympy.Pow, *_DOMAIN_GUARDS)):
+        x = part.args[0]
+        if x.free_symbols and not (part.is_Pow and part.exp.is_integer):
+            parts[x if part.is_Pow else _DOMAIN_GUARDS[type(part)](x)] = part
+    return parts
+
+
+def _keep_domains(result: Expr, operands: Iterable[Expr]) -> Expr:
+    """Return the result of an operation, NaN where an operand is not real: SymPy simplifies sqrt(x)*sqrt(x) to x."""
+    if lost := _domains(operands):
+        kept = _domains([result])
+        for guard, part in lost.items():
+            if guard not in kept:
+                result = Where(guard, result, part)
+    return result
 
 
 def _nest_by_halves(function: Callable[[Expr, Expr], Expr], arguments: Sequence[Expr]) -> Expr:

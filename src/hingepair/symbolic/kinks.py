@@ -30,7 +30,9 @@ def constant_value(expr: Expr) -> float:
         except OverflowError:
             return math.inf
     number = expr.evalf(30)
-    return float(number) if number.is_Float else math.nan
+    if not number.is_Float:
+        return math.nan
+    return 0.0 if number._prec == 1 else float(number)  # SymPy found no digit that differs from 0
 
 
 def _without_proofs(function: type) -> type:
