@@ -84,6 +84,20 @@ def test_the_dimension_that_matters_most_is_named(scene_path):
     assert study.shares()["u1_y"] == pytest.approx((100 / 101, 0.0), rel=1e-4)
 
 
+def test_an_instant_without_a_pose_is_left_out_and_said(scene_path):
+    whole = study_tolerances(hp.load_scene(scene_path), SAMPLES)
+    path = scene_path.with_name("gap.toml")
+    path.write_text(scene_path.read_text().replace("z = 0", 'z = "sqrt(t - 0.05)"', 1))
+    found = study_tolerances(hp.load_scene(path), SAMPLES)
+    assert len(found.t) == 30
+    np.testing.assert_array_equal(found.std, whole.std[1:])
+    assert found.shares().keys() == whole.shares().keys()
+    assert found.notes == ("1 of 31 instants have no pose and are left out",)
+    assert f"note: {found.notes[0]}" in run_command("tolerance", path).stdout
+    path.write_text(scene_path.read_text().replace("z = 0", 'z = "sqrt(t - 5)"', 1))
+    assert "motion: expected a pose at some instant" in refusal("tolerance", path)
+
+
 def test_large_tolerances_are_seen_by_the_samples_only(scene_path):
     study = study_tolerances(hp.load_scene(scene_path), SAMPLES, u1_std=0.0, axis_std=1.0)
     assert np.abs(study.sampled_std[1:] / study.std[1:] - 1).max() > 0.1  # psi is 0 at first

@@ -75,6 +75,8 @@ def tolerance_command(
     screen.print(*ruled_table(bands, 2, terminal_width(screen)), "", sep="\n")
     screen.print(*ruled_table(shares, 1, terminal_width(screen)), "", sep="\n")
     screen.print(study.verdict)
+    for note in study.notes:
+        screen.print(f"note: {note}")
     screen.print(f"written: {plot}" if plot else "nothing drawn (--plot FILE draws the bands over time)")
 
 

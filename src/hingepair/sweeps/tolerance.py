@@ -78,6 +78,7 @@ class ToleranceStudy(Frozen, Shown):
         contributions: variances that each dimension causes alone, to first order, by name of the dimension; (N, 6).
         samples: number of sampled pairs.
         tolerances: standard deviations of the geometry, by argument of `sample_pairs`.
+        notes: sentences on instants that are left out.
     """
 
     title: str
@@ -88,6 +89,7 @@ class ToleranceStudy(Frozen, Shown):
     contributions: Mapping[str, Float64Array]
     samples: int
     tolerances: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
 
     def shares(self) -> dict[str, tuple[float, float]]:
         """Return a dict from the name of each dimension to a tuple of two fractions (0 to 1): the fraction of the
@@ -140,6 +142,7 @@ class ToleranceStudy(Frozen, Shown):
                 "bands": [band._asdict() for band in self.bands()],
                 "shares": {name: {"R2": a, "attitude": b} for name, (a, b) in self.shares().items()},
                 "verdict": self.verdict,
+                "notes": self.notes,
             }
         )
 
@@ -187,7 +190,7 @@ class ToleranceStudy(Frozen, Shown):
 
     def _sheet(self) -> Sheet:
         bands, _ = self.tables()
-        return Sheet(f"tolerances of {self.title}: {self.samples} pairs", bands, (self.verdict,))
+        return Sheet(f"tolerances of {self.title}: {self.samples} pairs", bands, (self.verdict, *self.notes))
 
     def tables(self) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
         """Return (bands, shares), the results of the methods `bands` and `shares` as two tables of strings. Each is a
@@ -239,7 +242,16 @@ def study_tolerances(
     rows = np.unique(np.linspace(0, scene.samples - 1, min(scene.samples, 101)).astype(np.intp))
     pair, t = scene.space, np.asarray(scene.motion.t[rows])
     moved = scene.motion.source.part(rows, POSE).in_space(scene.pair)
-    body1, psi = BodyMotion(R=moved.body1.R, S=moved.body1.S), moved.psi
+    R, S, psi = (
+        np.broadcast_to(array, (len(t), *own))
+        for array, own in ((moved.body1.R, (3,)), (moved.body1.S, (3, 3)), (moved.psi, ()))
+    )
+    known = np.isfinite(R).all(axis=1) & np.isfinite(S).all(axis=(1, 2)) & np.isfinite(psi)
+    if not known.any():
+        raise SceneError(f"{scene.path}: motion", "a pose at some instant", f"none at {len(t)} instants")
+    lost = len(t) - int(known.sum())
+    notes = (f"{lost} of {len(t)} instants have no pose and are left out",) if lost else ()
+    t, psi, body1 = t[known], psi[known], BodyMotion(R=R[known], S=S[known])
     linear = pair.propagate_covariance(body1, psi, **tolerances)
     sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)
     mean = pair.forward_kinematics_from_body1(body1, psi, outputs=("d", "S2"))
@@ -262,4 +274,5 @@ def study_tolerances(
         contributions=linear.contributions(),
         samples=samples,
         tolerances=tolerances,
+        notes=notes,
     )
