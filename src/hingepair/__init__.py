@@ -50,7 +50,8 @@ if TYPE_CHECKING:
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
     from hingepair.measured.clusters import ClusterFit, fit_cluster
-    from hingepair.measured.hinge_fit import EncoderFit, HingeFit, fit
+    from hingepair.measured.encoder import EncoderFit
+    from hingepair.measured.hinge_fit import HingeFit, fit
     from hingepair.measured.inertial import AnchorFit, AxisFit, fit_anchor, fit_axis
     from hingepair.measured.inertial_angle import AngleFit, fit_angle
     from hingepair.measured.resample import resample
@@ -170,7 +171,8 @@ _LAZY_MODULE_BY_NAME = {
         "integration.integrate": "integrate",
         "integration.trajectory": "PlanarTrajectory Trajectory",
         "measured.clusters": "ClusterFit fit_cluster",
-        "measured.hinge_fit": "EncoderFit HingeFit fit",
+        "measured.encoder": "EncoderFit",
+        "measured.hinge_fit": "HingeFit fit",
         "measured.inertial": "AnchorFit AxisFit fit_anchor fit_axis",
         "measured.inertial_angle": "AngleFit fit_angle",
         "measured.resample": "resample",

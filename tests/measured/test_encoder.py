@@ -83,6 +83,42 @@ def test_the_zero_is_as_uncertain_as_the_home_that_it_is_counted_from() -> None:
     assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.3
 
 
+NOISE = np.random.default_rng(7).standard_normal(1000)
+BAD_ENCODERS = {
+    "noise alone": lambda _, psi: 0 * psi + NOISE,
+    "noise as large as the motion": lambda _, psi: psi + np.std(psi) * NOISE,
+    "50 ms late": lambda t, psi: np.interp(t - 0.05, t, psi) + 1e-3 * NOISE,
+    "50 ms early": lambda t, psi: np.interp(t + 0.05, t, psi) + 1e-3 * NOISE,
+    "eccentric": lambda _, psi: psi + 0.4 * np.sin(3 * psi),
+}
+
+
+@pytest.mark.parametrize("name", BAD_ENCODERS)
+def test_an_encoder_that_does_not_follow_the_hinge_is_not_relied_on(name: str) -> None:
+    made = recording(1000, 1e-3, 5e-3)
+    found = hp.fit(*bodies(made), encoder=BAD_ENCODERS[name](made.t, true_psi(made, SIGN)))
+    assert not found.ok
+    assert "The encoder" in " ".join(found.findings)
+    assert all(word in " ".join(found.findings) for word in re.findall("late|early", name))
+
+
+@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+def test_a_reading_that_is_rejected_does_not_move_psi(loss: str) -> None:
+    made = recording(1000, 1e-3, 5e-3)
+    reading = read(made, SIGN, 0.4, 1.0, 1e-3, 0)
+    reading[77] += 1.0
+    found = hp.fit(*bodies(made), loss, encoder=reading)
+    assert np.abs(found.psi - true_psi(made, SIGN)).max() < 6 * np.sqrt(2) * 5e-3
+    assert "of the encoder's readings are outliers; psi leaves them out" in " ".join(found.findings)
+
+
+def test_the_encoder_tells_psi_where_a_pose_is_an_outlier() -> None:
+    made = recording(1000, 1e-3, 5e-3, outliers=0.1)
+    found = hp.fit(*bodies(made), "cauchy", encoder=read(made, SIGN, 0.4, 1.0, 1e-3, 0))
+    assert found.ok
+    assert np.abs(found.psi - true_psi(made, SIGN)).max() < 0.02
+
+
 def test_readings_that_cannot_be_used_are_named() -> None:
     made = recording(400, 1e-3, 1e-2)
     with pytest.raises(hp.ArgumentError, match="encoder: expected at least two readings that differ"):

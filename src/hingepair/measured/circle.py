@@ -29,7 +29,7 @@ from hingepair.measured.likelihood import (
     MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_CLOCK_OFFSET,
     Loss,
     PosesAt,
-    num_neighbours_to_sum_and_unresolved_lag,
+    score_scatter,
     solve_semidefinite,
 )
 from hingepair.measured.relative_poses import MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING, RelativePoses
@@ -207,11 +207,10 @@ def fit_circle(
     outliers &= np.sqrt(squares) > explained
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
     scores = np.einsum("n,nij,ni->jn", weights, change, residuals)
-    together, _ = num_neighbours_to_sum_and_unresolved_lag(scores)
-    sums = np.add.reduceat(scores, np.arange(0, scores.shape[1], together), axis=1)
+    scatter, _ = score_scatter(scores)
     inverse = solve_semidefinite(normal, np.eye(normal.shape[0]))
     free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
-    circle_covariance = free * inverse @ (sums @ sums.T) @ inverse.T
+    circle_covariance = free * inverse @ scatter @ inverse.T
     columns = [
         (_result_vector(circle.moved(x), gauge) - _result_vector(circle.moved(-x), gauge))
         / (2 * _DIFFERENCE_STEP_OF_CIRCLE_PARAMETERS_IN_RADIANS_OR_METRES)

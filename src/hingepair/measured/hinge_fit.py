@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_sample
+from hingepair.measured.encoder import EncoderFit, encoder_findings, fuse
 from hingepair.measured.findings import (
     BodyPoses,
     check_turning,
@@ -38,7 +39,6 @@ from hingepair.measured.likelihood import (
     HingeResiduals,
     Loss,
     Noise,
-    attitude_noise_share,
     bias_of_hinge,
     evaluate_hinge,
     fit_encoder_line,
@@ -71,26 +71,6 @@ _MIN_MENTIONED_CLOCK_OFFSET_IN_STDS = 4.0  # of a clock offset that a finding me
 # [rad], step of central differences of the encoder's zero.
 _AXIS_TURN_STEP_FOR_ENCODER_ZERO_DERIVATIVES_IN_RADIANS = 1e-5
 _MIN_SAMPLES_FOR_RELIABLE_STD = 10  # below, standard deviations are no more than a hint
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class EncoderFit:
-    """The fitted relation between the hinge angle and the reading of an encoder, psi = zero + scale * reading, with
-    the noise of the encoder and the standard deviations of zero and scale.
-
-    Attributes:
-        zero: hinge angle psi at which the encoder reads 0, in [-pi, pi] [rad].
-        scale: change of psi per unit of the reading [rad per unit]. It is close to 1 for an encoder in radians whose
-            reading grows with psi, and close to -1 for one whose reading falls as psi grows.
-        noise: standard deviation of the encoder's measurement noise, converted to a hinge angle [rad]. It is
-            inaccurate if it is smaller than the noise of the attitudes, `HingeFit.noise_angle`.
-        std: dict of standard deviations with the keys "zero" [rad] and "scale" [rad per unit].
-    """
-
-    zero: float
-    scale: float
-    noise: float
-    std: Mapping[str, np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -420,10 +400,7 @@ def fit(
         return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
     estimate, clock, poses, used = _estimate_hinge(samples, used, penalty, clock_offset)
     noise = estimate.noise
-    bias = bias_of_hinge(poses, estimate.hinge, noise, estimate.line)
-    line = None if estimate.line is None else estimate.line._replace(slope=estimate.line.slope - float(bias[-1]))
-    hinge = estimate.hinge.moved(-bias[:NUM_HINGE_PARAMETERS]).balanced().signed().in_gauge(gauge)
-    line = fit_encoder_line(poses, hinge, line)
+    hinge, line = _without_bias(poses, estimate, gauge)
     residuals = evaluate_hinge(poses, hinge, noise, penalty, line)
     home = home_of(hinge)
     random_part = residuals
@@ -440,9 +417,15 @@ def fit(
         zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True)
     )
     is_outlier = find_outliers(residuals, poses)
+    good = ~is_outlier & (residuals.weights >= _MIN_ROBUST_WEIGHT_OF_INLIER)
+    fused = fuse(poses, hinge, noise, residuals, line)
+    psi = _unwrap_angles(fused.psi - home_angle(hinge, home), good)
+    encoder_fit = None if line is None else _encoder_fit(line, poses, hinge, residuals, noise)
+    instants = None if samples.t is None else samples.t[used]
     listed_findings = [
         *judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std),
         *split_findings(random_covariance, covariance),
+        *encoder_findings(psi, residuals, poses, noise, fused.is_rejected, encoder_fit, instants),
     ]
     texts = [finding.text for finding in listed_findings]
     ok = all(finding.harmless for finding in listed_findings)
@@ -466,10 +449,7 @@ def fit(
         texts += instant_suspicions("t", samples.t)
     texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
     texts += samples.noise_suspicions(noise)
-    good = ~is_outlier & (residuals.weights >= _MIN_ROBUST_WEIGHT_OF_INLIER)
     weights = residuals.weights * samples.weights[used]
-    zero = home_angle(hinge, home)
-    psi = _unwrap_angles(residuals.psi - attitude_noise_share(poses, noise, line) * residuals.turn - zero, good)
     counted = psi[good] if good.any() else psi
     total = weights.sum()
     gaps = np.sqrt((residuals.gap * residuals.gap).sum(axis=0))
@@ -484,7 +464,7 @@ def fit(
         noise_position=float(np.sqrt(noise.place)),
         noise_angle=float(np.sqrt(noise.attitude)),
         clock_offset=None if samples.t is None else estimate.offset,
-        encoder=None if line is None else _encoder_fit(line, poses, hinge, residuals, noise),
+        encoder=encoder_fit,
         ok=ok,
         findings=tuple(texts),
         gauge=gauge,
@@ -497,6 +477,16 @@ def fit(
         body2=body2 if clock is None else clock.body2(estimate.offset),
         _body1=body1,
     )
+
+
+def _without_bias(poses: RelativePoses, estimate: Estimate, gauge: str) -> tuple[Hinge, EncoderLine | None]:
+    """Return the Hinge, with the hinge point that `gauge` names, and the EncoderLine, both without their bias."""
+    line = estimate.line
+    bias = bias_of_hinge(poses, estimate.hinge, estimate.noise, line)
+    hinge = estimate.hinge.moved(-bias[:NUM_HINGE_PARAMETERS]).balanced().signed().in_gauge(gauge)
+    if line is not None:
+        line = line._replace(slope=line.slope - float(bias[-1]))
+    return hinge, fit_encoder_line(poses, hinge, line)
 
 
 def _with_unknown_split(

@@ -27,7 +27,7 @@ from hingepair.measured.findings import (
     MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH,
 )
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
-from hingepair.measured.likelihood import num_neighbours_to_sum_and_unresolved_lag
+from hingepair.measured.likelihood import score_scatter
 from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, split_at_gaps
@@ -741,11 +741,8 @@ def _covariance(
     shown = axes[:, ~blind]
     inverse = shown @ np.linalg.inv(shown.T @ (normal - noise) @ shown) @ shown.T
     scores = (derivatives * residuals[:, None]).T
-    added = np.add.reduceat(
-        scores, np.arange(0, residuals.size, num_neighbours_to_sum_and_unresolved_lag(scores)[0]), axis=1
-    )
     free = residuals.size / max(residuals.size - derivatives.shape[1], 1)
     shrinking = inverse @ noise @ parameters
-    scatter = added @ added.T + np.mean(residuals * residuals) * prior_rows.T @ prior_rows
+    scatter = score_scatter(scores)[0] + np.mean(residuals * residuals) * prior_rows.T @ prior_rows
     covariance = free * inverse @ scatter @ inverse + np.outer(shrinking, shrinking)
     return covariance, (axes[:, blind] ** 2).sum(axis=1) > 1e-3

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import FitError
 from hingepair.measured.hinge import Hinge, frame, home_angle, home_of
 from hingepair.measured.inertial import acceleration_matrices, checked_recording
-from hingepair.measured.likelihood import num_neighbours_to_sum_and_unresolved_lag
+from hingepair.measured.likelihood import score_scatter
 from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, inverse_bands, smooth_columns
 from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
 from hingepair.numeric.instants import checked_gaps, split_at_gaps
@@ -256,10 +256,8 @@ def _most_likely_angle(
     excess, memory = 0.0, 1.0
     for row in rows:
         if row.size > MIN_SAMPLES_PER_SMOOTHED_PIECE:
-            together = num_neighbours_to_sum_and_unresolved_lag(row[None])[0]
-            sums = np.add.reduceat(row, np.arange(0, row.size, together))
             excess = max(excess, float(np.sqrt(np.mean(row * row))))
-            memory = max(memory, float((sums @ sums) / max(row @ row, 1e-300)))
+            memory = max(memory, float(score_scatter(row[None])[0][0, 0] / max(row @ row, 1e-300)))
     scale = max(excess, 1.0) ** 2 * memory
     psi, std, (drift, drift_std) = _solve_smoother(dt, steps_of_angle, step_weights, weights / scale, near, bias_std)
     seen = variances[np.isfinite(variances)]

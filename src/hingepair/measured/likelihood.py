@@ -518,13 +518,12 @@ def evaluate_hinge(
     all_scores = np.concatenate(score_blocks, axis=1)
     whitened_residuals = np.concatenate(whitened_blocks, axis=1)
     neighbour_correlations = _lag_correlation(whitened_residuals[:2], 1), _lag_correlation(whitened_residuals[2:5], 1)
-    together, unresolved_lag = num_neighbours_to_sum_and_unresolved_lag(all_scores)
-    added = np.add.reduceat(all_scores, np.arange(0, all_scores.shape[1], together), axis=1)
+    scatter, unresolved_lag = score_scatter(all_scores)
     share = all_scores.shape[1] / count
     # a sample tells less of itself than of others, by its part of the parameters
     free = 5 * all_scores.shape[1] / max(5 * all_scores.shape[1] - slope.shape[0], 1)
     inverse = solve_semidefinite(slope, np.eye(slope.shape[0]))
-    covariance = share * free * inverse @ (added @ added.T) @ inverse.T
+    covariance = share * free * inverse @ scatter @ inverse.T
     return HingeResiduals(tilt, gap, psi, sizes, weights, neighbour_correlations, covariance, unresolved_lag, turn)
 
 
@@ -538,6 +537,26 @@ def _lag_correlation(rows: Float64Array, lag: int) -> float:
         return 0.0
     products = (rows[:, lag:] * rows[:, :-lag]).sum(axis=1)
     return float((products[known] / power[known]).max())
+
+
+def score_scatter(scores: Float64Array) -> tuple[Float64Array, int]:
+    """Return the covariance (k, k) of the sum of scores (k, N), and the lag over which scores are correlated too long
+    for the recording, or 0. Scores of neighbours that are correlated are added up before they are squared. What sums
+    of L samples still lack, if the correlation of scores falls like that of a first-order autoregression, is added.
+
+    The sum of L samples has the variance L (1 + r) / (1 - r) - 2 r (1 - r^L) / (1 - r)^2 and lacks the second term.
+
+    >>> score_scatter(np.array([[1.0, -1.0, -1.0, 1.0]]))[0]
+    array([[4.]])
+    """
+    together, unresolved_lag = num_neighbours_to_sum_and_unresolved_lag(scores)
+    added = np.add.reduceat(scores, np.arange(0, scores.shape[1], together), axis=1)
+    scatter = np.asarray(added @ added.T)
+    if together > 1 or unresolved_lag:
+        r = min(_lag_correlation(scores, 1), 0.98)
+        whole = together * (1 + r) / (1 - r)
+        scatter = scatter * whole / (whole - 2 * r * (1 - r**together) / (1 - r) ** 2)
+    return scatter, unresolved_lag
 
 
 def num_neighbours_to_sum_and_unresolved_lag(scores: Float64Array) -> tuple[int, int]:
