@@ -64,11 +64,19 @@ def test_what_is_written_is_read(folder):
     assert [path.suffix for path in folder.iterdir()] == [".object"]
 
 
+LOADERS = {
+    "of this system": "",
+    "llvmlite": "from hingepair.engine import images\nimages.CAN_LINK = False",
+}
+
+
 @pytest.mark.slow(3)
-def test_code_of_one_process_serves_another(folder):
+@pytest.mark.parametrize("loader", LOADERS)
+def test_code_of_one_process_serves_another(folder, loader):
     """In another order of sets, and at other addresses."""
-    first, made_first = printed(start(PYTHONHASHSEED="1")), objects(folder)
-    second = printed(start(PYTHONHASHSEED="2"))
+    before = LOADERS[loader]
+    first, made_first = printed(start(before, PYTHONHASHSEED="1")), objects(folder)
+    second = printed(start(before, PYTHONHASHSEED="2"))
     assert first[0] == second[0]
     assert first[1] == "True"
     assert objects(folder) == made_first

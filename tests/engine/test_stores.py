@@ -142,6 +142,27 @@ def test_few_components_of_many(order):
     np.testing.assert_array_equal(y, np.stack([x[:, 3] - x[:, 4], 2 * x[:, 30]], axis=-1))
 
 
+@pytest.mark.parametrize("dtype", [F8, F4], ids=str)
+@pytest.mark.parametrize("width", [3, 20])
+@pytest.mark.parametrize("count", [7, 43])
+def test_inputs_are_read_in_any_order(width, count, dtype):
+    """As rows, as columns, backwards, one in three, and unaligned."""
+    rows = np.random.default_rng(6).normal(size=(count, width)).astype(dtype)
+    room = np.zeros(rows.nbytes + 1, np.uint8)
+    unaligned = room[1:].view(dtype).reshape(width, count).T
+    unaligned[...] = rows
+    layouts = {
+        "columns": np.asfortranarray(rows),
+        "backwards": np.asfortranarray(rows[::-1])[::-1],
+        "one in three": np.repeat(rows, 3, axis=0)[::3],
+        "unaligned": unaligned,
+    }
+    for name, a in layouts.items():
+        b = np.full((count, width), GUARD, dtype)
+        doubled(width, "any").run({"a": a}, {"b": b}, (count,), dtype, Execution("compiled", 1))
+        np.testing.assert_array_equal(b, 2 * rows, err_msg=name)
+
+
 def long_function(v):
     """Values that live long and short ones, sines of sines, inputs that are read late, still and moving."""
     *x, y, z = v["x"]

@@ -510,18 +510,32 @@ class Arithmetic:
 
     def _load_components(self, input_index: int, components: Sequence[int]) -> None:
         """Append to the function being built instructions that load some components, given by their indices, of one
-        input for eight samples, one number at a time. The vectors are recorded as the components' values and stored
-        in their slots of the frame, if they have any.
+        input for eight samples. The vectors are recorded as the components' values and stored in their slots of the
+        frame, if they have any.
         """
         f, word = self._f, 8 * self.word_offsets[input_index]
+        group = self.inputs[input_index]
         row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANE_COUNT)
-        samples = [row, *(f.pointer_at(row, f.load_word("%places", word + 8 * k)) for k in range(1, LANE_COUNT))]
-        for c in components:
-            value, offset, vector = self.inputs[input_index].values[c], f.multiply(step, c) if c else 0, "poison"
-            for k, sample in enumerate(samples):
-                one = f.put(f"load {self.float_type}, ptr {f.pointer_at(sample, offset)}, align 1")
-                note = value.name if k == LANE_COUNT - 1 and isinstance(value, TracedValue) else ""
-                vector = f.put(f"insertelement {self.vector} {vector}, {self.float_type} {one}, i32 {k}", note)
+        offsets = [f.load_word("%places", word + 8 * k) for k in range(1, LANE_COUNT)]
+        starts = {c: f.pointer_at(row, f.multiply(step, c) if c else 0) for c in components}
+
+        def load_vectors() -> list[str]:
+            return [f.put(f"load {self.vector}, ptr {starts[c]}, align 1") for c in components]
+
+        def load_numbers() -> list[str]:
+            vectors = []
+            for c in components:
+                vector = "poison"
+                for k, offset in enumerate(["0", *offsets]):
+                    one = f.put(f"load {self.float_type}, ptr {f.pointer_at(starts[c], offset)}, align 1")
+                    vector = f.put(f"insertelement {self.vector} {vector}, {self.float_type} {one}, i32 {k}")
+                vectors.append(vector)
+            return vectors
+
+        side_by_side = f.put(f"icmp eq i64 {offsets[-1]}, {(LANE_COUNT - 1) * self.number_bytes}")
+        vectors = f.either(self.vector, side_by_side, load_vectors, load_numbers)
+        for c, vector in zip(components, vectors, strict=True):
+            value = group.values[c]
             self._names[id(value)] = vector, 0
             if id(value) in self.slots:
                 self.store_slot(f, self.slots[id(value)], vector)

@@ -127,6 +127,25 @@ class FunctionBuilder:
         self.do(f"br label %{done}")
         self.begin_block(done)
 
+    def either(
+        self, kind: str, condition: str, write: Callable[[], list[str]], write_otherwise: Callable[[], list[str]]
+    ) -> list[str]:
+        """Append an if-else branch. Both functions append instructions and return the names of equally many values of
+        type `kind`; return the names of these values behind the branch.
+        """
+        ends: list[tuple[str, list[str]]] = []
+        with self.when_else(condition) as otherwise:
+            values = write()
+            ends.append((self._block, values))
+            otherwise()
+            values = write_otherwise()
+            ends.append((self._block, values))
+        (block, values), (other_block, other_values) = ends
+        return [
+            self.put(f"phi {kind} [{x}, %{block}], [{y}, %{other_block}]")
+            for x, y in zip(values, other_values, strict=True)
+        ]
+
     def reserve_name(self) -> str:
         """Return a new name for a value whose instruction is appended later."""
         self._count += 1
