@@ -111,7 +111,7 @@ def test_limits_of_one_side_are_written():
     model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "knee", *limits)
     robot = hp.Mechanism.from_pinocchio(model)
     assert robot.position_limits.tolist() == [[-math.inf, 0.5]]
-    assert hp.Mechanism.from_urdf(hp.to_urdf(robot)).position_limits.tolist() == [[-1.7976931348623157e308, 0.5]]
+    assert hp.Mechanism.from_urdf(hp.to_urdf(robot)).position_limits.tolist() == [[-math.inf, 0.5]]
 
 
 def test_names_that_xml_cannot_hold_are_refused():
@@ -121,3 +121,38 @@ def test_names_that_xml_cannot_hold_are_refused():
         hp.to_urdf(hp.Mechanism(pairs()), base="loose")
     escaped = hp.Mechanism([hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), name="<&\"'> ☃")])
     assert hp.Mechanism.from_urdf(hp.to_urdf(escaped)).names == escaped.names
+
+
+def test_what_urdf_has_of_a_joint_comes_back():
+    text = ARM.replace("</joint>", '<dynamics damping="0.25" friction="3"/></joint>', 1)
+    back = hp.Mechanism.from_urdf(hp.to_urdf(hp.Mechanism.from_urdf(text)))
+    assert (back.tree.joints[0].damping, back.tree.joints[0].friction) == (0.25, 3)
+
+
+def test_a_slider_without_limits_is_not_held_by_other_readers():
+    rail = hp.Slider((0, 0, 0), (0, 0, 0), (1, 0, 0), name="rail")
+    text = hp.to_urdf(hp.Mechanism([rail]))
+    model = pin.buildModelFromXML(text)
+    assert model.lowerPositionLimit[0] < -1e300
+    assert model.upperPositionLimit[0] > 1e300
+    assert hp.Mechanism.from_urdf(text).position_limits.tolist() == [[-math.inf, math.inf]]
+
+
+@pytest.mark.parametrize("link", ["base", "arm"])
+def test_a_frame_at_a_link_is_written(link):
+    robot = hp.Mechanism([hp.HingePair((0, 0, 1), (0, 0, 0), (1, 0, 0), name="arm")]).with_frame("tool", link)
+    back = hp.Mechanism.from_urdf(hp.to_urdf(robot))
+    found, expected = (one.forward_kinematics([0.3], frames=("tool",)).S for one in (back, robot))
+    assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("base", ["free", "floating", "fixed"])
+def test_a_floating_root_joint_is_a_free_base(base):
+    robot = hp.Mechanism.from_urdf(ARM, base="free")
+    text = hp.to_urdf(robot, base=base)
+    back = hp.Mechanism.from_urdf(text)
+    assert back.base == ("free" if base == "floating" else "fixed")
+    assert hp.Mechanism.from_urdf(text, base="fixed").base == "fixed"
+    if base == "floating":
+        check_same(robot, back)
+        assert robot.links == back.links

@@ -15,14 +15,8 @@ import pytest
 import hingepair as hp
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.formats.robots import robot_urdf
-from hingepair.mechanism.building import (
-    add_frame,
-    add_payload,
-    pair_of,
-    tree_of_pairs,
-    tree_of_pinocchio,
-    tree_of_urdf,
-)
+from hingepair.mechanism import building
+from hingepair.mechanism.building import add_frame, add_payload, pair_of, tree_of_pairs, tree_of_pinocchio
 from hingepair.mechanism.slider import Slider
 from hingepair.rotations.matrices import rodrigues
 from support.exported import ARM
@@ -31,6 +25,10 @@ from support.robots import check_against_model, tree_of
 U = 2.0**-53
 FAST = ("panda", "talos_reduced", "romeo", "kinova", "quadrotor_base")
 """Sliders, a humanoid, mimic joints, continuous joints, and one body."""
+
+
+def tree_of_urdf(*arguments):
+    return building.tree_of_urdf(*arguments)[0]
 
 
 @pytest.mark.parametrize("name", FAST)
@@ -512,7 +510,7 @@ def test_a_robot_may_be_read_from_text_and_models(tmp_path):
     flying = pin.buildModelFromXML(ARM, pin.JointModelFreeFlyer())  # there, a continuous joint leads none
     model = hp.Mechanism.from_pinocchio(flying, locked={"slide": 0.5})
     assert (model.base, model.names) == ("free", ("shoulder", "elbow", "follower"))
-    for wrong in ("free ", None):
+    for wrong in ("free ", 1):
         with pytest.raises(ArgumentError, match="base: expected one of fixed, free"):
             hp.Mechanism.from_urdf(ARM, base=wrong)
 
@@ -528,3 +526,37 @@ def test_a_robot_without_joints_has_empty_coordinates(base, backend):
         assert robot.forward_kinematics(q, q, q, backend=backend).R.shape == (*shape, 1, 3)
         assert robot.inverse_dynamics(q, q, q, backend=backend).tau.shape == (*shape, 0)
         assert robot.forward_dynamics(q, q, q, backend=backend).qdd.shape == (*shape, 0)
+
+
+@pytest.mark.parametrize("name", ["tool", "universe_tool"])
+def test_frames_of_a_model_have_one_place_for_a_name(name):
+    model = pin.buildSampleModelManipulator()
+    for kind, x in ((pin.FrameType.OP_FRAME, 0.0), (pin.FrameType.SENSOR, 1.0)):
+        placement = pin.SE3(np.eye(3), np.array((x, 0, 0)))
+        model.addFrame(pin.Frame("tool", 0 if name != "tool" else 2, placement, kind))
+    with pytest.raises(ArgumentError, match="frame 'tool': expected one place"):
+        hp.Mechanism.from_pinocchio(model)
+    model.frames[-1].placement = pin.SE3.Identity()
+    assert "tool" in hp.Mechanism.from_pinocchio(model).tree.frames
+
+
+def test_a_snap_beyond_small_angles_is_refused():
+    with pytest.raises(ArgumentError, match="snap: expected an angle"):
+        hp.Mechanism.from_urdf(ARM, snap=10)
+
+
+@pytest.mark.parametrize("read", ["urdf", "pinocchio"])
+def test_damping_friction_and_equal_limits_are_kept(read):
+    text = ARM.replace('lower="-1" upper="1"', 'lower="0.5" upper="0.5"')
+    text = text.replace("</joint>", '<dynamics damping="0.25" friction="3"/></joint>', 1)
+    model = pin.buildModelFromXML(text)
+    robot = hp.Mechanism.from_urdf(text) if read == "urdf" else hp.Mechanism.from_pinocchio(model)
+    damped = [joint for joint in robot.tree.joints if joint.damping]
+    assert [(joint.damping, joint.friction) for joint in damped] == [(0.25, 3.0)]
+    assert damped[0].name == model.names[1]
+    heading, first = str(robot).splitlines()[1:3]
+    assert heading.split()[-2:] == ["damping", "friction"]
+    assert first.split()[-2:] == ["0.25", "3"]
+    held = [joint.name for joint in robot.tree.joints if joint.position_limits == (0.5, 0.5)]
+    assert held == ["shoulder", "slide"]
+    assert [robot[name].limits for name in held] == [(0.5, 0.5)] * 2

@@ -71,7 +71,7 @@ REFUSED = {
         "home": NO_ROTATION,
         "name": NO_NAME,
         "limits": [
-            *((ends, (hp.ArgumentError, "(lower, upper) with lower < upper")) for ends in ((1, -1), (1, 1))),
+            ((1, -1), (hp.ArgumentError, "(lower, upper) with lower <= upper")),
             ((0, math.inf), FINITE), ((math.nan, 1), FINITE), ((1,), SHAPE), ((1, 2, 3), SHAPE), (1, SHAPE),
             (((0, 1), (0, 1)), SHAPE), ("ab", KIND),
         ],

@@ -12,7 +12,7 @@ U = 2.0**-53
 
 
 def tree_of(name, base="fixed", locked=None, snap=None):
-    return tree_of_urdf(robot_urdf(name), base, locked, snap)
+    return tree_of_urdf(robot_urdf(name), base, locked, snap)[0]
 
 
 def check_against_model(tree, model, root):

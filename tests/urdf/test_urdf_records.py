@@ -6,6 +6,7 @@ import itertools
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from hingepair.errors import URDFError
@@ -144,3 +145,54 @@ def test_a_robot_of_one_link_is_a_tree_and_one_of_none_is_not():
     assert read_urdf('<robot name="r"><link name="a"/></robot>').tree() == ("a", ())
     with pytest.raises(URDFError, match="URDF: expected a robot with a link, got none"):
         read_urdf('<robot name="r"/>').tree()
+
+
+WITH_QUATERNION = """<robot name="r" {version}><link name="a"/><link name="b"><inertial>
+  <origin xyz="0 0 0.3" {inertial}/><mass value="1"/>
+  <inertia ixx="1" iyy="2" izz="2.5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="j" type="revolute"><origin {joint}/><parent link="a"/><child link="b"/>
+  <limit effort="1" velocity="1" lower="-1" upper="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("version", ["1.1", "1.2"])
+@pytest.mark.parametrize("place", ["joint", "inertial"])
+def test_quaternions_of_origins_are_read_as_pinocchio_reads_them(version, place):
+    rng = np.random.default_rng(3)
+    for quaternion in (*rng.normal(size=(5, 4)), (0, 0, 3, 3), (0.5, 0.5, -0.5, 0.5)):
+        origins = {"joint": "", "inertial": ""} | {
+            place: f'quat_xyzw="{" ".join(map(repr, map(float, quaternion)))}"'
+        }
+        text = WITH_QUATERNION.format(version=f'version="{version}"', **origins)
+        model, robot = pin.buildModelFromXML(text), read_urdf(text)
+        assert np.abs(robot.joints[0].pose.rotation - model.jointPlacements[1].rotation).max() <= 8 * U
+        assert np.abs(robot.links["b"][0].inertia().tensor - model.inertias[1].inertia).max() <= 40 * U
+    assert set(robot.joints[0].pose.rotation.ravel()) <= {0, 1, -1}
+
+
+@pytest.mark.parametrize(
+    ("version", "origin", "message"),
+    [
+        ("", 'quat_xyzw="0 0 0 1"', 'origin: expected <robot version="1.1"> or later'),
+        ('version="1.0"', 'quat_xyzw="0 0 0 1"', "origin: expected <robot version"),
+        ('version="1.1"', 'quat_xyzw="0 0 0 1" rpy="0 0 0"', "origin: expected no rpy"),
+        ('version="1.1"', 'quat_xyzw="0 0 0 0"', "origin quat_xyzw: expected a quaternion that is not zero"),
+        ('version="1.1"', 'quat_xyzw="0 0 1"', "origin quat_xyzw: expected four finite numbers"),
+    ],
+)
+def test_a_rotation_that_readers_understand_differently_is_refused(version, origin, message):
+    text = WITH_QUATERNION.format(version=version, joint=origin, inertial="")
+    with pytest.raises(URDFError, match=f"joint 'j', {message}"):
+        _ = read_urdf(text).joints[0].pose
+
+
+def test_before_version_1_1_angles_alone_count():
+    text = WITH_QUATERNION.format(version="", joint='rpy="0 0 1" quat_xyzw="1 0 0 0"', inertial="")
+    assert np.array_equal(read_urdf(text).joints[0].pose.rotation, turned(0, 0, 1))
+
+
+def test_macros_are_refused_and_what_they_made_is_read():
+    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    for macro in ('<xacro:include filename="arm.xacro"/>', '<link name="b"><xacro:inertia m="1"/></link>'):
+        with pytest.raises(URDFError, match=r"URDF: expected a URDF without macros .*, got xacro:in"):
+            read_urdf(f'{head}<link name="a"/>{macro}</robot>')
+    assert list(read_urdf(f'{head}<link name="a"/></robot>').links) == ["a"]

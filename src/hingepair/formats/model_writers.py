@@ -233,7 +233,11 @@ def to_mjcf(
     quat_wxyz = matrix_to_quaternion(pair.home)
     at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE_LINK_NAME, pos=pair.u1, quat=quat_wxyz)
     limits = hinge_load.stops or pair.limits
-    joint_attributes: dict[str, Any] = {"range": limits} if limits else {}
+    joint_attributes: dict[str, Any] = {}
+    if limits and limits[0] == limits[1]:  # MuJoCo refuses such a range
+        warn_of_dynamics(f"MJCF cannot hold equal limits, {limits[0]:g}: left out, so that the hinge is not limited")
+    elif limits:
+        joint_attributes["range"] = limits
     if pair.torque_limit:
         joint_attributes["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
     elif pair.torque_limit is not None:  # MuJoCo refuses a range of 0

@@ -97,10 +97,11 @@ class _UrdfWriter:
         if masses.mass or masses.inertia.any():
             _add_inertial(link, masses)
         for name, frame in links.items():
+            if name == seat:
+                continue
             held_by = next((joint for joint, other in frames.items() if _is_same_frame(frame, other)), None)
             frames.pop(held_by or "", None)
-            if name != seat:
-                self._add_fixed_link(root, held_by or _unused_name(self._joints, f"{name}_fixed"), seat, name, frame)
+            self._add_fixed_link(root, held_by or _unused_name(self._joints, f"{name}_fixed"), seat, name, frame)
         for name, frame in frames.items():
             if name not in tree.links:
                 self._add_fixed_link(root, _unused_name(self._joints, f"{name}_frame"), seat, name, frame)
@@ -140,9 +141,11 @@ class _UrdfWriter:
                 key: value if math.isfinite(value) else DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME[key]
                 for key, value in upper_limits.items()
             }
-            if bounded:  # an infinite one of the two is the largest number
+            if bounded or kind == "prismatic":  # without numbers, readers hold a slider at 0; infinity is the largest
                 limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
             add_element(element, "limit", **limit)
+        if joint.damping or joint.friction:
+            add_element(element, "dynamics", damping=joint.damping, friction=joint.friction)
         if joint.mimic is not None:
             leader = self._tree.joints[joint.mimic.leader - 1].name
             add_element(element, "mimic", joint=leader, multiplier=joint.mimic.multiplier, offset=joint.mimic.offset)

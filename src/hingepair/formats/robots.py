@@ -23,18 +23,18 @@ ROBOT_DATA_DISTRIBUTION_NAME = "example-robot-data"  # the distribution that hol
 
 
 def load_robot(
-    name: str, base: str = "fixed", locked: Mapping[str, float] | None = None, snap: float | None = None
+    name: str, base: str | None = None, locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
-    """Return the robot `name` of the package example-robot-data as a Mechanism. `base` is "fixed" or "free". `locked`
-    is a dict from names of joints to the positions at which these joints are held. Angles (rpy) of the URDF's origins
-    that are within `snap` [rad] of a multiple of pi/2 are replaced by this multiple. Warn as `Mechanism.from_urdf`
-    does, for example if a joint is locked beyond its limits.
+    """Return the robot `name` of the package example-robot-data as a Mechanism. `base` is "fixed", "free" or None.
+    `locked` is a dict from names of joints to the positions at which these joints are held. Angles (rpy) of the
+    URDF's origins that are within `snap` [rad] of a multiple of pi/2 are replaced by this multiple. Warn as
+    `Mechanism.from_urdf` does, for example if a joint is locked beyond its limits.
 
     Args:
         name: name of the robot: the stem of its URDF file, such as "panda", or "folder/stem". The command
             `hingepair robots` lists the names.
-        base: "fixed" (default): the base rests, or moves as the argument `base_motion` of the methods prescribes;
-            "free": forces move the base.
+        base: "fixed": the base rests, or moves as the argument `base_motion` of the methods prescribes; "free":
+            forces move the base. By default, it is fixed unless the URDF has a floating root joint.
         locked: dict from names of joints to the positions [rad or m] at which these joints are held, as for
             `Mechanism.from_urdf`. By default, no joint is locked.
         snap: tolerance [rad] for angles near multiples of pi/2, as for `Mechanism.from_urdf`. By default, no angle is

@@ -45,7 +45,7 @@ def from_urdf(
           = 0. With the default frames, u1 and home are the position and the rotation of the joint's `<origin>`, and
           u2 is zero.
         - `limits` are the limits of a revolute joint. They are None for a continuous joint, and for a revolute joint
-          whose lower and upper limit are equal or are not stated.
+          whose lower and upper limit are both 0 or are not stated.
         - `torque_limit` is the effort of the joint, and `rate_limit` is the velocity of the joint; each is None if
           the joint does not state it.
         - `body1` combines the parent link of the joint and all links that are rigidly fixed to it, and `body2`

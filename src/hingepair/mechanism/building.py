@@ -16,7 +16,7 @@ from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.slider import Slider
 from hingepair.mechanism.sources import body_inertia, parts_of_pairs, parts_of_urdf
-from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
+from hingepair.mechanism.tree import Frame, Joint, MassProperties, Source, Tree
 from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
@@ -25,6 +25,7 @@ from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.rigid import FramePose, Inertia
 
 BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
+_MAX_SNAP = 0.1  # rad; every angle is within pi/4 of a multiple of pi/2
 
 
 def tree_of_pairs(
@@ -44,21 +45,28 @@ def tree_of_pairs(
 
 
 def tree_of_urdf(
-    path_or_text: str | os.PathLike[str], base: str, locked: Mapping[str, float] | None, snap: float | None
-) -> Tree:
-    """Read a robot from a URDF file or from URDF text, which starts with "<", and return its Tree. `base` is "fixed"
-    or "free". Joints in `locked`, a dict by name or None, are held at the given positions [rad or m]; a
-    DynamicsWarning names positions beyond limits, and mimic joints whose leader does not exist. An rpy angle within
-    `snap` [rad] (0 for None) of a multiple of pi/2 is replaced by that multiple. Raise a URDFError if the URDF does
-    not describe a tree of hinges and sliders.
+    path_or_text: str | os.PathLike[str], base: str | None, locked: Mapping[str, float] | None, snap: float | None
+) -> tuple[Tree, str]:
+    """Read a robot from a URDF file or from URDF text, which starts with "<", and return (Tree, kind of the base).
+    The kind is `base`, "fixed" or "free"; for None, it is "free" if the root joint is floating. Joints in `locked`, a
+    dict by name or None, are held at the given positions [rad or m]; a DynamicsWarning names positions beyond limits,
+    and mimic joints whose leader does not exist. An rpy angle within `snap` [rad] (0 for None) of a multiple of pi/2
+    is replaced by that multiple. Raise a URDFError if the URDF does not describe a tree of hinges and sliders.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
         ArgumentError: base, locked or snap cannot be used.
     """
-    check_choice("base", base, BASE_KINDS)
-    robot = read_urdf(path_or_text, 0.0 if snap is None else number_not_below_0("snap", snap))
-    return fold_parts(robot.name, parts_of_urdf(robot), base, locked)
+    tolerance = 0.0 if snap is None else number_not_below_0("snap", snap)
+    if tolerance > _MAX_SNAP:
+        raise ArgumentError("snap", f"an angle [rad] of at most {_MAX_SNAP}", snap)
+    if base is not None:
+        check_choice("base", base, BASE_KINDS)
+    robot = read_urdf(path_or_text, tolerance)
+    root_kind, parts = parts_of_urdf(robot)
+    chosen = root_kind if base is None else base
+    tree = fold_parts(robot.name, parts, chosen, locked)
+    return replace(tree, source=Source(robot.text, dict(locked or {}), tolerance)), chosen
 
 
 def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
@@ -125,7 +133,7 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     drawings[frame.body] = BodyDrawing(
         (*shapes, *placed_shapes(body.shapes, FramePose(frame.S, frame.R))), is_complete
     )
-    tree = replace(tree, notes=notes, drawings=tuple(drawings))
+    tree = replace(tree, notes=notes, drawings=tuple(drawings), source=None)
     if frame.body == 0:
         return replace(tree, base=total)
     joints = list(tree.joints)

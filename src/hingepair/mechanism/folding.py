@@ -6,6 +6,8 @@ that it carries. Fixed and locked joints are folded into the bodies that carry t
 
 from __future__ import annotations
 
+import math
+import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,6 +49,8 @@ class JointPart:
         effort_limit: largest torque [N m] or force [N]; None if there is none.
         rate_limit: largest rate [rad/s or m/s]; None if there is none.
         armature: inertia of the motor's rotor, referred to the joint [kg m^2 or kg].
+        damping: viscous damping [N m s/rad or N s/m].
+        friction: dry friction [N m or N].
         mimic: rule of a joint that follows another joint; else None.
         notes: sentences about assumed masses.
     """
@@ -65,6 +69,8 @@ class JointPart:
     effort_limit: float | None = None
     rate_limit: float | None = None
     armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
     mimic: records.MimicRecord | None = None
     notes: Sequence[str] = ()
 
@@ -226,6 +232,7 @@ def _tree_joint(
     """
     frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
+    lower, upper = part.limits or (-np.inf, np.inf)
     return Joint(
         part.name,
         "hinge" if part.kind == "hinge" else "slider",
@@ -234,12 +241,19 @@ def _tree_joint(
         S=frame.S,
         n=read_only(part.axis + 0.0),
         body=masses,
-        position_limits=part.limits or (-np.inf, np.inf),
+        position_limits=(limit_or_infinity(lower), limit_or_infinity(upper)),
         rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
         effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
         armature=part.armature,
+        damping=part.damping,
+        friction=part.friction,
         mimic=Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
     )
+
+
+def limit_or_infinity(value: float) -> float:
+    """Return a limit, and infinity for the largest float, by which URDF and Pinocchio mark a missing one."""
+    return math.copysign(math.inf, value) if abs(value) >= sys.float_info.max else float(value)
 
 
 def _links_and_frames(

@@ -21,8 +21,7 @@ from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 
-# Headings of the printed table of joints.
-_PRINTED_JOINT_TABLE_HEADINGS_WITHOUT_ARMATURE = (
+_JOINT_HEADINGS = (  # of the printed table; columns for some robots follow
     "joint",
     "kind",
     "carried by",
@@ -100,11 +99,11 @@ class Mechanism(MechanismMethods):
     def from_urdf(
         cls,
         path_or_text: str | os.PathLike[str],
-        base: str = "fixed",
+        base: str | None = None,
         locked: Mapping[str, float] | None = None,
         snap: float | None = None,
     ) -> Mechanism:
-        """Read a robot from a URDF file or from URDF text and return a Mechanism. `base` is "fixed" or "free".
+        """Read a robot from a URDF file or from URDF text and return a Mechanism. `base` is "fixed", "free" or None.
         `locked` is a dict whose keys are names of joints and whose values are the positions at which these joints are
         held. An rpy angle of an <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple.
         Issue a DynamicsWarning if a joint is locked beyond its limits, or if the joint that a mimic joint follows
@@ -115,21 +114,25 @@ class Mechanism(MechanismMethods):
         position is computed from the joint that it follows. If that joint does not exist, the mimic joint has a
         coordinate like any other joint. A link without <inertial> has no mass. Masses and inertias are used as they
         are written, even if no rigid body can have them; a `DynamicsWarning` names such bodies at the first
-        computation that uses masses.
+        computation that uses masses. Damping and friction of joints are kept and printed, but used by no method.
 
         Args:
             path_or_text: path of a file, or the URDF itself (text that starts with "<").
-            base: "fixed" (default) or "free"; the base is the root link.
+            base: "fixed" or "free"; the base is the root link, or the child link of a floating root joint. By
+                default, the base is free if the URDF has such a joint, whose origin and parent link are left out,
+                and otherwise fixed.
             locked: dict of the positions [rad or m] at which joints are held; its keys are names of joints, as in
                 {"panda_finger_joint1": 0.02}. Mimic joints that follow these joints are held too. A position beyond
                 the joint's limits is used, with a `DynamicsWarning`. By default, no joint is locked.
-            snap: tolerance [rad], such as 1e-5. If an rpy angle of an <origin> differs from a multiple of pi/2 by at
-                most `snap`, it is replaced by that multiple, and its sine and cosine are exactly 0, 1 or -1. By
-                default, only an angle that is the floating-point number nearest to a multiple of pi/2 is replaced.
+            snap: tolerance [rad], such as 1e-5; at most 0.1. If an rpy angle of an <origin> differs from a multiple
+                of pi/2 by at most `snap`, it is replaced by that multiple, and its sine and cosine are exactly 0, 1
+                or -1. By default, only an angle that is the floating-point number nearest to a multiple of pi/2 is
+                replaced.
 
         Raises:
-            URDFError: the URDF cannot be read, its links and joints do not form a tree, a joint is planar or
-                floating, or a value is not a number; the message names the joint or the link.
+            URDFError: the URDF cannot be read or has macros (xacro), its links and joints do not form a tree, a joint
+                is planar, or floating but not the only joint of the root link, or a value is not a number; the
+                message names the joint or the link.
             ArgumentError: base, locked or snap cannot be used.
 
         >>> import hingepair as hp
@@ -138,7 +141,7 @@ class Mechanism(MechanismMethods):
         >>> hp.Mechanism.from_urdf(hp.to_urdf(pair)).names
         ('hinge',)
         """
-        return _new_mechanism(cls, building.tree_of_urdf(path_or_text, base, locked, snap), base)
+        return _new_mechanism(cls, *building.tree_of_urdf(path_or_text, base, locked, snap))
 
     @classmethod
     def from_pinocchio(
@@ -153,8 +156,10 @@ class Mechanism(MechanismMethods):
         dynamics and kinetic energy, as in Pinocchio. There is one difference: for a joint whose axis is not a
         coordinate axis, Pinocchio 4.1 omits the rotor from the kinetic energy; hingepair includes it. The attributes
         `rotorInertia` and `rotorGearRatio` of the model are not read. Position limits and the upper limits of effort
-        and velocity are copied. Damping, dry friction, lower limits of effort and velocity, reference configurations
-        and margins of limits are ignored. The model's gravity is not copied: gravity is an argument of the methods.
+        and velocity are copied; damping and dry friction are kept and printed, but used by no method. Lower limits of
+        effort and velocity, reference configurations and margins of limits are ignored. The model's gravity is not
+        copied: gravity is an argument of the methods. Constraints that close loops, such as those of MJCF's
+        `<equality>`, are no part of a Pinocchio model: the loops of the robot are open.
 
         Args:
             model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
@@ -170,8 +175,8 @@ class Mechanism(MechanismMethods):
 
         Raises:
             ArgumentError: a joint is of a kind that is not listed under `model`, a joint is not in depth-first order,
-                the armature of a joint is negative or not finite, or the free-flyer has an armature. The message
-                names the joint.
+                the armature of a joint is negative or not finite, the free-flyer has an armature, or frames in
+                different places have one name. The message names the joint or the frame.
 
         >>> import pinocchio
         >>> import hingepair as hp
@@ -333,15 +338,17 @@ class Mechanism(MechanismMethods):
 
     def __str__(self) -> str:
         title, rows, notes = self._sheet()
-        return "\n".join((title, *align_columns(rows, {4, 5, 6, 7, 8, 10}), *notes))
+        return "\n".join((title, *align_columns(rows, {4, 5, 6, 7, 8, *range(10, len(rows[0]))}), *notes))
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the moving joints as a Sheet of title, rows and notes. Robots with rotor
-        inertias have a column of armatures.
+        """Return the printed table of the moving joints as a Sheet of title, rows and notes. Armature, damping and
+        friction have columns if a joint has them.
         """
         joints = self.tree.joints
-        geared = any(joint.armature for joint in joints)
-        rows: list[tuple[str, ...]] = [(*_PRINTED_JOINT_TABLE_HEADINGS_WITHOUT_ARMATURE, *["armature"] * geared)]
+        extra = [
+            field for field in ("armature", "damping", "friction") if any(getattr(joint, field) for joint in joints)
+        ]
+        rows: list[tuple[str, ...]] = [(*_JOINT_HEADINGS, *extra)]
         for joint in joints:
             rule = joint.mimic
             follows = "" if rule is None else str(records.MimicRecord(joints[rule.leader - 1].name, *rule[1:]))
@@ -349,8 +356,8 @@ class Mechanism(MechanismMethods):
             limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
             shown = ("" if np.isinf(limit) else cell_text(limit) for limit in limits)
             axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in joint.n.tolist())
-            rotor = (cell_text(joint.armature),) if geared else ()
-            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *rotor))
+            cells = (cell_text(getattr(joint, field)) for field in extra)
+            rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *cells))
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
         return Sheet(title, rows, self.tree.notes)
 

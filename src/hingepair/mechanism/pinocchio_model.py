@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.folding import JointPart
+from hingepair.mechanism.folding import JointPart, limit_or_infinity
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.urdf.records import MimicRecord
-from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, exact_quarter_turns
 
 # Names of the joint types that are hinges.
 _PINOCCHIO_HINGE_TYPE_NAMES = {
@@ -25,10 +25,6 @@ _PINOCCHIO_HINGE_TYPE_NAMES = {
 }
 # Names of the joint types that are sliders.
 _PINOCCHIO_SLIDER_TYPE_NAMES = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
-_QUARTER_TURN_MATRIX_ENTRY_TOLERANCE = 2.0**-50
-"""Largest error of a matrix entry of a quarter turn: Pinocchio converts quaternions, which errs by at most 2^-52."""
-
-_PINOCCHIO_VALUE_OF_MISSING_LIMIT: Final = float(np.finfo(np.float64).max)  # by which Pinocchio marks a missing limit
 
 
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
@@ -152,8 +148,11 @@ def _part_of_joint(
             **body_content,
         )  # fmt: skip
     limits = None
-    if joint.nq == 1 and model.lowerPositionLimit[idx_q] < model.upperPositionLimit[idx_q]:
-        limits = _convert_limit(model.lowerPositionLimit[idx_q]), _convert_limit(model.upperPositionLimit[idx_q])
+    if joint.nq == 1:
+        lower, upper = float(model.lowerPositionLimit[idx_q]), float(model.upperPositionLimit[idx_q])
+        limits = (
+            (lower, upper) if lower < upper or lower == upper != 0 else None
+        )  # 0 and 0 stand for none, as in URDF
     armature = float(model.armature[idx_v])
     if not 0 <= armature < np.inf:
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
@@ -165,17 +164,12 @@ def _part_of_joint(
         _unit_axis(motion),
         **body_content,
         limits=limits,
-        effort_limit=_convert_limit(model.upperEffortLimit[idx_v]),
-        rate_limit=_convert_limit(model.upperVelocityLimit[idx_v]),
+        effort_limit=limit_or_infinity(model.upperEffortLimit[idx_v]),
+        rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
         armature=armature,
+        damping=float(model.damping[idx_v]),
+        friction=float(model.upperDryFrictionLimit[idx_v]),
     )
-
-
-def _convert_limit(value: float) -> float:
-    """Return a limit of a Pinocchio model as a float. The largest finite float, by which Pinocchio marks a missing
-    limit, becomes infinity with the sign of the limit.
-    """
-    return float(np.copysign(np.inf, value)) if abs(value) >= _PINOCCHIO_VALUE_OF_MISSING_LIMIT else float(value)
 
 
 def _is_leader(model: Any, number: int, mimic: Any) -> bool:
@@ -205,9 +199,14 @@ class _BodyContents:
         self._links: dict[int, dict[str, FramePose]] = {}
         self._frames: dict[int, dict[str, FramePose]] = {}
         bodies = {i for i, frame in enumerate(model.frames) if frame.type.name == "BODY"}
-        carrying = set()
+        carrying: set[str] = set()
+        others: dict[str, Any] = {}
         for i, frame in enumerate(model.frames):
             kinds = self._links if i in bodies else self._frames
+            if i not in bodies and i > 0:
+                first = others.setdefault(frame.name, frame)
+                if first.parentJoint != frame.parentJoint or not first.placement.isApprox(frame.placement):
+                    raise ArgumentError(f"frame {frame.name!r}", "one place for frames of one name", "two places")
             if frame.type.name != "JOINT" and i > 0:
                 kinds.setdefault(frame.parentJoint, {})[frame.name] = _convert_placement(frame.placement)
             above = frame.parentFrame
@@ -234,12 +233,5 @@ class _BodyContents:
 
 
 def _convert_placement(placement: Any) -> FramePose:
-    """Convert a placement of Pinocchio to a FramePose. If the rotation differs only by rounding from a rotation by
-    quarter turns about x, y and z, it is replaced by that rotation.
-    """
-    rotation = np.array(placement.rotation)
-    near = np.rint(rotation)
-    return FramePose(
-        near if np.abs(rotation - near).max() <= _QUARTER_TURN_MATRIX_ENTRY_TOLERANCE else rotation,
-        np.array(placement.translation),
-    )
+    """Convert a placement of Pinocchio to a FramePose, with quarter turns that its quaternions rounded made exact."""
+    return FramePose(exact_quarter_turns(np.array(placement.rotation)), np.array(placement.translation))

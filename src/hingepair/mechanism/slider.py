@@ -46,7 +46,7 @@ class Slider(Frozen, Shown):
 
     Raises:
         ArgumentError: a value cannot be used: it is not finite or has the wrong shape, n is zero, home is not a
-            rotation, the lower limit is not below the upper limit, or torque_limit or rate_limit is below 0. The
+            rotation, the lower limit is above the upper limit, or torque_limit or rate_limit is below 0. The
             message names the argument.
 
     >>> import hingepair as hp

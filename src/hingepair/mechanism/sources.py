@@ -30,16 +30,19 @@ BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS = "base"
 """Name of the base link of a robot that is built from pairs."""
 
 
-def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
-    """Convert a RobotRecord that was read from URDF to a list of JointParts: the base, then the joints depth-first by
-    name. Issue a DynamicsWarning for a mimic joint whose leader does not exist; it moves by itself. Raise a URDFError
-    for links and joints that do not form a tree of hinges and sliders.
+def parts_of_urdf(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[JointPart]]:
+    """Return (kind of the base, parts) for a RobotRecord: the base, then the joints depth-first by name. The kind is
+    "free" if one floating joint carries all but the root link, which is then left out. Issue a DynamicsWarning for a
+    mimic joint whose leader does not exist; it moves by itself.
 
     Raises:
         URDFError: the links and joints are no tree, a joint is of a type that has no part, or a number is missing;
             names the joint or the link.
     """
     root, joints = robot.tree()
+    is_free = bool(joints) and joints[0].type == "floating" and all(joint.parent != root for joint in joints[1:])
+    if is_free:
+        root, joints = joints[0].child, joints[1:]
     parents = {joint.parent for joint in joints}
     names = {joint.name for joint in joints}
     numbers = {root: 0}
@@ -56,6 +59,7 @@ def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
             continue
         axis = unit_axis(f"joint {joint.name!r}, axis", joint.axis)
         limits: dict[str, Any] = {"limits": joint.limits, "effort_limit": joint.effort, "rate_limit": joint.velocity}
+        limits |= {"damping": joint.damping, "friction": joint.friction}
         mimic = joint.mimic
         if mimic is not None and mimic.leader not in names:
             message = (
@@ -66,7 +70,7 @@ def parts_of_urdf(robot: records.RobotRecord) -> list[JointPart]:
         parts.append(
             JointPart(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits, mimic=mimic)
         )
-    return parts
+    return ("free" if is_free else "fixed"), parts
 
 
 def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:

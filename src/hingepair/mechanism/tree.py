@@ -86,6 +86,8 @@ class Joint(Frozen):
         rate_limit: largest rate [rad/s or m/s]; infinite where there is none.
         effort_limit: largest torque or force of its motor [N m or N]; infinite where there is none.
         armature: inertia of its motor's rotor, referred to the joint by the square of the gear ratio [kg m^2 or kg].
+        damping: viscous damping [N m s/rad or N s/m], as it is written; no method uses it.
+        friction: dry friction [N m or N], as it is written; no method uses it.
         mimic: rule of a joint that follows another; None for a joint with a coordinate of its own.
     """
 
@@ -100,6 +102,8 @@ class Joint(Frozen):
     rate_limit: float = np.inf
     effort_limit: float = np.inf
     armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
     mimic: Mimic | None = None
 
 
@@ -117,6 +121,14 @@ class Frame(Frozen):
     body: int
     R: NDArray[np.float64]
     S: NDArray[np.float64]
+
+
+class Source(NamedTuple):
+    """Text of a URDF, and how it was read."""
+
+    text: str | bytes
+    locked: Mapping[str, float]  # positions of joints that are held [rad or m]
+    snap: float  # tolerance of angles [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +149,7 @@ class Tree(Frozen):
         notes: what a DynamicsWarning says at the first call of dynamics: masses that are assumed, and masses that no
             rigid body can have; whole sentences that name the link.
         drawings: what each body is drawn by, the base first.
+        source: what the robot was read from, as long as it describes the links and masses of the robot.
     """
 
     name: str
@@ -147,6 +160,7 @@ class Tree(Frozen):
     tips: tuple[str, ...]
     notes: tuple[str, ...] = ()
     drawings: tuple[BodyDrawing, ...] = ()
+    source: Source | None = None
 
     @property
     def coordinates(self) -> tuple[Joint, ...]:

@@ -1013,13 +1013,13 @@ class HingePair(Shown):
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
     """Return the argument `limits`, the limits of the hinge angle [rad], as floats (lower, upper), or None if it is
-    None. Raise ArgumentError unless they are two finite numbers with lower < upper.
+    None. Raise ArgumentError unless they are two finite numbers with lower <= upper.
     """
     if limits is None:
         return None
     both = one_constant("limits", limits, 2)
-    if not both[0] < both[1]:
-        raise ArgumentError("limits", "(lower, upper) with lower < upper", limits)
+    if not both[0] <= both[1]:
+        raise ArgumentError("limits", "(lower, upper) with lower <= upper", limits)
     return float(both[0]), float(both[1])
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import xml.etree.ElementTree as ET
 from collections import defaultdict
 from pathlib import Path
 
 from hingepair.errors import URDFError
-from hingepair.urdf.records import JointRecord, LinkRecord, RobotRecord
+from hingepair.urdf.records import JointRecord, LinkRecord, PoseRules, RobotRecord
 
 
 def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotRecord:
@@ -23,12 +24,14 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotR
             as this multiple. With 0, only an angle that is the double nearest to a multiple of pi/2 is.
 
     Raises:
-        URDFError: the file cannot be read; not XML, a DOCTYPE in it (it could name files or grow without bound), not
-            a robot; a joint's parent link is not declared: whatever the joint carries would hang on nothing.
+        URDFError: the file cannot be read; not XML, macros (xacro) or a DOCTYPE in it (it could name files or grow
+            without bound), not a robot; a joint's parent link is not declared: whatever the joint carries would hang
+            on nothing.
     """
     parser = ET.XMLParser(target=_DoctypeRefusingBuilder())
     try:
-        parser.feed(_read_text(path_or_text))
+        text = _read_text(path_or_text)
+        parser.feed(text)
         root = parser.close()
     except URDFError:
         raise
@@ -36,24 +39,36 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotR
         raise URDFError("URDF", "XML", str(error)) from None
     if root.tag != "robot":
         raise URDFError("URDF", "the element <robot>", f"<{root.tag}>")
+    for element in root.iter():
+        for name in (element.tag, *element.attrib):
+            if str(name).startswith("{") and "xacro" in name:
+                expected = "a URDF without macros (the command xacro expands them)"
+                raise URDFError("URDF", expected, f"xacro:{name.partition('}')[2]}")
+    rules = PoseRules(snap, _has_quaternions(root.get("version", "1.0")))
     links, joints_at = defaultdict(list), defaultdict(list)
     for element in root.findall("link"):
-        link = LinkRecord(element, element.get("name", ""), snap)
+        link = LinkRecord(element, element.get("name", ""), rules)
         links[link.name].append(link)
-    joints = [_joint(element, snap) for element in root.findall("joint")]
+    joints = [_joint(element, rules) for element in root.findall("joint")]
     for joint in joints:
         for name in {joint.parent, joint.child}:
             joints_at[name].append(joint)
-    robot = RobotRecord(root.get("name", ""), dict(links), joints, dict(joints_at))
+    robot = RobotRecord(root.get("name", ""), dict(links), joints, dict(joints_at), text)
     for joint in joints:
         robot.check_declared(joint.parent, joint)
     return robot
 
 
-def _joint(element: ET.Element, snap: float) -> JointRecord:
+def _has_quaternions(version: str) -> bool:
+    """Return whether a version of URDF, such as "1.1", has quat_xyzw."""
+    numbers = re.fullmatch(r"(\d{1,9})\.(\d{1,9})", version, re.ASCII)
+    return numbers is not None and tuple(map(int, numbers.groups())) >= (1, 1)
+
+
+def _joint(element: ET.Element, rules: PoseRules) -> JointRecord:
     names = ("parent", "link"), ("child", "link"), ("mimic", "joint")
     parent, child, leader = ("" if (one := element.find(tag)) is None else one.get(key, "") for tag, key in names)
-    return JointRecord(element, element.get("name", ""), element.get("type", ""), parent, child, leader, snap)
+    return JointRecord(element, element.get("name", ""), element.get("type", ""), parent, child, leader, rules)
 
 
 class _DoctypeRefusingBuilder(ET.TreeBuilder):

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.errors import URDFError, choices, nearest, quoted
+from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import find_sequence
-from hingepair.urdf.rigid import FramePose, Inertia
+from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns
 
 HINGE_JOINT_TYPE_NAMES = ("revolute", "continuous")
 """Joint types that turn about one axis."""
@@ -42,6 +43,13 @@ _HALF_PI_AS_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  
 _MAX_SNAPPED_QUARTER_TURN_COUNT = 2**20  # of larger angles every one is near a multiple
 # Sine and cosine of 0, 1, 2, 3 quarter turns.
 _SINE_AND_COSINE_BY_QUARTER_TURN_COUNT = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
+
+
+class PoseRules(NamedTuple):
+    """How the origins of a URDF are read."""
+
+    snap: float  # how near to a multiple of pi/2 an angle is taken for it [rad]
+    has_quaternions: bool  # whether quat_xyzw may stand for rpy: from version 1.1 on
 
 
 class Visual(NamedTuple):
@@ -74,18 +82,17 @@ class MimicRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkRecord:
-    """Link of a URDF: its XML element, its name, and the tolerance `snap` [rad] for angles near multiples of pi/2.
-    Its mass properties and shapes are read from the element when a method is called.
+    """Link of a URDF. Its mass properties and shapes are read from the XML element when a method is called.
 
     Attributes:
         element: the XML element.
         name: name of the link.
-        snap: how near to a multiple of pi/2 an angle of an origin is taken for it [rad].
+        rules: how its origins are read.
     """
 
     element: ET.Element
     name: str
-    snap: float
+    rules: PoseRules
 
     def inertia(self) -> Inertia:
         """Return the mass properties of the link in its own axes as an Inertia; numbers that are not given are 0.
@@ -99,7 +106,7 @@ class LinkRecord:
         moments = self.element.find("inertial/inertia")
         xx, xy, xz, yy, yz, zz = (_numbers(moments, key, label, (0.0,))[0] for key in _INERTIA_ATTRIBUTE_NAMES)
         at_centre = Inertia(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
-        return at_centre.placed(_pose(self.element.find("inertial/origin"), label, self.snap))
+        return at_centre.placed(_pose(self.element.find("inertial/origin"), label, self.rules))
 
     def visuals(self, tag: str = "visual") -> list[Visual]:
         """Return the shapes of the link as a list of Visual records. The shapes draw the link (`tag` "visual"), or
@@ -113,7 +120,7 @@ class LinkRecord:
             shape = element.find("geometry/*")
             kind = "" if shape is None else shape.tag
             label = f"link {self.name!r}, {tag}"
-            pose = _pose(element.find("origin"), label, self.snap)
+            pose = _pose(element.find("origin"), label, self.rules)
             groups = [
                 _numbers(shape, key, f"{label}, {kind}", zero)
                 for key, zero in DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND.get(kind, {}).items()
@@ -124,9 +131,8 @@ class LinkRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRecord:
-    """Joint of a URDF: its XML element, its name and type, the names of its parent link, its child link and the joint
-    that it `follows`, and the tolerance `snap` [rad] for angles near multiples of pi/2. A property reads its numbers
-    from the element when it is accessed, and raises a URDFError for a number that is not finite.
+    """Joint of a URDF. A property reads its numbers from the XML element when it is accessed, and raises a URDFError
+    for a number that is not finite.
 
     Attributes:
         element: the XML element.
@@ -135,7 +141,7 @@ class JointRecord:
         parent: name of the link that carries the joint.
         child: name of the link that the joint carries, whose frame is the joint's.
         follows: name of the joint whose position this one follows (mimic); "" for none.
-        snap: how near to a multiple of pi/2 an angle of its origin is taken for it [rad].
+        rules: how its origin is read.
     """
 
     element: ET.Element
@@ -144,14 +150,14 @@ class JointRecord:
     parent: str
     child: str
     follows: str
-    snap: float
+    rules: PoseRules
 
     @property
     def pose(self) -> FramePose:
         """Pose of the child link at position 0 in the axes of the parent link, a FramePose of rotation and origin
         [m]. Raises a URDFError for an entry that is not a finite number.
         """
-        return _pose(self.element.find("origin"), self._label, self.snap)
+        return _pose(self.element.find("origin"), self._label, self.rules)
 
     @property
     def axis(self) -> tuple[float, ...]:
@@ -165,15 +171,15 @@ class JointRecord:
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """Lower and upper limit of the position [rad or m]; None if they are equal or missing, and for continuous
-        joints. Raises a URDFError if the lower limit is above the upper one.
+        """Lower and upper limit of the position [rad or m]; None if both are 0 or missing, and for continuous joints.
+        Raises a URDFError if the lower limit is above the upper one.
         """
         if self.type == "continuous":
             return None
         lower, upper = (self._number("limit", key, 0.0) for key in ("lower", "upper"))
         if lower > upper:
             raise URDFError(f"{self._label}, limit", "lower below upper", f"lower {lower!r}, upper {upper!r}")
-        return (lower, upper) if lower < upper else None
+        return (lower, upper) if lower or upper else None
 
     @property
     def effort(self) -> float | None:
@@ -233,12 +239,14 @@ class RobotRecord:
         links: links by name, in the order of the file; a name that is given twice has both links.
         joints: joints in the order of the file.
         joints_at: for the name of each link, the joints of which it is parent or child.
+        text: what it was read from.
     """
 
     name: str
     links: Mapping[str, Sequence[LinkRecord]]
     joints: Sequence[JointRecord]
     joints_at: Mapping[str, Sequence[JointRecord]]
+    text: str | bytes
 
     def hinges(self) -> tuple[JointRecord, ...]:
         """Return a tuple of the revolute and continuous JointRecords that have a name, mimic joints included."""
@@ -333,18 +341,30 @@ class RobotRecord:
         return sorted(joints, key=lambda joint: joint.name, reverse=True)
 
 
-def _pose(origin: ET.Element | None, label: str, snap: float) -> FramePose:
-    """Return the FramePose of an XML element <origin>; for None, the identity. Angles within `snap` [rad] of a
-    multiple of pi/2 are replaced by that multiple. Raise a URDFError, whose message begins with the string `label`,
-    for a number that is not finite.
+def _pose(origin: ET.Element | None, label: str, rules: PoseRules) -> FramePose:
+    """Return the FramePose of an XML element <origin>; for None, the identity. Its attributes are xyz [m] and rpy,
+    fixed-axis XYZ [rad], or quat_xyzw, a quaternion of any length.
 
-    Its attributes are xyz [m] and rpy, fixed-axis XYZ [rad].
+    Raises:
+        URDFError: an attribute is not that many finite numbers, or the rotation is given twice or by a zero
+            quaternion; the message begins with the string `label`.
     """
-    xyz, rpy = (_numbers(origin, key, f"{label}, origin", _ZERO_VECTOR) for key in ("xyz", "rpy"))
+    label = f"{label}, origin"
+    position = np.array(_numbers(origin, "xyz", label, _ZERO_VECTOR))
+    has_rpy, has_quaternion = (origin is not None and origin.get(key) is not None for key in ("rpy", "quat_xyzw"))
+    if has_quaternion and has_rpy is rules.has_quaternions:
+        expected = "no rpy beside quat_xyzw" if has_rpy else '<robot version="1.1"> or later for quat_xyzw'
+        raise URDFError(label, expected, "rpy too" if has_rpy else "an earlier version, which has rpy alone")
+    if has_quaternion and not has_rpy:
+        quaternion = _numbers(origin, "quat_xyzw", label, (0.0, 0.0, 0.0, 1.0))
+        if not any(quaternion):
+            raise URDFError(f"{label} quat_xyzw", "a quaternion that is not zero", quaternion)
+        rotation = quaternion_to_matrix("quat_xyzw", quaternion, scalar_first=False).astype(np.float64)
+        return FramePose(exact_quarter_turns(rotation, rules.snap), position)
+    rpy = _numbers(origin, "rpy", label, _ZERO_VECTOR)
     order = find_sequence("xyz")
-    roll, pitch, yaw = order.angles(rpy)
-    trig = tuple(part for angle in (roll, pitch, yaw) for part in sine_and_cosine(angle, snap))
-    return FramePose(np.array(order.attitude(trig)).reshape(3, 3) + 0.0, np.array(xyz))
+    trig = tuple(part for angle in order.angles(rpy) for part in sine_and_cosine(angle, rules.snap))
+    return FramePose(np.array(order.attitude(trig)).reshape(3, 3) + 0.0, position)
 
 
 def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
@@ -374,5 +394,7 @@ def _numbers(element: ET.Element | None, key: str, label: str, default: tuple[An
     ):
         return tuple(map(float, words))
     raise URDFError(
-        f"{label} {key}", "three finite numbers" if len(default) == 3 else "a finite number", quoted(text)
+        f"{label} {key}",
+        {1: "a finite number", 3: "three finite numbers"}.get(len(default), "four finite numbers"),
+        quoted(text),
     )

@@ -29,6 +29,18 @@ class FramePose(NamedTuple):
         return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 
 
+_QUARTER_TURN_ERROR = 2.0**-50  # of an entry that quaternions gave, which err by at most 2^-52
+
+
+def exact_quarter_turns(rotation: Float64Array, tolerance: float = 0.0) -> Float64Array:
+    """Return a rotation matrix, or the rotation by quarter turns about x, y and z from which it differs by no more
+    than `tolerance` and the rounding of quaternions.
+    """
+    near = np.rint(rotation)
+    is_near = np.abs(rotation - near).max() <= max(tolerance, _QUARTER_TURN_ERROR)
+    return np.asarray(near + 0.0 if is_near else rotation)
+
+
 IDENTITY_POSE = FramePose(np.eye(3), np.zeros(3))
 """Pose of a frame in itself."""
 
