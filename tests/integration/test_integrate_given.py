@@ -354,16 +354,16 @@ def test_error_estimate_knows_that_equal_steps_round_alike():
     assert true / 10 <= motion.error_estimate <= 10 * true
 
 
-@pytest.mark.slow(11)
+@pytest.mark.slow(4)
 @pytest.mark.parametrize("name", SPINS)
-def test_ten_million_steps_do_not_drift(name):
+def test_two_million_steps_do_not_drift(name):
     """Attitude to 2e-14 rad and psi to 2u at every instant looked at: truncation is far below."""
-    spin, count = SPINS[name], 10**7
+    spin, count = SPINS[name], 2 * 10**6
     t = np.linspace(0, 10, count + 1)
     motion = hp.integrate(
         PAIR, t, spin.omega, lambda s: 1 + 0.3 * np.cos(s), S1_0=spin.S1_0, psi_0=0.1, outputs=(), backend="compiled"
     )
-    for i in generator(131).integers(1, count + 1, 300):
+    for i in generator(131).integers(1, count + 1, 100):
         S = hp.BodyMotion.from_quaternion_wxyz(R=(0, 0, 0), quat_wxyz=motion.quat_wxyz[i]).S
         assert angle(S, spin.exact(t[i])) <= 2e-14
         with mpmath.workdps(DIGITS):

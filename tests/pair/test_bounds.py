@@ -1,4 +1,4 @@
-"""The accuracy contract on many states: 2,000 a backend and dtype in 60 digits, millions in extended precision."""
+"""The accuracy contract on many states: in 60 digits, and many more in extended precision."""
 
 from __future__ import annotations
 
@@ -30,43 +30,39 @@ def rounded(numbers, dtype):
 
 @pytest.fixture(scope="module", params=[np.float64, np.float32], ids=["float64", "float32"])
 def many(request):
-    """2,000 states of 63 pairs: 1,008 by Euler angles of all sequences, 992 by a given attitude."""
+    """States of 63 pairs, by Euler angles of all sequences and by a given attitude."""
     dtype, by_angles, by_attitude = request.param, [], []
     for k, sequence in enumerate(SEQUENCE_NAMES + ("XYZ",) * 8):
         rng = states.generator(14, k)
         constants = tuple(rounded(c, dtype) for c in states.pair(rng, home=k % 3 > 0 and dtype is np.float64))
-        motion = [rounded(c, dtype) for c in states.coordinates(rng, 36 if k < 24 else 18)]
+        motion = [rounded(c, dtype) for c in states.coordinates(rng, 8)]
         by_angles.append((constants, motion, sequence, reference.from_euler(constants, *motion, sequence=sequence)))
     for k in range(31):
         rng = states.generator(15, k)
         constants = tuple(rounded(c, dtype) for c in states.pair(rng, home=k % 3 > 0 and dtype is np.float64))
-        pieces = [rounded(c, dtype) for c in states.body1(rng, 32)]
-        hinge = [rounded(c, dtype) for c in rng.normal(size=(3, 32))]
+        pieces = [rounded(c, dtype) for c in states.body1(rng, 8)]
+        hinge = [rounded(c, dtype) for c in rng.normal(size=(3, 8))]
         by_attitude.append((constants, pieces, hinge, reference.from_attitude(constants, pieces, *hinge)))
     return dtype, by_angles, by_attitude
 
 
-@pytest.mark.slow(60)
-def test_two_thousand_states(many, ledger):
+@pytest.mark.slow(3)
+def test_states_in_sixty_digits(many, ledger):
     """Both backends in one test: most of its time computes the truth."""
     dtype, by_angles, by_attitude = many
     name = np.dtype(dtype).name
-    count = 0
     for backend in BACKENDS:
         for (u1, u2, n, home), motion, sequence, truth in by_angles:
             pair = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
             state = pair.forward_kinematics(*motion, sequence=sequence, outputs=OUTPUTS, backend=backend)
             assert state.R2.dtype == dtype
             require(truth, outputs_of(state), ledger, f"angles {name[5:]} {backend}", ORDINARY)
-            count += len(motion[0])
         for (u1, u2, n, home), pieces, hinge, truth in by_attitude:
             pair = hp.HingePair(u1=u1, u2=u2, n=n, home=home)
             body1 = hp.BodyMotion(**dict(zip(("R", "S", "v", "omega", "a", "alpha"), pieces, strict=True)))
             state = pair.forward_kinematics_from_body1(body1, *hinge, outputs=OUTPUTS, backend=backend)
             assert state.R2.dtype == dtype
             require(truth, outputs_of(state), ledger, f"given {name[5:]} {backend}", ORDINARY)
-            count += len(hinge[0])
-    assert count == 2000 * len(BACKENDS)
 
 
 def _plain(rng, count):
@@ -120,17 +116,17 @@ def test_the_two_oracles_agree():
                 assert float(gap.max()) <= 0.1 * 2.0**-53 * truth.scales[name][i], name
 
 
-@pytest.mark.slow(50)
+@pytest.mark.slow(2)
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_million_states(kind, ledger):
+def test_a_hundred_thousand_states(kind, ledger):
     """Both backends in one test: most of its time computes the truth."""
     assert extended.WIDE, "this test needs a long double of 64 bits"
-    for k in range(100):
+    for k in range(25):
         constants, motion = KINDS[kind](states.generator(17, k), 4000)
         truth = extended.Extended(constants, *motion)
         for backend in BACKENDS:
             for name, found in errors(truth, constants, motion, OUTPUTS, backend).items():
-                worst = ledger(f"{kind}, 1e6 {backend}", name, found)
+                worst = ledger(f"{kind}, 1e5 {backend}", name, found)
                 assert worst <= BOUNDS[name], (name, backend)
 
 

@@ -66,14 +66,14 @@ def case_of(seed):
     return pair, body1, rates, Twin(pair, body1, *rates)
 
 
-@pytest.fixture(params=sparse(range(40), 10))
+@pytest.fixture(params=range(4))
 def case(request):
     return case_of(request.param)
 
 
 @pytest.mark.slow
-def test_a_thousand_pairs_are_those_of_pinocchio():
-    for seed in range(1000):
+def test_a_hundred_pairs_are_those_of_pinocchio():
+    for seed in range(100):
         own = case_of(seed)
         for law in LAWS:
             law(own)
