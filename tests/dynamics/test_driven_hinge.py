@@ -63,3 +63,39 @@ def test_what_does_not_go_with_a_driven_hinge_is_named():
             hp.simulate(pair, [0, 1], STILL, base="fixed", **{"hinge": swing} | given)
     with pytest.raises(hp.ArgumentError, match=r"^psi_0: expected"):
         hp.simulate(pair, [0, 1], STILL, base="fixed")
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 1.5, np.pi / 180])
+@pytest.mark.parametrize("offset", [0.0, 1e7])
+def test_rates_that_are_not_derivatives_are_refused(factor, offset):
+    pair = hp.HingePair((0, 0, 0), (1, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+    t = np.linspace(0, 3, 5)
+    start = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
+
+    def turning(rate, acceleration):
+        return lambda t: (np.sin(t), rate * np.cos(t), acceleration * -np.sin(t))
+
+    hp.simulate(pair, t, start, base="fixed", hinge=turning(1.0, 1.0))
+    with pytest.raises(hp.ArgumentError, match=r"^hinge: .*psid is the derivative of its psi"):
+        hp.simulate(pair, t, start, base="fixed", hinge=turning(factor, factor))
+    with pytest.raises(hp.ArgumentError, match=r"^hinge: .*psidd is the derivative of its psid"):
+        hp.simulate(pair, t, start, base="fixed", hinge=turning(1.0, factor))
+
+    def base(**factors):
+        by = {"v": 1.0, "omega": 1.0, "a": 1.0, "alpha": 1.0} | factors
+
+        def motion(t):
+            axis = np.array([0.6, 0.0, 0.8])
+            zero = np.zeros((len(t), 3))
+            wave, rate = zero + np.sin(t)[:, None], zero + np.cos(t)[:, None]
+            v, omega = by["v"] * rate, by["omega"] * rate * axis
+            a, alpha = -by["a"] * by["v"] * wave, -by["alpha"] * by["omega"] * wave * axis
+            return hp.BodyMotion(R=offset + wave, S=hp.rodrigues(axis, np.sin(t)), v=v, omega=omega, a=a, alpha=alpha)
+
+        return motion
+
+    hp.simulate(pair, t, None, 0.0, 0.0, base=base())
+    for rate, quantity in (("v", "R"), ("omega", "S"), ("a", "v"), ("alpha", "omega")):
+        if factor or rate in ("a", "alpha"):
+            with pytest.raises(hp.ArgumentError, match=rf"^base: .*{rate} is the derivative of its {quantity}"):
+                hp.simulate(pair, t, None, 0.0, 0.0, base=base(**{rate: factor}))

@@ -219,6 +219,18 @@ def test_a_hinge_bounces_off_a_rigid_stop_and_comes_to_rest_there(restitution):
     assert found.loads["motor_torque"][-1] == fall
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("span", [6.0, 60.0])
+def test_bounces_come_to_rest_at_every_tolerance(span):
+    """The second run for the estimate has a tolerance below the rounding of impacts."""
+    rng = generator(3)
+    for _ in range(4):
+        low = rng.uniform(-0.5, 0.3)
+        load = hp.HingeLoad(stops=(low - 0.5, low + rng.uniform(0.3, 1)), stop_restitution=rng.uniform(0.2, 0.8))
+        moved = turned(rod(), [0, span], low + rng.uniform(-0.2, 0.2), 0.0, load)
+        assert moved.psi_error_estimate < 1e-11
+
+
 def test_a_rigid_stop_lets_go_what_is_pulled_away():
     load = hp.HingeLoad(stops=(-1, 1), stop_restitution=0.0, motor=lambda t, *_: np.cos(t))
     found = turned(wheel(), np.linspace(0, 3, 31), 1.0, 0.0, load, tol=1e-12)

@@ -45,6 +45,46 @@ def test_a_rod_that_stands_falls():
     np.testing.assert_allclose(sorted(small.damping_ratios), [-1, 1], rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("psi_0", "stops", "beyond"),
+    [(1.0, (-1, 1.2), 1.2), (1.3, (-1, 1.2), 1.2), (0.0, (-1, 1.2), 1.2), (1.8, (1.7, 3), 1.7), (3.1, (1.7, 3), 1.7)],
+)
+def test_an_equilibrium_against_a_stop_is_where_the_stop_bears_the_weight(psi_0, stops, beyond):
+    load = hp.HingeLoad(stops=stops)
+    small = hp.linearize(rod(), STILL, psi_0, hinge_torque=load, base="fixed", equilibrium=True)
+    weight = 2 * 9.81 * np.cos(small.psi)
+    assert load(0.0, small.psi, 0.0) == pytest.approx(-weight, rel=1e-9)
+    assert small.psi == pytest.approx(beyond, abs=1e-3)
+    assert small.natural_frequencies[0] == pytest.approx(np.sqrt((1e4 + 2 * 9.81 * np.sin(small.psi)) / 3), rel=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-12, 1e-3, -1e-3])
+def test_no_standing_rod_is_a_stable_equilibrium(offset):
+    small = hp.linearize(rod(), STILL, offset - np.pi / 2, base="fixed", equilibrium=True)
+    assert np.cos(small.psi - np.pi / 2) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("torque", "said"),
+    [
+        (hp.HingeLoad(stops=(-1, 1.2), stop_restitution=0.5), "hinge_torque: .*between the stops"),
+        (hp.HingeLoad(friction=0.1), "hinge_torque: .*friction"),
+        (lambda _t, psi, _: 50 * psi, "equilibrium: .*none near psi_0 = 1"),
+    ],
+    ids=["rigid stop", "friction", "unstable"],
+)
+def test_what_has_no_stable_equilibrium_is_named(torque, said):
+    with pytest.raises(hp.ArgumentError, match=said):
+        hp.linearize(rod(), STILL, 1.0, hinge_torque=torque, base="fixed", equilibrium=True)
+
+
+def test_a_standing_double_pendulum_is_not_called_stable():
+    standing = hp.BodyMotion(R=(0, 0, 0), S=hp.rodrigues((0, 0, 1), np.pi / 2))
+    small = hp.linearize(DOUBLE, standing, 0.0, base="pinned", equilibrium=True)
+    assert small.damping_ratios.min() > -1e-6
+    assert len(small.natural_frequencies) == 2
+
+
 ROD1 = hp.Body(mass=1.3, center_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))
 ROD2 = hp.Body(mass=0.7, center_of_mass=(0.4, 0, 0), inertia=(0.05, 0.08, 0.09))
 DOUBLE = hp.PlanarPair(u1=(1, 0), u2=(0, 0), body1=ROD1, body2=ROD2)

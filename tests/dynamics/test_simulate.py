@@ -335,7 +335,9 @@ def test_a_motion_without_resistance_is_refused(base):
 
 def test_limits_that_are_left_are_warned_of():
     pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), limits=(-1, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
-    with pytest.warns(hp.DynamicsWarning, match="psi leaves the pair's limits, -1 to 1 rad, first at t = 1.5 s"):
+    with pytest.warns(
+        hp.DynamicsWarning, match="psi leaves the pair's limits, -1 to 1 rad: it reaches 2 rad at t = 2 s"
+    ):
         hp.simulate(pair, [0, 0.5, 1.5, 2], STILL, 0.0, 1.0, base="fixed")
     stops = hp.HingeLoad(stops=pair.limits, motor=0.1)
     kept = hp.simulate(pair, np.linspace(0, 2, 9), STILL, 0.0, 1.0, base="fixed", hinge_torque=stops)
@@ -354,8 +356,84 @@ def test_a_stop_beyond_its_limit_does_not_guard_it(where):
     limited = replace(flywheel(), limits=(0, 1))
     stops = hp.HingeLoad(stops=(-5, 5))
     torque = stops if where == "load" else hp.HingeLoad(damping=1e-3, motor=stops)
-    with pytest.warns(hp.DynamicsWarning, match=r"psi leaves the pair's limits, 0 to 1 rad, first at t = 2 s"):
+    with pytest.warns(
+        hp.DynamicsWarning, match=r"psi leaves the pair's limits, 0 to 1 rad: it reaches 2\.9\d* rad at t = 3 s"
+    ):
         hp.simulate(limited, [0, 1, 2, 3], STILL, 0.0, 0.99, base="fixed", hinge_torque=torque)
+
+
+def test_what_happens_between_the_instants_is_warned_of():
+    """Out and back within the two instants that were asked for."""
+    pair = replace(pendulum(), limits=(0, 1))
+    with pytest.warns(hp.DynamicsWarning, match=r"it reaches 3\.14159 rad"):
+        swing = hp.simulate(pair, [0, 2.96188], STILL, 0.0, 0.0, base="fixed")  # nearly a period
+    assert swing.psi.max() < 0.1
+    assert swing.psi_range == (pytest.approx(0, abs=1e-12), pytest.approx(np.pi, abs=1e-6))
+    spring = hp.HingeLoad(stops=(-1, 1), stop_stiffness=1.0)
+    with pytest.warns(hp.DynamicsWarning, match="psi passes the stops by"):
+        hp.simulate(pendulum(), [0, 2.9], STILL, 0.0, 0.0, base="fixed", hinge_torque=spring)
+
+
+@pytest.mark.parametrize(
+    ("load", "said"),
+    [
+        (
+            {"hinge_torque": lambda _t, psi, _: np.where(psi > 2, np.nan, 0.0)},
+            "hinge_torque is nan near t = 0.845559, psi = 2",
+        ),
+        ({"hinge_torque": lambda *_: None}, "hinge_torque: .* got None"),
+        ({"force2": lambda *_: None}, "force2: .* got None"),
+        ({"max_steps": 20}, "20 steps would not reach the end; max_steps="),
+        ({"until": lambda _, now: np.sqrt(1 - now.psi)}, "until: .* nan at t = 0.56"),
+        ({"until": lambda _, now: np.where(now.psi > 1, np.nan, 5 - now.psi)}, "until: .* nan at t = 0.56"),
+        ({"hinge_torque": hp.HingeLoad(stops=(0, 1e-14), stop_restitution=0.5)}, "hinge_torque: .*stops at least"),
+        (
+            {
+                "hinge_torque": hp.HingeLoad(
+                    stops=(0, 1), stop_restitution=1, motor=hp.HingeLoad(stops=(2, 3), stop_restitution=1)
+                )
+            },
+            "hinge_torque: .*stops at least",
+        ),
+    ],
+    ids=["nan", "None", "None force", "steps", "root", "undefined event", "stops", "stops apart"],
+)
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_what_cannot_be_followed_says_why(load, said):
+    with pytest.raises(hp.HingePairError, match=said):
+        hp.simulate(pendulum(), np.linspace(0, 10, 11), STILL, 0.0, 0.0, **{"base": "fixed", **load})
+
+
+def test_an_event_that_is_undefined_beyond_a_stop_is_followed():
+    stops = hp.HingeLoad(stops=(-1, 1), stop_restitution=0.5)
+
+    def event(_, now):
+        return np.where(now.psi > 1 + 1e-9, np.nan, 2 - now.psi)
+
+    end = hp.simulate(pendulum(), [0, 5], STILL, 0.0, 0.0, base="fixed", hinge_torque=stops, until=event)
+    assert end.psi[-1] == 1
+
+
+class NamedLoad(hp.HingeLoad):
+    """A load with the torque of a HingeLoad."""
+
+
+class WeakLoad(hp.HingeLoad):
+    """A load that computes another torque."""
+
+    def __call__(self, t, psi, psid):
+        return 0.5 * super().__call__(t, psi, psid)
+
+
+def test_a_derived_load_has_the_stops_of_its_base_or_is_refused():
+    arguments = {"stops": (-1, 1), "stop_restitution": 0.5, "friction": 0.1}
+    moved = [
+        hp.simulate(pendulum(), [0, 1, 3], STILL, 0.0, 0.0, base="fixed", hinge_torque=kind(**arguments)).psi
+        for kind in (hp.HingeLoad, NamedLoad)
+    ]
+    np.testing.assert_array_equal(*moved)
+    with pytest.raises(hp.ArgumentError, match=r"hinge_torque: .*motor="):
+        hp.simulate(pendulum(), [0, 1], STILL, 0.0, 0.0, base="fixed", hinge_torque=WeakLoad(**arguments))
 
 
 def test_stops_of_a_motor_that_are_passed_are_warned_of():

@@ -14,7 +14,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Protocol, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -224,7 +224,7 @@ class Stepper:
                 continue
             self.length = max(self.length, next_length) if is_last and end < stop else next_length
             first_event = self._find_first_event(
-                node_rates, length, 64 * time_rounding, extra_times, expected_event if is_last else None
+                node_rates, length, time_rounding, extra_times, expected_event if is_last else None
             )
             if first_event is None:
                 break
@@ -282,11 +282,11 @@ class Stepper:
         return np.hstack([(self.instants[first:last] - self.t) / length, np.arange(1, count + 1) / (count + 1)])
 
     def _find_first_event(
-        self, node_rates: Array, length: float, time_margin: float, extra_times: Array, expected_event: int | None
+        self, node_rates: Array, length: float, time_rounding: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
         """Return a tuple of the share of the step, 0 to 1, after which the first event happens, and the index
         of the event; None if no event happens in the step. `node_rates` are the derivatives at the nodes,
-        `time_margin` [s] allows for rounding, and `extra_times` are further relative times (0 to 1) at which
+        `time_rounding` is the spacing of instants [s], and `extra_times` are further relative times (0 to 1) at which
         distances are checked. The event with the index `expected_event` counts as happening at the end of the
         step if only rounding prevents it.
         """
@@ -300,8 +300,9 @@ class Stepper:
 
         times = np.unique(np.hstack([_RELATIVE_EVENT_SAMPLE_TIMES, extra_times]))
         values, sizes = distances(times)
-        slopes = np.abs(np.diff(values, axis=0) / np.diff(times)[:, None]).max(axis=0) / length
-        margins = 2e-15 * sizes + time_margin * slopes
+        slopes = np.abs(np.diff(values, axis=0) / np.diff(times)[:, None])
+        slopes = np.where(np.isfinite(slopes), slopes, 0.0).max(axis=0) / length  # NaN is found as a crossing
+        margins = event_margin(sizes, slopes, time_rounding)
         crossings = []
         event_time_indices = np.searchsorted(times, _RELATIVE_EVENT_SAMPLE_TIMES)
         for event, margin in enumerate(margins):
@@ -503,6 +504,13 @@ class Stepper:
             return max(error, worst), 0.0
         first_failed = int(np.argmax(~(residuals <= 1)))
         return worst, float(times[first_failed - 1]) if first_failed else 0.0
+
+
+def event_margin(size: Any, slope: Any, time_rounding: float) -> Any:
+    """Return the distance past an event that rounding alone may cause, of a quantity of this size and rate of change
+    at instants of this spacing [s]. Closer than this, two events cannot be told apart.
+    """
+    return 2e-15 * size + 64 * time_rounding * slope
 
 
 def _bracket_crossing(

@@ -14,6 +14,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.dynamics.collocation import event_margin
 from hingepair.dynamics.loads import MotionAtInstants
 from hingepair.dynamics.pair_motion import PairMotion
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
@@ -29,8 +30,7 @@ _LOWER_ANGLE_EVENT, _UPPER_ANGLE_EVENT = "lower angle", "upper angle"
 _LOWER_RATE_EVENT, _UPPER_RATE_EVENT = "lower rate", "upper rate"
 _RELEASE_DOWN_EVENT, _RELEASE_UP_EVENT = "release downwards", "release upwards"
 _USER_EVENT_NAME = "until"  # as the argument of `simulate`
-# Of the tolerance: a hinge that would rebound from a stop by less is held there.
-_MIN_REBOUND_ANGLE_TO_STEP_TOLERANCE_RATIO: Final = 0.01
+_MIN_REBOUND = 0.01  # of the tolerance: a hinge that would rebound from a stop by less is held there
 # Of the largest value of the user's event in the first step: above, its sign counts.
 _USER_EVENT_SIGN_TOLERANCE_TO_LARGEST_VALUE_RATIO: Final = 1e-6
 # Of the largest value of the user's event so far: below, an impact makes it 0.
@@ -52,10 +52,13 @@ class HingeEvents:
         start: the first instant [s].
         tol: largest error of a step [rad].
         user_event: ends the motion where its value passes 0; None: no such event.
+        span: length of the whole motion [s].
     """
 
-    def __init__(self, motion: PairMotion, start: float, tol: float, user_event: UserEvent | None) -> None:
-        self._motion, self._start, self._tol, self._user_event = motion, start, tol, user_event
+    def __init__(
+        self, motion: PairMotion, start: float, tol: float, user_event: UserEvent | None, span: float = 0.0
+    ) -> None:
+        self._motion, self._start, self._tol, self._user_event, self._span = motion, start, tol, user_event, span
         loads = motion.loads
         self._angle_kinks, self._rate_kinks = (-np.inf, *loads.kinks, np.inf), (-np.inf, *loads.rate_kinks, np.inf)
         self._friction, self._rigid_stops = loads.friction, loads.rigid_stops
@@ -108,14 +111,13 @@ class HingeEvents:
                     rows[name] = distance, scale
         if self._user_event is not None:
             values = self._user_values(self._start + t, states)
+            finite = values[np.isfinite(values)]  # at others the stepper stops, and `apply` refuses them
+            size = float(np.abs(finite).max(initial=0.0))
             if not self._sign:  # where the value is 0 at the start, the sign of the first certain value
-                certain_values = values[
-                    np.abs(values) > _USER_EVENT_SIGN_TOLERANCE_TO_LARGEST_VALUE_RATIO * np.abs(values).max()
-                ]
+                certain_values = finite[np.abs(finite) > _USER_EVENT_SIGN_TOLERANCE_TO_LARGEST_VALUE_RATIO * size]
                 self._sign = float(np.sign(certain_values[0])) if certain_values.size else 0.0
-            size = float(np.abs(values).max())
             self._largest = max(self._largest, size)
-            rows[_USER_EVENT_NAME] = self._sign * values, size
+            rows[_USER_EVENT_NAME] = np.where(np.isfinite(values), self._sign * values, np.nan), size
         self._names = tuple(rows)
         distances = np.stack([distance for distance, _ in rows.values()], axis=-1) if rows else np.ones((len(t), 0))
         return distances, np.array([size for _, size in rows.values()])
@@ -131,6 +133,7 @@ class HingeEvents:
         name, psi_index = self._names[event_index], self._motion.psi_index
         state = state.copy()
         if name == _USER_EVENT_NAME:
+            self._check_user_value(t, state)
             ends = self._ends_motion()
             self._sign, self._passed_at = -self._sign, t
             return None if ends else state
@@ -151,6 +154,12 @@ class HingeEvents:
             self._release(1 if name == _RELEASE_UP_EVENT else -1)
         self._update_torque_branch()
         return state
+
+    def _check_user_value(self, t: float, state: Array) -> None:
+        """Raise an ArgumentError unless the value of the user's event is a finite number in this state."""
+        value = float(self._user_values(np.array([self._start + t]), state[None])[0])
+        if not np.isfinite(value):
+            raise ArgumentError("until", "a finite number at every instant", f"{value} at t = {self._start + t:.9g}")
 
     def _ends_motion(self) -> bool:
         """Return whether the user's event ends the motion when its value passes 0 from its present sign. The
@@ -231,7 +240,7 @@ class HingeEvents:
     def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:
         """Set the hinge angle in `state` to the angle `stop` [rad] of a rigid stop, reverse the hinge rate and
         multiply it by the stop's restitution, in place. `side` is 1 for the upper stop and -1 for the lower one. Hold
-        the hinge at the stop, with rate 0, if it would rebound by less than a hundredth of the tolerance.
+        the hinge at the stop, with rate 0, if the rebound would be too low to be followed.
         """
         psi_index = self._motion.psi_index
         state[psi_index] = stop
@@ -243,10 +252,11 @@ class HingeEvents:
         self._rate_interval = sum(bound < rate for bound in self._rate_kinks[1:-1])
         self._update_torque_branch()
         pressing_acceleration = side * self._motion.hinge_acceleration(self._start + t, state)
-        if (
-            pressing_acceleration > 0
-            and rate**2 <= 2 * pressing_acceleration * _MIN_REBOUND_ANGLE_TO_STEP_TOLERANCE_RATIO * self._tol
-        ):
+        # The next impact can be located only if the hinge rises well above the margin within which
+        # `Stepper` takes it for still at the stop; small tolerances lie below that margin.
+        margin = event_margin(1 + abs(stop), abs(rate), np.spacing(max(t, self._span)))
+        lowest = max(_MIN_REBOUND * self._tol, 8 * margin)
+        if pressing_acceleration > 0 and rate**2 <= 2 * pressing_acceleration * lowest:
             state[psi_index + 1] = 0.0
             self._hold(t, state)
 

@@ -27,9 +27,7 @@ from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 _DIFFERENCE_STEP_TO_STATE_COMPONENT_SIZE_RATIO: Final = 1e-5
 # Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
 _MIN_NONZERO_POLE_TO_LARGEST_POLE_RATIO: Final = 1e-5
-_MAX_EQUILIBRIUM_NEWTON_ITERATIONS = 200  # of the search for an equilibrium
-_MAX_CHANGE_OF_ANY_ANGLE_PER_EQUILIBRIUM_ITERATION_RAD = 0.3  # rad: largest change of an angle in one of them
-_MAX_ANGLE_CHANGE_OF_CONVERGED_EQUILIBRIUM_ITERATION_RAD: Final = 1e-13  # rad: a smaller Newton step ends the search
+_MAX_CHANGE = 0.3  # rad: of an angle in one iteration towards an equilibrium
 
 # Components of the state of a free or pinned pair; a carried pair has the last two.
 _STATE_COMPONENT_NAMES: Final = (
@@ -175,7 +173,7 @@ def linearize(
         space, base, is_planar, start, Loads(forces, load, gravity, is_planar=is_planar), execution_of(backend, 1)
     )
     HingeEvents(motion, 0.0, 0.0, None)  # sets the side of each kink
-    if motion.held:
+    if motion.held or (equilibrium and motion.loads.friction):
         expected = (
             "a torque with a linearization: friction that sticks (without friction_rate) or a stop holds the hinge"
         )
@@ -224,32 +222,51 @@ def _state_derivatives(
 
 
 def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: bool) -> Array:
-    """Return the state vector of the stable equilibrium near a state at rest, found by Newton's method. Change the
-    attitude that the PairMotion `motion` stores, in place. Raise an ArgumentError if none is found.
-
-    Raises:
-        ArgumentError: there is no equilibrium near.
+    """Return the state of the stable equilibrium near a state at rest, and leave the motion on the branch of the
+    hinge torque there. Newton's method; where it heads for an unstable equilibrium, it is sent the other way.
     """
     rotations = {1: [], 13: [11] if is_planar else [9, 10, 11]}[len(state) - 1]
     coordinates = np.array([*rotations, motion.psi_index])
-    for _ in range(_MAX_EQUILIBRIUM_NEWTON_ITERATIONS):
-        derivatives, rates = _state_derivatives(motion, t, state, coordinates)
-        rate_indices = np.flatnonzero(motion.rate_mask)
-        residual = rates[rate_indices] / motion.sizes[rate_indices]
-        torques = rates[
-            [*(column - 3 for column in rotations), motion.psi_index + 1]
-        ]  # torques about each coordinate
-        change = np.linalg.lstsq(derivatives[rate_indices] / motion.sizes[rate_indices, None], -residual, rcond=1e-9)[
-            0
-        ]
-        size = float(np.abs(change).max())
-        if size <= _MAX_ANGLE_CHANGE_OF_CONVERGED_EQUILIBRIUM_ITERATION_RAD and np.abs(residual).max() <= 1e-9 * max(
-            1.0, float(np.abs(derivatives[rate_indices]).max())
-        ):
-            return state
-        if torques @ change < 0 or not size:  # the step leads to an unstable equilibrium
-            change, size = torques, float(np.abs(torques).max())
+    rate_indices = np.flatnonzero(motion.rate_mask)
+    scales = motion.sizes[rate_indices]
+    start = float(state[motion.psi_index])
+    for _ in range(200):
+        psi = float(np.clip(state[motion.psi_index], *motion.loads.rigid_range))
+        at_rigid_stop = psi != state[motion.psi_index] or psi in motion.loads.rigid_range
         state = state.copy()
-        state[coordinates] += change * min(1.0, _MAX_CHANGE_OF_ANY_ANGLE_PER_EQUILIBRIUM_ITERATION_RAD / size)
+        state[motion.psi_index] = psi
+        motion.side = (psi, 0.0)  # a stop acts if psi is beyond it, and only there
+        derivatives, rates = _state_derivatives(motion, t, state, coordinates)
+        residual = rates[rate_indices] / scales
+        torques = rates[[*(column - 3 for column in rotations), motion.psi_index + 1]]  # about each coordinate
+        if at_rigid_stop and torques[-1] * (psi - np.mean(motion.loads.rigid_range)) > 0:
+            raise ArgumentError("hinge_torque", "a torque with an equilibrium between the stops", "a stop that holds")
+        matrix = derivatives[rate_indices] / scales[:, None]
+        change = np.linalg.lstsq(matrix, -residual, rcond=1e-9)[0]
+        size = float(np.abs(change).max())
+        if size <= 1e-13 and np.abs(residual).max() <= 1e-9 * max(1.0, float(np.abs(matrix).max())):
+            growth = _growing_direction(motion, t, state)
+            if growth is None:
+                return state
+            change, size = growth[coordinates], 0.0  # off the unstable equilibrium
+        elif torques @ change <= 0:  # towards an unstable equilibrium, or nowhere
+            change = torques
+        else:
+            state[coordinates] += change * min(1.0, _MAX_CHANGE / size)
+            state = motion.restart_attitude(state)
+            continue
+        # Away by twice the distance of the unstable equilibrium, and by a hundredth of a radian at least.
+        state[coordinates] += change * (min(max(2 * size, 0.01), _MAX_CHANGE) / np.abs(change).max())
         state = motion.restart_attitude(state)
-    raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {state[-2]:g}")
+    raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {start:g}")
+
+
+def _growing_direction(motion: PairMotion, t: float, state: Array) -> Array | None:
+    """Return the direction of the state in which small motions grow fastest, or None if none grow."""
+    A, _ = _state_derivatives(motion, t, state, np.arange(len(state)))
+    poles, directions = np.linalg.eig(A)
+    fastest = int(np.argmax(poles.real))
+    # Double zeros, drifts of the whole pair, come out as roots of the rounding error of the differences.
+    if poles[fastest].real <= 1e-4 * np.abs(poles).max(initial=0.0):
+        return None
+    return np.asarray(directions[:, fastest].real, np.float64)

@@ -82,6 +82,10 @@ class Loads:
         """Values of psi [rad] and psi' [rad/s], increasing, at which the torque changes its smooth branch."""
         self.friction = hinge_load.sticking_friction
         self.rigid_stops, self.rigid_range = hinge_load.rigid_stops, hinge_load.rigid_range
+        lower, upper = self.rigid_range
+        if not upper - lower > 1e-9:  # rad; impacts closer together could not be told apart
+            expected = "rigid stops at least 1e-9 rad apart (hinge= holds an angle)"
+            raise ArgumentError("hinge_torque", expected, f"{lower!r} to {upper!r} rad")
         self.callable_names = tuple(self._callables) + (("hinge_torque",) if _has_callable(hinge_torque) else ())
         """Names of the loads that are callables, known only at the instants at which they are called."""
 
@@ -151,6 +155,8 @@ class Loads:
         each instant. Raise an ArgumentError if the result does not fit.
         """
         try:
+            if value is None:  # NumPy reads it as NaN
+                raise TypeError
             return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
         except (TypeError, ValueError):
             expected = f"a callable that returns shape {shape}, or what broadcasts to it"

@@ -367,17 +367,7 @@ class PairMotion:
             return {**hinge, "state": states, "S0": np.broadcast_to(S0, (len(t), 9))}
         if self._base_motion is None:
             return hinge
-        body1 = motion_arrays(
-            "base1", call_with_arrays("base", self._base_motion, t), "R", "S", "v", "omega", "a", "alpha"
-        )
-        try:
-            broadcast = {
-                name: np.broadcast_to(x, (len(t), *SPATIAL_MOTION_KIND.shapes[name])) for name, x in body1.items()
-            }
-        except ValueError:
-            expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
-            raise ArgumentError("base", expected, {name: array.shape for name, array in body1.items()}) from None
-        return hinge | broadcast
+        return hinge | prescribed_base_motion(self._base_motion, t)
 
     def _loads_at(self, t: Array, inputs: dict[str, Any], side: KinkSide) -> dict[str, Array]:
         """Compute the callable loads at instants t from the dict `inputs` that `_program_inputs` returns; return a
@@ -408,6 +398,66 @@ def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
         expected = f"a callable that returns (psi, psi', psi'') at {len(t)} instants"
         raise ArgumentError("hinge", expected, values) from None
     return psi, psid, psidd
+
+
+def check_hinge_rates(hinge: HingeMotion, t: Array) -> None:
+    """Raise an ArgumentError unless psi' and psi'' of a prescribed hinge are the derivatives of psi."""
+
+    def motion(times: Array) -> dict[str, Array]:
+        return dict(zip(("psi", "psid", "psidd"), hinge_motion(hinge, times), strict=True))
+
+    _check_rates("hinge", motion, t, {"psid": "psi", "psidd": "psid"})
+
+
+def prescribed_base_motion(base: PrescribedMotion, t: Array) -> dict[str, Array]:
+    """Call the function `base` that prescribes the motion of body 1 at instants t, (n,); return arrays by name, such
+    as R1, with n rows each. Raise an ArgumentError if the result of the function does not fit.
+    """
+    letters = ("R", "S", "v", "omega", "a", "alpha")
+    body1 = motion_arrays("base1", call_with_arrays("base", base, t), *letters)
+    try:
+        return {name: np.broadcast_to(x, (len(t), *SPATIAL_MOTION_KIND.shapes[name])) for name, x in body1.items()}
+    except ValueError:
+        expected = f"a callable that returns the motion of body 1 at {len(t)} instants"
+        raise ArgumentError("base", expected, {name: array.shape for name, array in body1.items()}) from None
+
+
+def check_base_rates(base: PrescribedMotion, t: Array) -> None:
+    """Raise an ArgumentError unless the rates of a prescribed body 1 are the derivatives of its pose."""
+    derived = {"v1": "R1", "omega1": "S1", "a1": "v1", "alpha1": "omega1"}
+    _check_rates("base", functools.partial(prescribed_base_motion, base), t, derived)
+
+
+def _check_rates(
+    name: str, motion: Callable[[Array], dict[str, Array]], t: Array, derived: Mapping[str, str]
+) -> None:
+    """Raise an ArgumentError if a rate of a prescribed motion differs by more than a tenth, over the whole motion,
+    from the central difference of the quantity that `derived` names for it.
+    """
+    span = float(t[-1] - t[0])
+    if not span:
+        return
+    middles = t[0] + span * (np.arange(16) + 0.5) / 16
+    given = motion(middles)
+    excess = dict.fromkeys(derived, np.nan)
+    # A rate counts as right if one step fits it: long ones are coarse. Short ones that drown in rounding say nothing.
+    for step in span * np.array([1e-3, 1e-5, 1e-7]):
+        before, after = motion(middles - step), motion(middles + step)
+        for rate, quantity in derived.items():
+            size, change = float(np.abs(after[quantity]).max()), after[quantity] - before[quantity]
+            if quantity == "S1":
+                turn = after[quantity] @ np.swapaxes(before[quantity], -1, -2)
+                change = np.stack([turn[:, i, j] - turn[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2
+            slopes, rates = change / (2 * step), given[rate]
+            rounding = np.spacing(size) + np.spacing(abs(t[0]) + span) * float(np.abs(rates).max())
+            allowed = 0.1 * max(float(np.abs(slopes).sum()), float(np.abs(rates).sum()))
+            if 64 * slopes.size * rounding < step * allowed:
+                excess[rate] = np.fmin(excess[rate], float(np.abs(slopes - rates).sum()) - allowed)
+    for rate, quantity in derived.items():
+        if excess[rate] > 0:
+            letters = rate.removesuffix("1"), quantity.removesuffix("1")
+            expected = f"a callable whose {letters[0]} is the derivative of its {letters[1]}"
+            raise ArgumentError(name, expected, f"another {letters[0]}")
 
 
 def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:

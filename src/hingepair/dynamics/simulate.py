@@ -12,11 +12,19 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.collocation import Stepper, TooStiffError
+from hingepair.dynamics.collocation import Stepper, TooStiffError, integration_matrix, interpolation_matrix
 from hingepair.dynamics.energy_balance import EnergyBalance, LazyBalance, StepRecord, energy_balance
 from hingepair.dynamics.events import HingeEvents, UserEvent
 from hingepair.dynamics.loads import BaseArgument, LoadArgument, Loads
-from hingepair.dynamics.pair_motion import HingeMotion, InitialState, MotionSamples, PairMotion, hinge_motion
+from hingepair.dynamics.pair_motion import (
+    HingeMotion,
+    InitialState,
+    MotionSamples,
+    PairMotion,
+    check_base_rates,
+    check_hinge_rates,
+    hinge_motion,
+)
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.integration.trajectory import LazyValue, PlanarTrajectory, Trajectory
@@ -44,9 +52,6 @@ _REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO = 1e-3
 # Instants of a whole motion at which loads that are callables are evaluated in the first run, at least.
 _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN: Final = 509 * 17
 _REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO: Final = 4.3  # the same number of the second run, divided by the above
-_TRIAL_STEPS_PER_PROGRESS_CHECK = 1000  # trial steps after which progress is checked
-# Trial steps; a motion that needs more to its end, estimated by its progress so far, is refused.
-_MAX_ESTIMATED_REMAINING_TRIAL_STEPS = 1e6
 
 
 class SimulationError(HingePairError, RuntimeError):
@@ -68,9 +73,7 @@ class SimulationError(HingePairError, RuntimeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _SimulatedMotionBase:
-    """Base class of simulated motions. It adds body 1, the hinge rates psid and psidd, loads, gravity, base,
-    energies, momentum, the pair in space (`space`) and `ended_by_event` to the fields of a trajectory.
-    """
+    """What simulated motions in space and in the plane add to a trajectory."""
 
     body1: BodyMotion
     psid: Array
@@ -80,6 +83,7 @@ class _SimulatedMotionBase:
     gravity: tuple[float, ...]
     base: str
     psi: Array
+    psi_range: tuple[float, float]
     ended_by_event: bool
     _error: LazyValue
     _balance: LazyBalance
@@ -144,6 +148,7 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
         space: the pair; for a PlanarPair, the HingePair with the same planar dynamics.
         gravity: acceleration of free fall, world axes [m/s^2]; three components.
         base: what holds body 1: "free", "pinned", "fixed", or "prescribed" if `base` was a callable.
+        psi_range: smallest and largest psi of the whole motion, between the instants too [rad].
         ended_by_event: whether `until` ended the motion before the last instant that was asked for.
     """
 
@@ -184,6 +189,7 @@ def simulate(
     breaks: ArrayLike = (),
     until: UserEvent | None = None,
     tol: float = 1e-10,
+    max_steps: int = 30_000,
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
@@ -215,7 +221,8 @@ def simulate(
         psi_0: hinge angle at t[0] [rad]; required, except if `hinge` is a callable.
         psid_0: hinge rate at t[0] [rad/s]; required, except if `hinge` is a callable.
         hinge: "free" (the default): the loads determine the motion of the hinge. A callable of times (n,) that
-            returns psi, psi' and psi'', each (n,), prescribes the motion of the hinge. The argument hinge_torque must
+            returns psi, psi' and psi'', each (n,), prescribes the motion of the hinge; psi' and psi'' must be the
+            derivatives of psi. The argument hinge_torque must
             then be 0, and `loads["hinge_torque"]` of the result is the torque that this motion needs.
         hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]: a number (0 by default), a
             `HingeLoad` (spring, damper, friction, stops), or a callable of arrays (t, psi, psid), each (n,), that
@@ -234,7 +241,8 @@ def simulate(
             - "pinned": R1 stays where it is at t[0], and body 1 can turn about R1, as on a ball joint (on a pin, for
               a PlanarPair);
             - "fixed": body 1 stays at its pose at t[0];
-            - a callable of times (n,) that returns the BodyMotion of body 1, with v, omega, a and alpha.
+            - a callable of times (n,) that returns the BodyMotion of body 1, with v, omega, a and alpha, which must
+              be the derivatives of R and S.
         breaks: instants at which loads jump [s]; shape (M,); none by default. Steps end at these instants, and
             callables are evaluated just before and just after them. A pulse of a load whose instants are not given
             here is found if it is longer than 1/8000 of the simulated time or covers one of the instants t.
@@ -249,6 +257,9 @@ def simulate(
         tol: tolerance of each step, a number from 1e-14 to 1e-2; 1e-10 by default. The error of an angle in one step
             is at most tol [rad]. The error of a position is at most tol times the sum of the lengths of u1, u2 and
             both bodies' center_of_mass [m], or times 1 m if all of them are zero.
+        max_steps: largest number of steps tried, 30,000 by default, which take about a minute: a free swing needs
+            some 20 a period, an impact some 5. A motion that needs more is a SimulationError. The second run for
+            error estimates may take three times as many.
         outputs: tuple of the names of the outputs to compute, such as ("R2", "v2"), as for `forward_kinematics`. By
             default, all outputs of body 2.
         backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
@@ -279,6 +290,7 @@ def simulate(
     space = to_spatial_pair(pair)
     instants = instants_of("t", t)
     tolerance = finite_number("tol", tol)
+    step_limit = finite_number("max_steps", max_steps)
     if not _ALLOWED_STEP_TOLERANCE_RANGE_RAD[0] <= tolerance <= _ALLOWED_STEP_TOLERANCE_RANGE_RAD[1]:
         raise ArgumentError(
             "tol",
@@ -297,22 +309,25 @@ def simulate(
         raise ArgumentError("breaks", "instants at which loads jump [s], shape (M,)", quoted(breaks))
     initial_hinge = _initial_hinge_motion(hinge, hinge_torque, instants, psi_0, psid_0)
     start = initial_state(base, body1, is_planar, *initial_hinge)
+    if callable(base):
+        check_base_rates(base, instants)
     if not loads.rigid_range[0] <= start[4] <= loads.rigid_range[1]:
         expected = f"an angle between the rigid stops, {loads.rigid_range[0]:g} to {loads.rigid_range[1]:g} rad"
         raise ArgumentError("psi_0", expected, psi_0)
 
     def run_simulation(
-        tolerance: float, min_callable_load_evaluations: float, until: UserEvent | None
+        tolerance: float, min_callable_load_evaluations: float, until: UserEvent | None, step_limit: float
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
-        """Run the stepper with a tolerance and a minimum number of evaluations of callable loads. Return a tuple of
-        the PairMotion, the first state, a list of StepRecords, MotionSamples at the instants, and whether the event
-        `until` (a callable or None) ended the motion. Raise a SimulationError if the stepper cannot continue.
+        """Run the stepper. Return the PairMotion, the first state, the steps, the samples at the instants, and
+        whether the event `until` ended the motion.
         """
         motion = PairMotion(space, base, is_planar, start, loads, execution_of(backend, 1), given_motion)
         first_state, steps, end_time = motion.state, list[StepRecord](), None
         if len(instants) > 1:
             steps, end_time = _run_steps(
-                motion, instants, _RunOptions(tolerance, min_callable_load_evaluations, break_instants, until)
+                motion,
+                instants,
+                _RunOptions(tolerance, min_callable_load_evaluations, break_instants, until, step_limit),
             )
         sampled = instants
         if end_time is not None:
@@ -321,15 +336,12 @@ def simulate(
         return motion, first_state, steps, samples, end_time is not None
 
     motion, first_state, steps, samples, ended_by_event = run_simulation(
-        tolerance, _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN, until
+        tolerance, _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN, until, step_limit
     )
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops)
-    if space.limits is not None:
-        _warn_of_limits(space.limits, stops, samples.t, samples.motion.psi)
-    lowest, highest = samples.motion.psi.min(initial=np.inf), samples.motion.psi.max(initial=-np.inf)
-    if overrun := describe_stop_overrun(stops, float(lowest), float(highest)):
-        warnings.warn(f"{overrun}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=2)
+    lowest, highest = _psi_extremes(steps, motion.psi_index, samples)
+    _warn_of_range(space.limits, stops, lowest, highest, tolerance)
     instants = samples.t
     reference_tolerance = max(tolerance * _REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO, 1e-15)
     reference = functools.cache(
@@ -337,6 +349,7 @@ def simulate(
             reference_tolerance,
             _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN * _REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO,
             None,
+            3 * step_limit,
         )[3]
     )
     now = samples.motion
@@ -346,6 +359,7 @@ def simulate(
     fields: dict[str, Any] = {
         "t": read_only(instants),
         "psi": read_only(now.psi),
+        "psi_range": (lowest.psi, highest.psi),
         "method": "collocation",
         "steps": samples.steps,
         "ended_by_event": ended_by_event,
@@ -404,6 +418,7 @@ def _initial_hinge_motion(
             raise ArgumentError(name, "None for a hinge that moves as given", quoted(value))
     if callable(hinge_torque) or np.any(hinge_torque != 0):
         raise ArgumentError("hinge_torque", "0 for a hinge that moves as given", quoted(hinge_torque))
+    check_hinge_rates(hinge, t)  # type: ignore[arg-type]
     psi, psid, _ = hinge_motion(hinge, t[:1])  # type: ignore[arg-type]
     return finite_number("psi_0", psi[0]), finite_number("psid_0", psid[0])
 
@@ -462,16 +477,50 @@ def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, sto
         warnings.warn(sentence, DynamicsWarning, stacklevel=3)
 
 
-def _warn_of_limits(limits: tuple[float, float], stops: tuple[float, float], t: Array, psi: Array) -> None:
-    """Issue one DynamicsWarning if psi [rad] exceeds one of the two `limits` of the pair at which, or inside which,
-    there is no stop. `stops` are the lower and the upper stop, infinite if there is none.
-    """
-    lower = -np.inf if stops[0] >= limits[0] else limits[0]
-    upper = np.inf if stops[1] <= limits[1] else limits[1]
-    outside = np.flatnonzero((psi < lower) | (psi > upper))
-    if outside.size:
-        instant = f"t = {t[outside[0]]:g} s (psi = {psi[outside[0]]:.6g} rad)"
-        message = f"psi leaves the pair's limits, {limits[0]:g} to {limits[1]:g} rad, first at {instant}"
+class _Extreme(NamedTuple):
+    """Smallest or largest hinge angle of a motion."""
+
+    psi: float  # [rad]
+    t: float  # [s]
+
+
+def _psi_extremes(steps: list[StepRecord], psi_index: int, samples: MotionSamples) -> tuple[_Extreme, _Extreme]:
+    """Return the smallest and the largest psi of a whole motion, at the instants and between them."""
+    t, psi = samples.t, samples.motion.psi
+    if steps and len(t) > 1:
+        times = np.linspace(0.0, 1.0, 17)  # of a step
+        polynomials = [step.polynomial for step in steps]
+        starts, lengths = (np.array([getattr(p, name) for p in polynomials]) for name in ("start", "length"))
+        rates = np.stack([p.rates[:, psi_index] for p in polynomials])
+        slopes = rates @ interpolation_matrix(times).T
+        k, j = np.nonzero(slopes[:, :-1] * slopes[:, 1:] < 0)  # psi turns there, near the zero of the secant
+        turns = times[j] + times[1] * slopes[k, j] / (slopes[k, j] - slopes[k, j + 1])
+        within = np.hstack([k, np.arange(len(steps))])  # and the ends of all steps
+        shares = np.hstack([turns, np.ones(len(steps))])
+        change = lengths[within] * (integration_matrix(shares) * rates[within]).sum(axis=1)
+        psi = np.hstack([psi, np.array([p.state[psi_index] for p in polynomials])[within] + change])
+        t = np.hstack([t, samples.t[0] + starts[within] + shares * lengths[within]])
+    lowest, highest = int(np.argmin(psi)), int(np.argmax(psi))
+    return _Extreme(float(psi[lowest]), float(t[lowest])), _Extreme(float(psi[highest]), float(t[highest]))
+
+
+def _warn_of_range(
+    limits: tuple[float, float] | None,
+    stops: tuple[float, float],
+    lowest: _Extreme,
+    highest: _Extreme,
+    tolerance: float,
+) -> None:
+    """Warn if psi passes a stop or, by more than the tolerance, a limit at or inside which there is no stop."""
+    if overrun := describe_stop_overrun(stops, lowest.psi, highest.psi):
+        warnings.warn(f"{overrun}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=3)
+    if limits is None:
+        return
+    passed = [lowest] if lowest.psi < limits[0] - tolerance and stops[0] < limits[0] else []
+    passed += [highest] if highest.psi > limits[1] + tolerance and stops[1] > limits[1] else []
+    if passed:
+        reached = " and ".join(f"{extreme.psi:.6g} rad at t = {extreme.t:g} s" for extreme in passed)
+        message = f"psi leaves the pair's limits, {limits[0]:g} to {limits[1]:g} rad: it reaches {reached}"
         warnings.warn(f"{message}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=3)
 
 
@@ -488,25 +537,22 @@ def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: fl
 
 
 class _RunOptions(NamedTuple):
-    """Options of a run of the stepper: tolerance `tol` [rad], minimum number of evaluations of callable loads,
-    instants (`breaks`) at which loads jump, and the user's event `until`.
-    """
+    """Options of a run of the stepper."""
 
     tol: float  # largest error of a step [rad]
     min_callable_load_evaluations: float  # evaluations of callable loads over the whole motion, at least
     breaks: Array  # instants at which loads jump, increasing [s]
     until: UserEvent | None  # the user's event
+    step_limit: float  # steps tried, at most
 
 
 def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Make steps of a motion, a PairMotion, from t[0] to t[-1] with _RunOptions. Return a tuple of the list of
-    StepRecords and the time since t[0] [s] at which `until` ended the motion, or None. Change the attitude that
-    `motion` stores and its branch of the hinge torque. Raise a SimulationError if the stepper cannot continue, or if
-    it would need more than a million further steps.
+    """Make steps from t[0] to t[-1]. Return the StepRecords and the time since t[0] [s] at which `until` ended the
+    motion, or None. The attitude that `motion` stores and its branch of the hinge torque become those at the end.
     """
     start, elapsed = float(t[0]), t - t[0]
     span = float(elapsed[-1])
-    events = HingeEvents(motion, start, options.tol, options.until)
+    events = HingeEvents(motion, start, options.tol, options.until, span)
     breaks = [float(x) for x in options.breaks - start if 0 <= x <= span]
     margin, bounds = 8 * np.spacing(max(abs(start), abs(start + span))), np.zeros(2)
     checked = bool(motion.callable_names or options.until)
@@ -534,22 +580,25 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
             try:
                 polynomial = stepper.step(end)
             except TooStiffError as error:
-                reason = f"steps became too short; {_explain_failure(motion, start, stepper)}"
-                raise SimulationError(start + error.t, reason) from None
+                reason = _explain_failure(motion, start, stepper) or "the loads change too fast there to be followed"
+                raise SimulationError(start + error.t, f"steps became too short; {reason}") from None
             if polynomial is not None:
                 records.append(StepRecord(polynomial, quat, motion.side, motion.held))
                 stepper.apply_pending_event()
             if stepper.ended:
                 return records, stepper.t
             stepper.set_state(motion.restart_attitude(stepper.state))
-            if stepper.trials >= last_trials + _TRIAL_STEPS_PER_PROGRESS_CHECK:
-                remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
-                if remaining > _MAX_ESTIMATED_REMAINING_TRIAL_STEPS:
-                    reason = (
-                        f"some {remaining:.0g} more steps would be needed; {_explain_failure(motion, start, stepper)}"
-                    )
-                    raise SimulationError(start + stepper.t, reason)
-                last_trials, last_t = stepper.trials, stepper.t
+            if stepper.t >= span or stepper.trials < min(last_trials + 1000, options.step_limit):
+                continue
+            # A load that jumps to and fro stops all progress; impacts that follow each other ever faster do not.
+            reason = _explain_failure(motion, start, stepper)
+            remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
+            if stepper.trials >= options.step_limit or (reason and remaining > options.step_limit):
+                reason = reason or "max_steps= allows more, a larger tol needs fewer"
+                raise SimulationError(
+                    start + stepper.t, f"{options.step_limit:g} steps would not reach the end; {reason}"
+                )
+            last_trials, last_t = stepper.trials, stepper.t
     return records, None
 
 
@@ -574,11 +623,11 @@ def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecor
 
 
 def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
-    """Return part of an error message: which load jumps at the present time and state of the Stepper, and what to do.
-    `start` is the instant [s] from which the stepper's time is counted.
+    """Return which load is no number or jumps at the present time and state of the Stepper, and what to do; "" if no
+    load does. `start` is the instant [s] from which the stepper's time is counted.
     """
     increments = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
-    worst = (1e-3, "a load has no value, or the motion has no bound")
+    worst = (1e-3, "")
     t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
     for name, increment in increments.items():
         times, shifted = t.copy(), states.copy()
@@ -594,6 +643,10 @@ def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
             shifted[:, column] += np.array([-increment, increment]) * max(1.0, abs(value))
         for load, values in motion.callable_loads(times, shifted).items():
             low, high = values.reshape(2, -1)
+            if not np.isfinite(values).all():
+                number = values[~np.isfinite(values)][0]
+                psi = states[0, motion.psi_index]
+                return f"{load} is {number} near t = {t[0]:.6g}, psi = {psi:.6g}"
             k = int(np.abs(high - low).argmax())
             change = float(abs(high[k] - low[k]) / max(abs(high[k]), abs(low[k]), 1e-300))
             if not change <= worst[0]:

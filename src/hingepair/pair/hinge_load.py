@@ -292,10 +292,16 @@ class HingeLoad:
 
 
 def is_plain_hinge_load(torque: object) -> TypeGuard[HingeLoad]:
-    """Return whether a hinge torque is an instance of exactly the class HingeLoad, whose kinks and parts are known.
-    For instances of derived classes, return False.
+    """Return whether a hinge torque is a HingeLoad, whose kinks and parts are known. Raise an ArgumentError for a
+    derived class that computes another torque, whose stops and friction would not be followed.
     """
-    return type(torque) is HingeLoad
+    if not isinstance(torque, HingeLoad):
+        return False
+    kind = type(torque)
+    if any(getattr(kind, name) is not getattr(HingeLoad, name) for name in ("__call__", "smooth", "parts", "_terms")):
+        expected = "a HingeLoad as it is: its motor= takes a callable of (t, psi, psid)"
+        raise ArgumentError("hinge_torque", expected, f"a {kind.__name__}, which computes another torque")
+    return True
 
 
 def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> None:

@@ -565,6 +565,8 @@ class SceneNoteCollector:
             *(self._psid.sentences(samples) if self._psid is not None else ()),
             *kink_sentences(self._kinks),
         ]
+        if motion.simulated is not None:  # between the instants, too
+            least, most = motion.simulated.psi_range
         if soft := describe_stop_overrun(motion.stops, least, most):
             sentences.append(f"{soft}; stop_stiffness hardens them")
         sentences += motion.notes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -136,6 +137,7 @@ def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
         **{"force1": force, "torque1": torque, "force2": force, "torque2": torque, "gravity": vector},
         **{
             "tol": Table.number,
+            "max_steps": Table.number,
             "breaks": _read_instants,
             "base": lambda table, key: table.choice(key, (*SIMULATION_BASE_NAMES, PRESCRIBED_BASE_NAME)),
         },
@@ -219,9 +221,16 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
             simulated = simulate(pair, t, body1, *angles, hinge_torque=torque, base=base, **arguments)
     except SimulationError as error:
         table.refuse("", "a motion that can be followed", f"none past t = {error.t:.6g}: {error.why}")
-    errors = {"rad of psi": LazyValue(lambda: simulated.psi_error_estimate)}
+
+    def estimate(name: str) -> float:
+        try:
+            return float(getattr(simulated, name))
+        except SimulationError:  # the second run, with a smaller tolerance, has an end of its own
+            return math.nan
+
+    errors = {"rad of psi": LazyValue(lambda: estimate("psi_error_estimate"))}
     if kind in {"free", "pinned"}:
-        errors = {"rad of body 1": LazyValue(lambda: simulated.error_estimate), **errors}
+        errors = {"rad of body 1": LazyValue(lambda: estimate("error_estimate")), **errors}
     how = f"simulated in {simulated.steps} steps, base {kind}"
     return Motion(
         t,
@@ -229,6 +238,7 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
         "simulated from what acts",
         how,
         errors,
+        "a second run with a smaller tolerance, which tells the error, cannot be followed",
         simulated=simulated,
         stops=torque.tightest_stops,
     )
