@@ -31,7 +31,7 @@ from hingepair.integration.trajectory import LazyValue, PlanarTrajectory, Trajec
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import instants_of
-from hingepair.numeric.suspicions import degree_suspicions, inertia_suspicions
+from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_pair, check_single_pair
@@ -463,16 +463,18 @@ def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, sto
     of the initial state `start`, and for each inertia of a moving body that is probably not in kg m^2.
     """
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
-    sentences = [*degree_suspicions("stops", finite_stops), *degree_suspicions("psi_0", np.array([start[4]]))]
-    sentences += degree_suspicions("psid_0", np.array([start[5]]), rates=True)
-    sentences += degree_suspicions("body1.omega", start[3], rates=True)
+    sentences = suspicions("written angles", "stops", finite_stops)
+    sentences += suspicions("written angles", "psi_0", start[4])
+    sentences += suspicions("written rates", "psid_0", start[5])
+    sentences += suspicions("written rates", "body1.omega", start[3][None])
     bodies = {"body1": (pair.body1, pair.u1), "body2": (pair.body2, pair.u2)}
     for name in ("body1", "body2") if base in SIMULATION_BASE_NAMES[:2] else ("body2",):
         body, lever = bodies[name]
         if body is not None:
             levers = [float(np.linalg.norm(vector)) for vector in (lever, body.center_of_mass)]
             levers.append(float(np.linalg.norm(lever - body.center_of_mass)))
-            sentences += inertia_suspicions(f"{name}.inertia", body.mass, body.inertia, max(levers))
+            radius = np.sqrt(np.linalg.eigvalsh(body.inertia)[-1] / body.mass)
+            sentences += suspicions("gyration", f"{name}.inertia", [radius, max(levers)])
     for sentence in sentences:
         warnings.warn(sentence, DynamicsWarning, stacklevel=3)
 

@@ -51,7 +51,7 @@ from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, 
 from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
-from hingepair.numeric.suspicions import distance_suspicions, instant_suspicions
+from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import Sheet, Shown, cell_text, unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
@@ -446,8 +446,8 @@ def fit(
     if poses.samples < _MIN_SAMPLES_FOR_RELIABLE_STD:
         texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
     if samples.t is not None:
-        texts += instant_suspicions("t", samples.t)
-    texts += distance_suspicions("R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
+        texts += suspicions("instants", "t", samples.t)
+    texts += suspicions("distance", "R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
     texts += samples.noise_suspicions(noise)
     weights = residuals.weights * samples.weights[used]
     counted = psi[good] if good.any() else psi
@@ -536,8 +536,8 @@ def _fit_of_point(
         texts += clock.clock_offset_sentences(fitted.offset)
     texts += _missing_sample_sentences(used, clock)
     if samples.t is not None:
-        texts += instant_suspicions("t", samples.t)
-    texts += distance_suspicions("R2 - R1", np.linalg.norm(poses.p, axis=0))
+        texts += suspicions("instants", "t", samples.t)
+    texts += suspicions("distance", "R2 - R1", np.linalg.norm(poses.p, axis=0))
     return HingeFit(
         pair=HingePair(u1=u1, u2=u2, n=fitted.circle.n),
         psi=_scatter_used(psi, used),

@@ -31,7 +31,7 @@ from hingepair.measured.likelihood import score_scatter
 from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, split_at_gaps
-from hingepair.numeric.suspicions import accelerometer_suspicions, gyroscope_suspicions
+from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import skew
 
@@ -233,7 +233,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         findings.append("The sign of n2 relative to n1 is not determined: the angle does not follow its rate.")
     ok = not findings
     for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):
-        findings += gyroscope_suspicions(name, omega)
+        findings += suspicions("gyroscope", name, omega)
     return AxisFit(
         n1=read_only(n1),
         n2=read_only(n2),
@@ -366,8 +366,7 @@ def fit_anchor(
     findings = _point_sentences(std, reach, residuals, forces)
     ok = not findings
     for name, column in named_vectors.items():
-        check = gyroscope_suspicions if name.startswith("omega") else accelerometer_suspicions
-        findings += check(name, np.asarray(column, dtype=np.float64))
+        findings += suspicions("gyroscope" if name.startswith("omega") else "accelerometer", name, column)
     return AnchorFit(
         u1=read_only(u[:3]),
         u2=read_only(u[3:]),

@@ -17,7 +17,7 @@ from hingepair.numeric.instants import (
     split_at_gaps,
     warn_of_measurements,
 )
-from hingepair.numeric.suspicions import instant_suspicions
+from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
@@ -76,7 +76,7 @@ def resample(
     time, first = increasing_seconds("t", t)
     target, _ = elapsed_seconds("to", to, first)
     longest = checked_gaps(gaps)
-    warn_of_measurements(instant_suspicions("t", time))
+    warn_of_measurements(suspicions("instants", "t", time))
     if isinstance(values, BodyMotion):
         if values.shape != time.shape:
             raise ShapeError("values", f"a BodyMotion of shape {time.shape}, as t", f"shape {values.shape}")

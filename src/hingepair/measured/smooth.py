@@ -27,7 +27,7 @@ from hingepair.numeric.instants import (
     split_at_gaps,
     warn_of_measurements,
 )
-from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
+from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import unit_of
 from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
@@ -214,14 +214,14 @@ def smooth(
     recording = body if isinstance(body, BodyMotion) else real_array("body", body)
     if recording.shape != time.shape:
         raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {recording.shape}")
-    warn_of_measurements([*instant_suspicions("t", time), *jitter_suspicions("t", time)])
+    warn_of_measurements([*suspicions("instants", "t", time), *jitter_suspicions("t", time)])
     if isinstance(recording, BodyMotion):
         return _smooth_body(time, recording, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss])
     angles = recording.astype(np.float64)
     if is_wrapped(angles, 360.0):
         raise ArgumentError("body", "angles in radians: numpy.radians(body)", "jumps by nearly 360, as of degrees")
     if not is_wrapped(angles):
-        warn_of_measurements(angle_suspicions("body", angles))
+        warn_of_measurements(suspicions("angle", "body", angles))
     return _smooth_angle(time, angles, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss])
 
 

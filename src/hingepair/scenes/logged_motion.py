@@ -25,7 +25,7 @@ from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import ColumnRequest, csv_column, read_columns
 from hingepair.numeric.finite_differences import differentiate
 from hingepair.numeric.instants import MeasurementWarning, instants_of
-from hingepair.numeric.suspicions import angle_suspicions, instant_suspicions
+from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import DEFAULT_BACKEND_AND_WORKERS
@@ -220,7 +220,7 @@ class Log(NamedSource):
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
             self.notes.append(f"t is counted from the first stamp of the log, {stamps[0]}{unit}")
-        self.notes += instant_suspicions("t", t)
+        self.notes += suspicions("instants", "t", t)
         self.t = np.asarray(read_only(t))
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
@@ -402,7 +402,7 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
     }
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
     for name in (*_euler_angle_column_names(attitude), "psi"):
-        log.notes += angle_suspicions(name, log.columns[name])
+        log.notes += suspicions("angle", name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     source: PairMotionSource
     if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER:
@@ -469,7 +469,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
     else:
         S1 = log.rotations(turns)
     for name in _euler_angle_column_names(attitude):
-        log.notes += angle_suspicions(name, log.columns[name])
+        log.notes += suspicions("angle", name, log.columns[name])
     with warnings.catch_warnings(record=True) as caught, log.naming():
         warnings.simplefilter("always", MeasurementWarning)
         body = smooth(log.since, BodyMotion(R=R1, S=S1))

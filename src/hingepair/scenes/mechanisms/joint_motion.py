@@ -14,7 +14,7 @@ import numpy as np
 from hingepair.errors import choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.suspicions import angle_suspicions
+from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.plan import ACCELERATION
@@ -365,7 +365,7 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
             if names[2] in part and names[1] not in part:
                 log.refuse(names[1], f"a column, since the log has {names[2]}", "no such column")
             if joint in log.layout.angle_names:
-                log.notes += angle_suspicions(joint, parts[joint][0])
+                log.notes += suspicions("angle", joint, parts[joint][0])
     if not parts:
         log.refuse(robot.names[0] if robot.names else "t", "a column for each joint that moves", "none of them")
     level = max(map(len, parts.values())) - 1
