@@ -249,6 +249,16 @@ def test_other_processors(monkeypatch, kind):
         native.can_fuse.cache_clear()
 
 
+@pytest.mark.parametrize(
+    ("features", "machine", "fuses"),
+    [("+avx,+fma", "x86_64", True), ("+avx,+fma4", "x86_64", False), ("+neon", "aarch64", True)],
+)
+def test_processors_with_an_instruction_for_it_fuse(features, machine, fuses, monkeypatch):
+    monkeypatch.setattr(native, "host_processor", lambda: ("any", features))
+    monkeypatch.setattr(platform, "machine", lambda: machine)
+    assert native.can_fuse.__wrapped__() is fuses
+
+
 @pytest.fixture
 def fresh(monkeypatch):
     """As in a process that has compiled nothing yet."""

@@ -107,6 +107,18 @@ def test_a_body_1_that_stands_still_does_not_determine_the_offset() -> None:
     assert json.loads(found.to_json())["std"]["clock_offset"] is None
 
 
+@pytest.mark.slow(2)
+@pytest.mark.parametrize("point", [False, True])
+def test_an_offset_is_shown_if_it_is_known_to_a_tenth_of_a_second(point: bool) -> None:
+    """A slower clock stretches the offset and its error alike; the limit is applied to an estimate of the error."""
+    t, body1, body2 = recorded(10e-3, count=400)
+    body2 = as_point(body2) if point else body2
+    error = hp.fit(body1, body2, t=t).std["clock_offset"]
+    slow = hp.fit(body1, body2, t=0.085 / error * t)
+    assert slow.std["clock_offset"] == pytest.approx(0.085, rel=0.01)
+    assert hp.fit(body1, body2, t=0.115 / error * t).std["clock_offset"] == np.inf
+
+
 @pytest.mark.slow
 def test_a_known_offset_is_taken_as_it_is() -> None:
     t, body1, body2 = recorded(10e-3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
+import mpmath
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from hingepair.errors import URDFError
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.urdf.reader import read_urdf
+from hingepair.urdf.records import sine_and_cosine
 from support.exported import ARM
 
 U = 2.0**-53
@@ -38,6 +40,12 @@ def test_quarter_turns_are_exact(turns):
     rotation = turned(*(count * math.pi / 2 for count in turns))
     assert np.array_equal(rotation, yaw @ pitch @ roll)
     assert not np.signbit(rotation[rotation == 0]).any()
+
+
+def test_doubles_nearest_to_many_quarter_turns_are_exact():
+    with mpmath.workdps(40):
+        nearest = [float(count * mpmath.pi / 2) for count in range(3000)]
+    assert {sine_and_cosine(angle) for angle in nearest} == {(0, 1), (1, 0), (0, -1), (-1, 0)}
 
 
 @pytest.mark.parametrize("off", [math.ulp(math.pi / 2), -4 * math.ulp(1), 5e-12, 1e-7], ids=str)
