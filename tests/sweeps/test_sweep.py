@@ -460,7 +460,7 @@ def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(np, "savez", full)
+        patch.setattr(stores, "write_npz", full)
         shown = refusal("sweep", "grid.toml")
     assert "No space left on device" in shown
     assert not Path("grid.parquet").exists()

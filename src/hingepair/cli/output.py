@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import functools
 import os
 import signal
@@ -129,10 +130,11 @@ def report_if_stopped(out: Path) -> Iterator[None]:
 
 
 def split_names(option: str, text: str | None) -> list[str] | None:
-    """Return the names in the string `text`, the value of an option, as a list, split at commas; return None if
-    `text` is None. Raise an ArgumentError that names `option` if there is no name in the string.
+    """Return the names in the string `text`, the value of an option, as a list, split at commas outside of double
+    quotes; return None if `text` is None. Raise an ArgumentError that names `option` if there is no name in it.
     """
-    names = None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+    cells = [] if text is None else next(csv.reader([text], skipinitialspace=True), [])
+    names = None if text is None else [name.strip() for name in cells if name.strip()]
     if names == []:
         raise ArgumentError(option, "names separated by commas", quoted(text))
     return names

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import io
 import math
 import os
 import re
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, NoReturn, TypeAlias
 
@@ -97,6 +98,27 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
     return columns
 
 
+def csv_line(cells: Iterable[str]) -> str:
+    r"""Return a line of a .csv file, with its line break; cells with commas, quotes or line breaks are quoted.
+
+    >>> csv_line(["t", "shoulder, left"])
+    't,"shoulder, left"\n'
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
+    return text.getvalue()
+
+
+def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays to an open file in the format .npz under any names; `numpy.savez` has arguments of its own, such
+    as `file`.
+    """
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+
+
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
     """Return one column of a .csv file as an array, read in the given dtype, such as int64 for numbers that a float
     would round. `name` is the name of the column, which the file must have. Raise ArgumentError if a cell cannot be
@@ -154,9 +176,9 @@ def _csv_names(stream: IO[str]) -> list[str]:
     line = stream.readline(_MAX_CSV_HEADING_LINE_CHARACTERS)
     if len(line) == _MAX_CSV_HEADING_LINE_CHARACTERS:
         raise ArgumentError("", "a first line of column names", "a longer line")
-    if ";" in line or "\t" in line:
-        raise ArgumentError("", "columns separated by commas, and decimal points", line)
     names = [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]  # numpy.savetxt writes a #
+    if len(names) == 1 and (";" in line or "\t" in line):
+        raise ArgumentError("", "columns separated by commas, and decimal points", line)
     if not names:
         raise ArgumentError("", "a first line of column names", "an empty line")
     if all(map(_is_number, names)):

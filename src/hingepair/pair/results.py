@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
+from hingepair.numeric.column_file import csv_line, write_npz
+from hingepair.numeric.names import Names
 from hingepair.numeric.tables import Sheet, Shown, unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.states import PairState, PlanarState
@@ -132,6 +134,9 @@ class Result(Shown):
         leading, arrays = self._axes_and_arrays()
         variables: dict[str, Any] = {}
         letters: dict[str, list[str]] = {}
+        names = Names((*leading, "time", "xy", "xyz", "body_xy", "body_xyz")).take_all(
+            arrays
+        )  # a joint may be "time"
         for name, array in arrays.items():
             axes = "xyz" if 3 in array.shape[len(leading) :] else "xy"
             dims = (*leading, axes, f"body_{axes}")[: array.ndim]
@@ -141,7 +146,7 @@ class Result(Shown):
                 "long_name": _DESCRIPTION_BY_STATE_OUTPUT.get(name, "").partition(";")[0],
             }
             facts |= {"axes": "world"} if array.ndim > len(leading) else {}
-            variables[name] = dims, array, {key: text for key, text in facts.items() if text}
+            variables[names[name]] = dims, array, {key: text for key, text in facts.items() if text}
         time = ("time", self.t, {"units": "s"})
         return xarray.Dataset(variables, {"time": time, **letters}, {"description": self.described})
 
@@ -318,7 +323,7 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
         nonlocal is_header_written
         if not is_header_written:
             is_header_written = True
-            file.write((",".join(["t", *column_names(arrays)]) + "\n").encode())
+            file.write(csv_line(["t", *column_names(arrays)]).encode())
         columns = _split_columns(t, arrays)
         for start in range(0, len(t), _CSV_ROWS_PER_WRITE):
             rows = np.stack([column[start : start + _CSV_ROWS_PER_WRITE] for column in columns], axis=1)
@@ -346,7 +351,7 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
             arrow.Array.from_buffers(arrow.from_numpy_dtype(c.dtype), len(c), [None, arrow.py_buffer(c)])
             for c in arrays_by_column
         ]
-        facts = {"description": described, "t": "s", **{name: unit(name) for name in arrays}}
+        facts = {name: unit(name) for name in arrays} | {"description": described, "t": "s"}
         table = arrow.table(columns, names=["t", *column_names(arrays)]).replace_schema_metadata(facts)
         writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema, use_dictionary=False))
         writer.write_table(table, RESULT_ROWS_PER_BLOCK)
@@ -385,7 +390,7 @@ def _collecting_writer(
 
 def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
     """Write a dict of arrays to an open binary file in the format .npz."""
-    np.savez(file, **arrays)  # NumPy 2.1 takes any further keyword argument for an array
+    write_npz(file, arrays)
 
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
@@ -393,7 +398,14 @@ def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit:
     removed from the dict. Raise MissingDependencyError if xarray or SciPy is not installed.
     """
     import_data_package("scipy", "save")
-    file.write(Record(arrays.pop("t"), arrays, described, (), unit).to_xarray().to_netcdf(engine="scipy"))
+    dataset = Record(arrays.pop("t"), arrays, described, (), unit).to_xarray()
+    written = Names(name for name in dataset.variables if name.isascii())
+    for name in [name for name in dataset.data_vars if not name.isascii()]:  # SciPy writes no other letters
+        dataset[name].attrs.setdefault("long_name", name)
+        dataset = dataset.rename_vars(
+            {name: written.take(name.encode("ascii", "replace").decode().replace("?", "_"))}
+        )
+    file.write(dataset.to_netcdf(engine="scipy"))
 
 
 def import_data_package(package: str, caller: str) -> Any:

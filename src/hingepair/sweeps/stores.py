@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
+from hingepair.numeric.column_file import write_npz
 from hingepair.numeric.whole_file import whole_file
 
 STORE_SUFFIXES: Final = (".parquet", ".zarr")
@@ -89,8 +90,7 @@ class Store:
         not at all. `chunk` is its index. Raise an ArgumentError if the file cannot be written.
         """
         with whole_file(self._part(chunk)) as file:
-            arrays: dict[str, Any] = dict(columns)
-            np.savez(file, **arrays)
+            write_npz(file, columns)
 
     def finish(self, chunk_count: int, chunk_size: int) -> None:
         """Write the store from the files of all `chunk_count` chunks, and delete the folder of these files.

@@ -7,8 +7,9 @@ product, since a product of products is more readable than a product of sums.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
@@ -16,14 +17,15 @@ import sympy
 
 from hingepair.engine.loops import components
 from hingepair.errors import ArgumentError
+from hingepair.numeric.names import Names
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, check_outputs, make_plan
 from hingepair.symbolic.exact_constants import MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT, exact
 from hingepair.symbolic.jets import SYMPY_ERROR_TYPES, DerivativeProgram, ValueAndDerivatives, time_symbol
-from hingepair.symbolic.kinks import Expr
-from hingepair.symbolic.printers import count_symbols, sorted_terms
+from hingepair.symbolic.kinks import Expr, real_symbol
+from hingepair.symbolic.printers import count_symbols, latex_name, sorted_terms
 from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
 
 SumTerms: TypeAlias = tuple[Expr, ...]
@@ -71,8 +73,15 @@ class ClosedForms:
     ) -> None:
         check_single_pair(pair)
         self._planar = isinstance(pair, PlanarPair)
-        coordinates = [_coordinate_with_derivatives(name, (motion or {}).get(name)) for name in self.kind.coordinates]
-        constants = constant_inputs(pair, symbolic, exact_values or {})
+        given = {name: expr for name, expr in (motion or {}).items() if expr is not None}
+        written = {key: tuple(map(sympy.sympify, exprs)) for key, exprs in (exact_values or {}).items()}
+        renamed = self._distinct_constants([*given.values(), *sum(written.values(), ())], given, symbolic)
+        coordinates = [
+            _coordinate_with_derivatives(name, given[name].xreplace(renamed) if name in given else None)
+            for name in self.kind.coordinates
+        ]
+        written = {key: tuple(expr.xreplace(renamed) for expr in exprs) for key, exprs in written.items()}
+        constants = constant_inputs(pair, symbolic, written)
         self._sequence = None if self._planar else sequence
         self._home = "home" in constants
         self._working_forms: dict[str, Any] = constants | dict(
@@ -109,6 +118,25 @@ class ClosedForms:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__} of {', '.join(self.names)}"
+
+    def labels(self, name: str) -> list[str]:
+        """Return the labels of the components of the output called `name`: omega1_x, S2_xy, phi2."""
+        places = map("".join, itertools.product("xyz"[: 3 - self._planar], repeat=len(self.kind.shapes[name])))
+        return [f"{name}_{place}" if place else name for place in places]
+
+    def _distinct_constants(
+        self, exprs: Iterable[Expr], given: Collection[str], symbolic: Collection[str]
+    ) -> dict[Expr, Expr]:
+        """Return the symbols that replace the constants of a scene in expressions: those whose names are in use, as
+        the names of coordinates, components and outputs are, get an underscore.
+        """
+        used = ["t", *(label for name in self.names for label in self.labels(name))]
+        used += [name + "d" * order for name in self.kind.coordinates if name not in given for order in range(3)]
+        used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]
+        names = Names(used, latex_name)
+        constants = set().union(*(expr.free_symbols for expr in exprs)) - {time_symbol()}
+        taken = names.take_all(sorted(symbol.name for symbol in constants))
+        return {symbol: real_symbol(taken[symbol.name]) for symbol in constants}
 
     def terms(self, name: str) -> tuple[SumTerms, ...]:
         """Return a tuple of the components of the output called `name`, each a tuple of the terms of its sum, in the

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 import sympy
 
+from hingepair.numeric.names import Names
 from hingepair.numeric.tables import unit_of
 from hingepair.symbolic.closed_forms import ClosedForms, SumTerms
 from hingepair.symbolic.jets import time_symbol
@@ -25,6 +26,8 @@ from hingepair.symbolic.printers import (
     with_short_constants,
     with_symbols,
 )
+
+_PYTHON_NAMES = ("t", "numpy", "float", "parts", "__debug__")  # in the functions of Derivation.to_python
 
 
 class Derivation(ClosedForms):
@@ -99,9 +102,7 @@ class Derivation(ClosedForms):
         labelled_terms = []
         for name in self.names if names is None else names:
             parts = self.terms(name)
-            places = map("".join, itertools.product("xyz", repeat=len(self.kind.shapes[name])))
-            labels = (f"{name}_{place}" if place else name for place in places)
-            labelled_terms += list(zip(labels, parts, strict=False))
+            labelled_terms += list(zip(self.labels(name), parts, strict=True))
         return labelled_terms
 
 
@@ -152,19 +153,22 @@ def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
     for term in terms:
         counts.update(part for part in sympy.preorder_traversal(term) if isinstance(part, sympy.Function))
     waves = [f for f in counts if isinstance(f, sympy.sin | sympy.cos) and not _is_short_wave(f)]
+    names = Names((symbol.name for term in terms for symbol in term.free_symbols), latex_name)
     indices: dict[Expr, str] = {}
     count = 0
     for angle in sorted({f.args[0] for f in waves}, key=lambda angle: (angle.is_Add, angle.sort_key())):
         parts = [indices.get(part, "") for part in sympy.Add.make_args(angle)]
-        if len(parts) > 1 and all(parts):
-            indices[angle] = ("" if count < 10 else ",").join(sorted(parts))
-        else:
+        index = ("" if count < 10 else ",").join(sorted(parts)) if len(parts) > 1 and all(parts) else ""
+        while not index or not names.free(f"c_{index}", f"s_{index}"):
             count += 1
-            indices[angle] = str(count)
+            index = str(count)
+        indices[angle] = index
+        names.take_all((f"c_{index}", f"s_{index}"))
     trig_symbols = {f: real_symbol(f"{f.func.__name__[0]}_{indices[f.args[0]]}") for f in waves}
     others = [f for f in counts if counts[f] > 1 and not isinstance(f, sympy.sin | sympy.cos | SideOfZero)]
     others.sort(key=lambda f: (-counts[f], f.sort_key()))
-    return {f: real_symbol(f"k_{i}") for i, f in enumerate(others, 1)} | trig_symbols
+    free = (name for name in (f"k_{i}" for i in itertools.count(1)) if names.free(name))
+    return dict(zip(others, map(real_symbol, free), strict=False)) | trig_symbols
 
 
 def _is_short_wave(wave: Expr) -> bool:
@@ -178,7 +182,10 @@ def _function_source(name: str, component_exprs: list[Expr]) -> str:
     """
     t = time_symbol()
     expressions = with_symbols([*map(with_short_constants, component_exprs), t], "d")[:-1]
-    symbol_names = sorted({s.name for part in expressions for s in part.free_symbols} - {"t"})
+    symbols = set().union(*(part.free_symbols for part in expressions)) - {t}
+    names = Names(_PYTHON_NAMES).take_all(sorted(symbol.name for symbol in symbols))
+    expressions = [part.xreplace({s: real_symbol(names[s.name]) for s in symbols}) for part in expressions]
+    symbol_names = sorted(names.values())
     arguments = (
         ["t", *symbol_names]
         if any(t in part.free_symbols for part in expressions) or not symbol_names

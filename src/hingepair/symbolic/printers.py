@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import contextlib
 import decimal
 import functools
@@ -77,6 +78,10 @@ def latex_name(name: str) -> str:
     """
     bare = name.rstrip("'")
     letter, _, index = bare.partition("_")
+    if not all(bare.split("_")):  # _x, x_, x__y
+        escaped = bare.replace("_", "\\_")
+        return f"\\mathrm{{{escaped}}}"
+    index = index.replace("_", ",")
     if letter[-1:].isdigit():
         letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
     if letter in _LATEX_BY_JACOBIAN_BLOCK_NAME:
@@ -202,7 +207,8 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
         return f"({shown} > 0) | (Eq({shown}, 0) & ({self._condition_just_after(*rates)}))"
 
     def _print_Symbol(self, expr: Expr) -> str:
-        return f"Symbol({expr.name!r})" if hasattr(sympy, expr.name) else str(expr.name)
+        known = hasattr(sympy, expr.name) or hasattr(builtins, expr.name)
+        return f"Symbol({expr.name!r})" if known else str(expr.name)
 
 
 class _LatexPrinter(LatexPrinter):  # type: ignore[misc]

@@ -38,6 +38,10 @@ _DUMMY_PAIR_WITH_BASE_AS_BODY1: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.
 """A pair whose body 1 stands for the base."""
 
 
+_RESULT_PREFIXES: Final = frozenset({"R", "S", "quat", "d", "v", "omega", "a", "alpha", "tau", "force1", "torque1"})
+"""What stands before the first _ in the names of columns that are no coordinates of joints."""
+
+
 class JointCoordinates(NamedTuple):
     """Coordinates (q, qd, qdd) of all joints at some instants, in the order of the mechanism's names; unknown
     derivatives are None.
@@ -284,10 +288,19 @@ def _check_joint_names(motion: Table, robot: Mechanism) -> None:
             motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
         for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER:
             column = name + ending
-            if column in columns:
-                wanted = f"joints of other names: column {column} of a file holds {columns[column]}"
+            if column in columns or _is_output(column, robot):
+                wanted = f"joints of other names: column {column} of a file holds {columns.get(column, 'an output')}"
                 motion.refuse(name, wanted, f"a joint {name!r}")
             columns[column] = f"q{ending} of {name!r}"
+
+
+def _is_output(column: str, robot: Mechanism) -> bool:
+    """Return whether a column of a file is an output other than a joint's coordinates, such as R_tool_x."""
+    quantity, _, owner = column.partition("_")
+    owners = {*robot.links, *robot.tree.frames, *robot.names}
+    return quantity in _RESULT_PREFIXES and (
+        quantity in {"force1", "torque1"} or bool(owners & {owner, owner.rpartition("_")[0]})
+    )
 
 
 def _read_base(tables: Table) -> BaseMotion | None:
@@ -399,10 +412,10 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
         f"q{ending}": tuple(name + ending for name in names) for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER
     }
     columns = tuple(dict.fromkeys(("t", *(column for group in arrays.values() for column in group))))
+    arrays = {name: group for name, group in arrays.items() if name not in columns}  # a joint may be called q
     angle_names = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")
     writing_hint = "run --outputs q,qd,qdd --out FILE writes what is read here"
-    result_prefixes = frozenset({"R", "S", "d", "v", "omega", "a", "alpha", "tau", "force1", "torque1"})
-    return LogLayout(arrays, columns, angle_names, result_prefixes, writing_hint)
+    return LogLayout(arrays, columns, angle_names, _RESULT_PREFIXES, writing_hint)
 
 
 def _float_if_constant(column: Float64Array) -> float | Float64Array:
