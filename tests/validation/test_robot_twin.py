@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
+import pickle
 import re
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 import hingepair as hp
 from hingepair.errors import ArgumentError
 from hingepair.formats.robots import robot_urdf
+from hingepair.urdf import records
 from hingepair.validation import robot_check
 from hingepair.validation.robot_twin import robot_twin
 from support import states
@@ -103,7 +106,7 @@ def test_the_twin_has_the_masses_to_the_last_bit(name):
 # ---------------------------------------------------------------- the report
 
 MASS = '><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-LADEN = re.sub('(<link name="[a-z]+")/>', rf"\1{MASS}", ARM)
+LADEN = re.sub('(<link name="[a-z]+")/>', rf"\1{MASS}", ARM).replace("1e-200", "1")  # which Pinocchio takes for 0
 LEVELS = {
     1: {"R", "S", "d", "jacobian", "mass_matrix"},
     2: {"v", "omega", "kinetic", "potential", "linear", "angular"},
@@ -123,16 +126,18 @@ def test_a_robot_is_compared_output_by_output(base, level):
     assert {row.output for row in report.rows} == set().union(*(LEVELS[k] for k in range(1, level + 1)))
     assert all(row.samples == 6 for row in report.rows)
     assert (report.samples, report.compared, report.skipped, report.frames) == (6, 6, 0, 6)
-    assert report.verdict == f"PASSED: {len(report.rows)} outputs of 6 samples within 16 u*scale of Pinocchio"
+    passed = f"PASSED: the description and {len(report.rows)} outputs of 6 samples"
+    assert report.verdict == f"{passed} within 16 u*scale of Pinocchio"
 
 
 @pytest.mark.slow
 def test_the_report_says_where_what_is_largest():
     report = hp.cross_validate(hp.load_robot("ur5_robot"), np.linspace(-2, 2, 30).reshape(5, 6))
-    title, heading, *rows, unit, verdict = str(report).splitlines()
+    title, heading, *rows, unit, compared_with, verdict = str(report).splitlines()
     assert title == "ur5: the equations against Pinocchio, fixed base, 11 frames"
     assert " ".join(heading.split()) == "output largest error in u*scale bound at sample of compared"
-    assert [row.split()[0] for row in rows] == [row.output for row in report.rows]
+    assert [row.split()[0] for row in rows] == [row.output for row in (*report.description, *report.rows)]
+    assert compared_with == "compared with Pinocchio's reading of the URDF"
     assert verdict == report.verdict
     assert unit.startswith("u = 1.11e-16; scale:")
     data = json.loads(report.to_json())
@@ -264,3 +269,64 @@ def test_accelerations_that_are_missing_fail(monkeypatch):
 
     monkeypatch.setattr(robot_check, "_outputs_by_equations", harmed)
     assert hp.cross_validate(robot, q, q, q).verdict == "FAILED: forward_dynamics"
+
+
+def harmed_tree(part):
+    """The robot of LADEN with one part of its description wrong."""
+    tree = hp.Mechanism.from_urdf(LADEN).tree
+    first, *others = tree.joints
+    changes = {
+        "names": {"name": "neck"},
+        "placements": {"u": first.u + 1e-14},
+        "inertias": {"body": dataclasses.replace(first.body, inertia=first.body.inertia * (1 + 1e-13))},
+    }
+    return dataclasses.replace(tree, joints=(dataclasses.replace(first, **changes[part]), *others))
+
+
+@pytest.mark.parametrize("part", ["names", "placements", "inertias"])
+def test_an_error_of_reading_fails(part):
+    robot = hp.Mechanism.from_urdf(LADEN)
+    object.__setattr__(robot, "tree", harmed_tree(part))
+    report = hp.cross_validate(robot, np.ones(robot.dof))
+    assert part in [row.output for row in report.description if not row.ok]
+    assert report.verdict.startswith("FAILED: ")
+    assert json.loads(report.to_json())["description"][-1]["output"] == part if part == "names" else True
+
+
+def test_a_rotation_that_reading_drops_is_found(monkeypatch):
+    text = LADEN.replace('<robot name="arm"', '<robot name="arm" version="1.1"').replace(
+        'rpy="0.1 -0.2 0.3"', 'quat_xyzw="0.1 -0.2 0.3 1"'
+    )
+    right = hp.cross_validate(hp.Mechanism.from_urdf(text), np.ones(3))
+    assert right.ok, str(right)
+    monkeypatch.setattr(records, "quaternion_to_matrix", lambda *_, **__: np.eye(3))
+    wrong = hp.cross_validate(hp.Mechanism.from_urdf(text), np.ones(3))
+    assert wrong.verdict.startswith("FAILED: placements")
+
+
+@pytest.mark.parametrize("base", ["fixed", "free"])
+def test_pinocchio_holds_locked_joints_and_what_follows_them(base):
+    locked = {"elbow": 0.5, "shoulder": -0.25}
+    floating = hp.to_urdf(hp.Mechanism.from_urdf(LADEN), base="floating")
+    for text in (LADEN, floating):
+        robot = hp.Mechanism.from_urdf(text, base=base, locked=locked).with_frame("eye", "camera", R=(1, 2, 3))
+        q = np.full((2, robot.dof), 0.125)
+        report = hp.cross_validate(robot, q, q, q, frames=("eye", "tool", "camera", "weld", "slide", "elbow"))
+        assert report.ok, str(report)
+        assert len(report.description) == 3
+
+
+def test_the_report_says_what_a_robot_was_compared_with():
+    own = "a model built from the robot as hingepair holds it, since "
+    robot = hp.Mechanism.from_urdf(LADEN)
+    payload = robot.with_payload("hand", hp.Body(1, inertia=(1, 1, 1)))
+    reasons = {
+        "snap=0.001 changed angles of the URDF": hp.Mechanism.from_urdf(LADEN, snap=1e-3),
+        "it was not read from a URDF, or was changed afterwards": payload,
+        "Pinocchio cannot read its URDF": hp.Mechanism.from_urdf(LADEN.replace('name="arm"', "")),
+    }
+    for reason, other in reasons.items():
+        report = hp.cross_validate(other, np.ones(other.dof))
+        assert (report.ok, report.compared_with, report.description) == (True, own + reason, ())
+        assert f"compared with {own}{reason}" in str(report)
+    assert hp.cross_validate(pickle.loads(pickle.dumps(robot)), np.ones(robot.dof)).description

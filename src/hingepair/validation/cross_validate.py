@@ -69,12 +69,18 @@ def cross_validate(
     RobotValidation for a robot. `sequence` is the Euler sequence of a pair's coordinates; `frames`, `base_motion` and
     `gravity` are for robots only.
 
-    The two computations share no code. Pinocchio also computes the attitude and the angular velocity of body 1 from
-    the Euler angles, with a chain of three revolute joints in the order of the Euler sequence.
+    The two computations share no code. For a pair, Pinocchio also computes the attitude and the angular velocity of
+    body 1 from the Euler angles, with a chain of three revolute joints in the order of the Euler sequence.
 
     For a pair, R2, S2 and d = R2 - R1 are compared. If qd is given, v2 and omega2 are compared too, and if qdd is
     given, a2 and alpha2. Pinocchio computes d as the position of body 2 for R1 = 0, because the difference of R2 and
     R1 would contain the rounding errors of both.
+
+    A robot that was read from a URDF is compared with the model that Pinocchio itself makes of the same text: names
+    and placements of joints, masses and inertias, and all results. Pinocchio also holds the locked joints. A robot
+    that came from pairs or from a Pinocchio model, has a payload, or was read with `snap` is compared with a model
+    that is built from the robot, which shows errors of the computations but not of the reading. The report says which
+    (`.compared_with`).
 
     For a robot, the motion and the Jacobians of links (see `frames`) and the mass matrix are compared. If qd is
     given, energies and momenta are compared too, and if qdd is given, forces and torques. Forward dynamics is checked

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.arguments import BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, Coordinates, read_arguments
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame
@@ -19,6 +20,7 @@ from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.robot_report import RobotComparison, RobotValidation
 from hingepair.validation.robot_scales import FRAME_MOTION_QUANTITY_NAMES, RobotScales
 from hingepair.validation.robot_twin import BASE_MOTION_AT_REST_AT_ORIGIN, RobotTwin, robot_twin
+from hingepair.validation.urdf_twin import compare_descriptions, urdf_twin
 
 _BASE_WRENCH_COMPONENT_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
@@ -51,7 +53,12 @@ def cross_validate_robot(
     frame_by_name = {name: robot.tree.known_frame("frames", name) for name in names}
     samples = _RobotSamples(robot, coordinates, base_motion)
     our_outputs = _outputs_by_equations(robot, coordinates, names, tips, base_motion, gravity_array, samples.shape)
-    twin = robot_twin(robot, has_free_flyer=True)
+    twin, compared_with = urdf_twin(robot)
+    description = () if twin is None else compare_descriptions(robot, twin)
+    heading = robot.name, robot.base, len(frame_by_name), samples.shape, samples.skipped, samples.u
+    if not all(row.ok for row in description[:1]):
+        return RobotValidation(*heading, (), description, compared_with)
+    twin = twin or robot_twin(robot, has_free_flyer=True)
     twin.model.gravity = import_pinocchio("cross_validate").Motion(gravity_array, np.zeros(3))
     pinocchio_outputs = _outputs_by_pinocchio(robot, twin, samples, names, tips)
     singular: list[str] = []
@@ -72,9 +79,7 @@ def cross_validate_robot(
             rows.append(RobotComparison.worst_of(name, error, ratio, samples.shape, parts))
             if name == "forward_dynamics" and singular:
                 rows[-1] = replace(rows[-1], singular=len(singular), unresisted=singular[0])
-    return RobotValidation(
-        robot.name, robot.base, len(frame_by_name), samples.shape, samples.skipped, samples.u, tuple(rows)
-    )
+    return RobotValidation(*heading, tuple(rows), description, compared_with)
 
 
 class _RobotSamples:
@@ -173,7 +178,7 @@ def _outputs_by_pinocchio(
     """
     pin = import_pinocchio("cross_validate")
     frame_numbers, tip_numbers = (
-        [twin.model.getFrameId(name, _frame_type(pin, robot, name)) for name in names] for names in (frames, tips)
+        [_frame_number(pin, twin, robot, name) for name in names] for names in (frames, tips)
     )
     states = _pinocchio_states(twin, samples)
     columns = _velocity_matrices(robot, twin, samples)
@@ -219,13 +224,15 @@ def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples
     return matrices if robot.base == "free" else matrices[..., 6:]
 
 
-def _frame_type(pin: Any, robot: Mechanism, name: str) -> Any:
-    """Return Pinocchio's FrameType of the robot's frame called `name`: BODY for a link, OP_FRAME for a further frame,
-    and JOINT for a joint. `pin` is the module pinocchio.
+def _frame_number(pin: Any, twin: RobotTwin, robot: Mechanism, name: str) -> int:
+    """Return the number in Pinocchio's model of the robot's frame called `name`; a name that a joint or another frame
+    shares with a link is the link's.
     """
-    if name in robot.tree.links:
-        return pin.FrameType.BODY
-    return pin.FrameType.OP_FRAME if name in robot.tree.frames else pin.FrameType.JOINT
+    is_link = name in robot.tree.links
+    for number, frame in enumerate(twin.model.frames):
+        if frame.name == name and (frame.type == pin.FrameType.BODY) is is_link:
+            return number
+    raise ArgumentError("frames", "a frame that Pinocchio's model has, too", quoted(name))
 
 
 def _frame_outputs(
@@ -362,7 +369,7 @@ def _output_scales(
     `our_outputs` are the results of hingepair.
     """
     states = _pinocchio_states(twin, samples)
-    joints = [one[:, 7 if k == 0 else 6 :] for k, one in enumerate(states)]
+    joints = [twin.joint_positions(samples.joints[0]), *(one[:, 6:] for one in states[1:])]
     scales = RobotScales(robot.tree, joints, samples.base, gravity)
     columns = np.zeros((6 + len(twin.ratios), 6 + robot.dof))
     columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(twin.ratios)

@@ -101,6 +101,10 @@ class RobotValidation(Shown):
         skipped: number of samples that were left out because their input is not finite.
         u: unit roundoff of the dtype of the computation.
         rows: one comparison for each output.
+        description: if the robot was read from a URDF, comparisons with Pinocchio's reading of it: "names" of joints,
+            "placements" (points, attitudes and axes of joints) and "inertias" (mass, centre of mass and inertia of
+            the bodies).
+        compared_with: where Pinocchio's model comes from.
     """
 
     name: str
@@ -110,6 +114,8 @@ class RobotValidation(Shown):
     skipped: int
     u: float
     rows: tuple[RobotComparison, ...]
+    description: tuple[RobotComparison, ...] = ()
+    compared_with: str = "a model built from the robot as hingepair holds it"
 
     @property
     def samples(self) -> int:
@@ -123,8 +129,10 @@ class RobotValidation(Shown):
 
     @property
     def ok(self) -> bool:
-        """Whether every output of every finite sample is within its bound, and at least one sample was compared."""
-        return any(row.samples for row in self.rows) and all(row.ok for row in self.rows)
+        """Whether every output of every finite sample, and every part of the description, is within its bound, and at
+        least one sample was compared.
+        """
+        return any(row.samples for row in self.rows) and all(row.ok for row in (*self.description, *self.rows))
 
     @property
     def verdict(self) -> str:
@@ -134,14 +142,15 @@ class RobotValidation(Shown):
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
-        failed = [row.output for row in self.rows if not row.ok]
+        failed = [row.output for row in (*self.description, *self.rows) if not row.ok]
         if failed:
             return f"FAILED: {', '.join(failed)}{beside}"
         left = [row.output for row in self.rows if not row.samples]
         outputs = f"{len(self.rows) - len(left)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         without = f"; not compared: {', '.join(left)}" if left else ""
         limit = f"{MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale"
-        return f"PASSED: {outputs} within {limit} of Pinocchio{without}{beside}"
+        read = "the description and " if self.description else ""
+        return f"PASSED: {read}{outputs} within {limit} of Pinocchio{without}{beside}"
 
     def __str__(self) -> str:
         title, lines, notes = self._sheet()
@@ -159,15 +168,18 @@ class RobotValidation(Shown):
         notes = [row.note for row in self.rows if row.note]
         return Sheet(
             title,
-            (_ROBOT_OUTPUT_TABLE_HEADINGS, *map(_robot_comparison_cells, self.rows)),
-            (unit, *notes, self.verdict),
+            (_ROBOT_OUTPUT_TABLE_HEADINGS, *map(_robot_comparison_cells, (*self.description, *self.rows))),
+            (unit, f"compared with {self.compared_with}", *notes, self.verdict),
         )
 
     def to_json(self) -> str:
         """Return the report as JSON text; a number that is not finite becomes null."""
-        names = ("name", "base", "frames", "ok", "verdict", "samples", "compared", "skipped", "u")
-        rows = [{**asdict(row), "ok": row.ok, "note": row.note} for row in self.rows]
-        return json_text({**{name: getattr(self, name) for name in names}, "rows": rows})
+        names = ("name", "base", "frames", "ok", "verdict", "samples", "compared", "skipped", "u", "compared_with")
+        groups = {
+            field: [{**asdict(row), "ok": row.ok, "note": row.note} for row in getattr(self, field)]
+            for field in ("description", "rows")
+        }
+        return json_text({**{name: getattr(self, name) for name in names}, **groups})
 
 
 def _robot_comparison_cells(row: RobotComparison) -> tuple[str, ...]:

@@ -62,7 +62,19 @@ class RobotTwin:
             ArgumentError: q has another shape, or base_motion is given and the model has no free-flyer.
         """
         base = self._base_coordinates(base_motion, pinocchio_configuration)
-        return _join_coordinates(base, self._joint_coordinates("q", q) + self.offsets)
+        positions = self.joint_positions(q)
+        continuous = [joint.nq == 2 for joint in list(self.model.joints)[1 + self.has_free_flyer :]]
+        if any(continuous):  # Pinocchio's q has cosine and sine for these
+            columns = (
+                (np.cos(column), np.sin(column)) if turns else (column,)
+                for column, turns in zip(np.moveaxis(positions, -1, 0), continuous, strict=True)
+            )
+            positions = np.stack([one for group in columns for one in group], axis=-1)
+        return _join_coordinates(base, positions)
+
+    def joint_positions(self, q: ArrayLike) -> Float64Array:
+        """Return the positions of all joints of the model, mimic joints included; shape (..., joints)."""
+        return self._joint_coordinates("q", q) + self.offsets
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
         """Return Pinocchio's v, shape (..., nv), for q and qd, shape (..., dof), and the S, v and omega of
