@@ -117,6 +117,14 @@ def test_what_is_said_of_a_path_agrees_with_the_verdict(way: str, size: float) -
     assert ("% of the radius" in said) >= found.ok
 
 
+def test_noise_of_a_circle_is_no_straight_path() -> None:
+    made = recording(400, turn=1.5)
+    noise = 0.08 * np.random.default_rng(0).standard_normal((400, 3))
+    found = hp.fit(hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2 + noise))
+    assert "hardly an arc beside its noise" in " ".join(found.findings)
+    assert "straight" not in " ".join(found.findings)
+
+
 def test_points_that_show_nothing_are_refused() -> None:
     made = recording(50)
     body1 = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))

@@ -20,6 +20,7 @@ from hingepair.measured.findings import (
     MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH,
     MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL,
     Finding,
+    split_findings,
 )
 from hingepair.measured.hinge import first_axis_across, frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import (
@@ -34,6 +35,7 @@ from hingepair.measured.likelihood import (
 )
 from hingepair.measured.relative_poses import MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING, RelativePoses
 from hingepair.numeric.arrays import Float64Array
+from hingepair.rotations.matrices import rotation_exp
 
 _NUM_CIRCLE_PARAMETERS = 6
 """Those of `Circle.moved`, which come first; then the clock offset, where it is sought."""
@@ -137,13 +139,20 @@ class CircleFit(NamedTuple):
 
 
 def fit_circle(
-    poses: RelativePoses, loss: Loss | None, gauge: str, poses_at: PosesAt | None = None, offset: float = 0.0
+    poses: RelativePoses,
+    loss: Loss | None,
+    gauge: str,
+    poses_at: PosesAt | None = None,
+    offset: float = 0.0,
+    *,
+    is_body1_exact: bool = False,
 ) -> CircleFit:
     """Fit the most likely circle to the path of a point of body 2 relative to body 1 (`poses`); return a CircleFit.
     `loss`, a function that returns the derivatives of the loss, reduces the weights of outliers; None means least
     squares. `gauge` names the hinge point on the axis. If `poses_at`, a function of the clock offset and of the
     largest number of samples that returns RelativePoses, is given, estimate the offset too, from the first value
-    `offset` [s]. Raise FitError if the samples show no circle.
+    `offset` [s]. Raise FitError if the samples show no circle. Unless `is_body1_exact`, the covariance includes the
+    bias that would result if all of the noise were noise of the attitude of body 1.
 
     Args:
         poses: all samples, of which the places and the weights count.
@@ -151,6 +160,7 @@ def fit_circle(
         gauge: rule that selects the point on the axis to which the levers lead.
         poses_at: function of the clock offset that returns the poses; given where the offset is an unknown too.
         offset: clock offset that the steps begin with [s].
+        is_body1_exact: whether the attitudes of body 1 have no noise.
 
     Raises:
         FitError: the places show no circle: fewer than four, or on a line.
@@ -191,11 +201,11 @@ def fit_circle(
             )
             if has_converged:
                 break
-    n = sign_of(circle.n) * circle.n
-    circle = Circle(n, circle.centre, circle.radius - variance / (2 * circle.radius))  # noise makes circles too large
+    circle = circle.moved(-_bias(circle, some, variance, 0.0))  # noise makes circles too large
+    circle = circle._replace(n=sign_of(circle.n) * circle.n)
     residuals, change = _residuals_and_derivatives(circle, some)
     _, weights = _variance_and_weights(residuals, some.weights, loss)
-    squares = (residuals * residuals).sum(axis=1)
+    squares = some.weights * (residuals * residuals).sum(axis=1)
     outliers = squares > MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL * max(
         float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2], 1e-300
     )
@@ -206,18 +216,20 @@ def fit_circle(
     )
     outliers &= np.sqrt(squares) > explained
     normal = np.einsum("n,nij,nik->jk", weights, change, change)
-    scores = np.einsum("n,nij,ni->jn", weights, change, residuals)
-    scatter, _ = score_scatter(scores)
-    inverse = solve_semidefinite(normal, np.eye(normal.shape[0]))
     free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
-    circle_covariance = free * inverse @ scatter @ inverse.T
+    scores = np.einsum("n,nij,ni->jn", weights, change, residuals)
+    slope = normal + _bending(residuals, change, some.weights, variance, loss)
+    inverse = solve_semidefinite(slope, np.eye(normal.shape[0]))
+    circle_covariance = free * inverse @ score_scatter(scores)[0] @ inverse.T
     columns = [
         (_result_vector(circle.moved(x), gauge) - _result_vector(circle.moved(-x), gauge))
         / (2 * _DIFFERENCE_STEP_OF_CIRCLE_PARAMETERS_IN_RADIANS_OR_METRES)
         for x in _DIFFERENCE_STEP_OF_CIRCLE_PARAMETERS_IN_RADIANS_OR_METRES * np.eye(_NUM_CIRCLE_PARAMETERS)
     ]
     derivatives = np.stack(columns, axis=-1)
-    covariance = derivatives @ circle_covariance[:_NUM_CIRCLE_PARAMETERS, :_NUM_CIRCLE_PARAMETERS] @ derivatives.T
+    random = derivatives @ circle_covariance[:_NUM_CIRCLE_PARAMETERS, :_NUM_CIRCLE_PARAMETERS] @ derivatives.T
+    spread = np.zeros(12) if is_body1_exact else derivatives @ _bias_by_attitudes(circle, some, variance)
+    covariance = random + np.outer(spread, spread)
     neighbour_correlations = (residuals[1:] * residuals[:-1]).sum(axis=0) / np.maximum(
         (residuals * residuals).sum(axis=0), 1e-300
     )
@@ -225,13 +237,9 @@ def fit_circle(
         circle, residuals, neighbour_correlations, weights, outliers, covariance, has_converged, gauge
     )
     good = some.p.T[(weights > 0) & ~outliers]
-    widths = np.linalg.svd(good - good.mean(axis=0), compute_uv=False) / np.sqrt(good.shape[0])
-    if (
-        widths[1] < _MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT * widths[2]
-        and neighbour_correlations.max() <= MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
-    ):
-        text = f"The path of the point is straight within its noise, {widths[2]:.2g} m: let the point turn further."
-        findings = [Finding(text, False)]
+    if neighbour_correlations.max() <= MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS:
+        findings = _arc_findings(good, np.sqrt(circle_covariance[5, 5]) / circle.radius) or findings
+    findings += split_findings(random, covariance, "of body 1 adds to that of the places")
     return CircleFit(
         circle=circle,
         noise=float(np.sqrt(variance * free)),
@@ -272,6 +280,43 @@ def circle_misfit(poses: RelativePoses) -> float:
     return float(np.log(np.median((distances * distances).sum(axis=1)) + 1e-30 * poses.size**2))
 
 
+def _bias(circle: Circle, poses: RelativePoses, place: float, attitude: float) -> Float64Array:
+    """Return the bias of the six parameters of a circle by noise of the variances `place` [m^2], of positions, and
+    `attitude` [rad^2], of the attitudes of body 1: the mean step that exact samples make, each coordinate of noise
+    once up and once down.
+    """
+    thin = poses.thinned(MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING)
+    relative = np.sqrt(1 / thin.weights)[:, None]
+    psi = circle.angles(thin.p.T)[:, None]
+    x, y = circle.zero_direction, np.cross(circle.n, circle.zero_direction)
+    p = circle.centre + circle.radius * (np.cos(psi) * x + np.sin(psi) * y)
+    noisy = []
+    for axis in np.concatenate((np.eye(3), -np.eye(3))):
+        if place > 0:
+            noisy.append(p + np.sqrt(place) * relative * axis)
+        if attitude > 0:
+            turn = np.asarray(rotation_exp(np.sqrt(attitude) * relative * axis))
+            noisy.append(np.einsum("nij,nj->ni", turn, p))
+    if not noisy:
+        return np.zeros(_NUM_CIRCLE_PARAMETERS)
+    around = RelativePoses(thin.Q, np.concatenate(noisy).T, thin.size)
+    residuals, change = _residuals_and_derivatives(circle, around)
+    weights = np.tile(thin.weights, len(noisy))
+    normal = np.einsum("n,nij,nik->jk", weights, change, change) / len(noisy)
+    return -solve_semidefinite(normal, np.einsum("n,nij,ni->j", weights, change, residuals) / 2)
+
+
+def _bias_by_attitudes(circle: Circle, poses: RelativePoses, variance: float) -> Float64Array:
+    """Return the bias of the six parameters of a circle if noise of the attitudes of body 1 alone made the variance
+    of the residuals. Each turn of body 1 moves the point across the vector to it.
+    """
+    _, change = _residuals_and_derivatives(circle, poses)
+    directions = change[:, :, 2:5] @ frame(circle.n).T
+    along = np.einsum("nij,jn->ni", directions, poses.p)
+    turned = (poses.p**2).sum(axis=0)[:, None] - along**2
+    return _bias(circle, poses, 0.0, variance / max(float(turned.mean()), 1e-300))
+
+
 def _variance_and_weights(
     residuals: Float64Array, sample_weights: Float64Array, loss: Loss | None
 ) -> tuple[float, Float64Array]:
@@ -282,13 +327,27 @@ def _variance_and_weights(
     squares = (residuals * residuals).sum(axis=1)
     if loss is None:
         return float(sample_weights @ squares) / (2 * float(sample_weights.sum())), sample_weights
-    variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[2]
+    variance = float(np.median(sample_weights * squares)) / CHI2_MEDIAN_BY_DOF[2]
     sizes = sample_weights * squares / max(variance, 1e-300)
     return variance, np.where(
         sizes > _MIN_SQUARED_CIRCLE_DISTANCE_OF_ZERO_WEIGHT_IN_NOISE_VARIANCES,
         0.0,
         sample_weights * loss(sizes / _LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_NOISE_VARIANCES)[0],
     )
+
+
+def _bending(
+    residuals: Float64Array, change: Float64Array, sample_weights: Float64Array, variance: float, loss: Loss | None
+) -> Float64Array | float:
+    """Return what the second derivative of the loss adds to the derivative of the scores; (k, k), or 0 without a
+    loss. The arguments are those of `_variance_and_weights`, and the derivatives of the residuals (N, 2, k).
+    """
+    if loss is None:
+        return 0.0
+    scale = _LOSS_SCALE_OF_SQUARED_CIRCLE_DISTANCE_IN_NOISE_VARIANCES * max(variance, 1e-300)
+    sizes = sample_weights * (residuals * residuals).sum(axis=1) / scale
+    scores = np.einsum("nij,ni->jn", change, residuals)
+    return np.asarray((2 / scale * sample_weights**2 * loss(sizes)[1] * scores) @ scores.T)
 
 
 def _result_vector(circle: Circle, gauge: str) -> Float64Array:
@@ -344,6 +403,19 @@ def _circle_of_random_triples(p: Float64Array, num_triples: int = 300) -> Circle
     across = np.sqrt(np.maximum((off * off).sum(axis=-1) - out**2, 0.0)) - radii[:, None]
     best = int(np.argmin(np.median(out**2 + across**2, axis=1)))
     return Circle(axes[best], centres[best], float(radii[best]))
+
+
+def _arc_findings(p: Float64Array, relative_radius_std: float) -> list[Finding]:
+    """Return a list with one Finding if the places p (N, 3) show hardly an arc; `relative_radius_std` is the standard
+    deviation of its radius, in parts of the radius.
+    """
+    widths = np.linalg.svd(p - p.mean(axis=0), compute_uv=False) / np.sqrt(p.shape[0])
+    if widths[1] >= _MAX_STRAIGHT_PATH_WIDTH_TO_OUT_OF_PLANE_EXTENT * widths[2]:
+        return []
+    what = "straight within" if relative_radius_std > 1 / 3 else "hardly an arc beside"
+    return [
+        Finding(f"The path of the point is {what} its noise, {widths[2]:.2g} m: let the point turn further.", False)
+    ]
 
 
 def _circle_findings(

@@ -130,15 +130,15 @@ def judge_hinge(
     return sorted(listed, key=lambda finding: finding.harmless)  # what decides the verdict comes first
 
 
-def split_findings(random: Float64Array, whole: Float64Array) -> list[Finding]:
+def split_findings(random: Float64Array, whole: Float64Array, how: str) -> list[Finding]:
     """Return a list with one Finding if the covariance (12, 12) of the results, `whole`, is far larger than that by
-    the noise alone, `random`, because it is not known to which body the noise of the attitudes belongs.
+    the noise alone, `random`, because it is not known to which body the noise of the attitudes belongs. `how` ends
+    the sentence.
     """
     added = np.sqrt(np.maximum(np.diagonal(whole - random), 0.0))[:6]
-    if not (added > 0.5 * np.sqrt(np.diagonal(random))[:6]).any():
+    if not (added > np.maximum(0.5 * np.sqrt(np.diagonal(random))[:6], 1e-12)).any():
         return []
-    text = f"u1 and u2 depend by {added.max():.2g} m on how the noise of the attitudes divides between the bodies"
-    return [Finding(f"{text}: noise1 and noise2 tell, or a body 1 that is one pose.", True)]
+    return [Finding(f"u1 and u2 depend by {added.max():.2g} m on how the noise of the attitudes {how}.", True)]
 
 
 def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np.bool_]:

@@ -424,7 +424,7 @@ def fit(
     instants = None if samples.t is None else samples.t[used]
     listed_findings = [
         *judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std),
-        *split_findings(random_covariance, covariance),
+        *split_findings(random_covariance, covariance, "divides between the bodies: noise1 and noise2 tell"),
         *encoder_findings(psi, residuals, poses, noise, fused.is_rejected, encoder_fit, instants),
     ]
     texts = [finding.text for finding in listed_findings]
@@ -510,7 +510,7 @@ def _fit_of_point(
     moves; return a HingeFit. `samples` holds the checked recordings; the other parameters are arguments of `fit`.
     Raise ArgumentError if an encoder or noise is given, and FitError if the samples show no circle.
     """
-    for name, value in (("encoder", samples.encoder), ("noise1", samples.relative_noise)):
+    for name, value in (("encoder", samples.encoder), ("noise1", samples.mean_noise)):
         if value is not None:
             raise ArgumentError(name, "None, since body 2 has no attitudes", "values")
     fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss], gauge, clock_offset)
@@ -572,16 +572,17 @@ def _fit_circle_of_point(
     determined. `loss` is a function or None for least squares; `gauge` names the hinge point on the axis. Raise
     FitError if the samples show no circle, ArgumentError for an unusable clock offset.
     """
-    clock = _clocked_poses(samples, loss, clock_offset)
+    exact, clock = samples.knows_split, _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
         there = _poses_at_known_offset(clock, clock_offset)
-        return fit_circle(there, loss, gauge)._replace(offset=clock_offset), clock
+        return fit_circle(there, loss, gauge, is_body1_exact=exact)._replace(offset=clock_offset), clock
     poses = samples.poses(samples.known1 & samples.known2)
     if clock is not None and poses.samples >= MIN_SAMPLES_PER_SMOOTHED_PIECE:
-        fitted = fit_circle(poses, loss, gauge, clock.poses_at, clock.most_likely_offset(circle_misfit))
+        near = clock.most_likely_offset(circle_misfit)
+        fitted = fit_circle(poses, loss, gauge, clock.poses_at, near, is_body1_exact=exact)
         if fitted.shows_offset(clock.noise_poses_at(fitted.offset)):
             return fitted, clock
-    return fit_circle(poses, loss, gauge), None
+    return fit_circle(poses, loss, gauge, is_body1_exact=exact), None
 
 
 def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:

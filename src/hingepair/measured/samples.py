@@ -111,7 +111,7 @@ def checked_samples(
     share = 0.5
     if not is_point and relative_noise is None:
         share = 0.0 if _is_constant(full_arrays["S1"]) else 1.0 if _is_constant(full_arrays["S2"]) else 0.5
-    knows_split = relative_noise is not None or share != 0.5
+    knows_split = relative_noise is not None or share != 0.5 or (is_point and _is_constant(full_arrays["S1"]))
     used = known["1"] & known["2"]
     if (used.any() and np.ptp(sample_weights[used]) > 0) or share != 0.5:
         if relative_noise is None:
