@@ -20,7 +20,7 @@ class RobotReference:
     """A robot at N states.
 
     Args:
-        tree: the record of a robot, of which none follows another; its numbers stand for themselves.
+        tree: the record of a robot, of which none follows another; its matrices stand for the rotations next to them.
         base: (R, S, v, omega, a, alpha) of the base, (N, 3) and (N, 3, 3); S stands for the rotation next to it.
         q: positions, (N, dof); qd and qdd likewise.
         gravity: (3,).
@@ -38,8 +38,8 @@ class RobotReference:
             for k, joint in enumerate(tree.joints):
                 origin, turn = self.poses[joint.parent]
                 motion = q[:, k], qd[:, k], qdd[:, k] / 2
-                point, turn = origin + turn @ exactly(joint.u)[:, None], turn @ exactly(joint.S)
-                axis = unit(joint.n) if joint.kind == "hinge" else exactly(joint.n)
+                point, turn = origin + turn @ exactly(joint.u)[:, None], turn @ nearest_rotation(exactly(joint.S))
+                axis = unit(joint.n)
                 if joint.kind == "hinge":
                     turn = turn @ rotation(axis, motion)
                 else:
@@ -56,7 +56,7 @@ class RobotReference:
             place = d + self.poses[0][0]
             omega, alpha = angular_motion(turn)
             R, v, a = place.c0[..., 0], place.c1[..., 0], 2 * place.c2[..., 0]
-            values = (R, turn.c0 @ exactly(frame.S), v, omega, a, alpha)
+            values = (R, turn.c0 @ nearest_rotation(exactly(frame.S)), v, omega, a, alpha)
             return dict(zip(LETTERS, values, strict=True)) | {"d": d.c0[..., 0]}
 
     def forces(self, *, base_counts):

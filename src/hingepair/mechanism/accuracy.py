@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from hingepair.mechanism.arguments import InputValues
+from hingepair.mechanism.constants import frame_numbers, number_bounds, program_numbers
 from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.states import FRAME_MOTION_OUTPUT_NAMES
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.bounded import Bounded, bounded_class
+from hingepair.numeric.bounded import Bounded, bounded_class, conversion_error
 from hingepair.plans.trees import compute_request
 
 
@@ -26,19 +27,27 @@ def error_bounds(
     gravity vector [m/s^2], and return a dict of arrays by output name. At every sample, an output has one bound for
     its largest component; an output of motion has one such bound for each frame, along the last axis.
     """
-    form, request = computation.form, computation.request
+    form, request, constants = computation.form, computation.request, computation.constants
     complete = computation.complete(values, gravity)
     components = [c for name in values.value_by_input for c in _as_tuple(values.value_by_input[name])]
     kind = bounded_class(result_dtype(components))
     frame_count = len(request.frames)
+    numbers = program_numbers(constants)
+    numbers += [number for frame in computation.frames for number in frame_numbers(constants, frame)]
+    pairs = [*zip(numbers, number_bounds(constants, computation.frames), strict=True)]
+    # Only an exact number folds: in a program, one may be 0 that would be 1e-17.
+    known = tuple(number if bound == 0 and number in {0.0, 1.0, -1.0} else None for number, bound in pairs)
+    form, request = form._replace(known=known[: len(form.known)]), request._replace(known=known[len(form.known) :])
+    parameters = [kind.rounded(*pair) for pair, folded in zip(pairs, known, strict=True) if folded is None]
 
     def block_bounds(block_inputs: Named) -> Mapping[str, Any]:
         """Return a dict of the error bounds of all outputs by name, for one block of samples. `block_inputs` is a
         dict of tuples of components by input name.
         """
-        bounded_inputs = {name: tuple(kind.rounded(c) for c in group) for name, group in block_inputs.items()}
-        pairs = zip(computation.parameters.tolist(), computation.bounds.tolist(), strict=True)
-        bounded_inputs["constants"] = tuple(kind.rounded(number, bound) for number, bound in pairs)
+        bounded_inputs: dict[str, Any] = {
+            name: tuple(map(kind.rounded, block_inputs[name], block_inputs[f"{name} error"])) for name in groups
+        }
+        bounded_inputs["constants"] = tuple(parameters)
         results = compute_request(form, request, bounded_inputs)
         return {
             name: _largest_bounds(results[name], frame_count if name in FRAME_MOTION_OUTPUT_NAMES else 0)
@@ -50,9 +59,10 @@ def error_bounds(
         for name, sample_shape in computation.inputs.items()
         if name != "constants"
     }
+    errors = {f"{name} error": tuple(map(conversion_error, group)) for name, group in groups.items()}
     bound_shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUT_NAMES else () for name in request.outputs}
     return tabulate(
-        block_bounds, groups, bound_shapes, broadcast_shape(values.shape_by_argument), np.dtype(np.float64)
+        block_bounds, groups | errors, bound_shapes, broadcast_shape(values.shape_by_argument), np.dtype(np.float64)
     )
 
 

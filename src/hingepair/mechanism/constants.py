@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from hingepair.mechanism.tree import Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
+from hingepair.numeric.balls import axes_balls, error_bound, rotation_balls
 from hingepair.plans.trees import Form
 
-Exact: TypeAlias = list[Fraction]
+Exact: TypeAlias = list[Any]
+"""Fractions, or `Ball`s around fractions."""
 
 _FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
-_OBLIQUE_AXES_ROUNDING_BOUND_TO_LARGEST_NUMBER: Final = 16 * 2.0**-53
-"""Largest rounding error of oblique axes and of products with them, divided by the largest entry."""
 # The axes x, y and z of a program in the body's axes, by the components' sizes of a joint axis along x, y or z.
 _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
     (1.0, 0.0, 0.0): ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
@@ -35,26 +35,25 @@ _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotConstants:
-    """Constants of a robot's generated programs: the structure `form`, the joint names `names`, the parameters
-    `numbers` with their error bounds `bounds`, the size below which each pivot is only rounding error
-    (`pivot_thresholds`), the rotations `axes` from the axes in which the programs compute to the own axes of each
-    body, and a dict `cache` of objects that are made once for the robot.
+    """Constants of a robot's generated programs.
 
     Attributes:
+        tree: record of the robot.
+        free: whether the base is free, so that its mass counts.
         form: structure of the robot, on which programs depend.
         names: names of the joints with a coordinate of their own, in the order of q.
         numbers: the constants that are parameters of programs, in order.
-        bounds: bounds on the rounding errors of the parameters.
         pivot_thresholds: for each coordinate, the size below which a pivot D is rounding (T5); 0 if D is never that
             small.
         axes: for each body, the base first, the rotation from the program's axes to the body's own axes.
         cache: objects made once for the robot, by key.
     """
 
+    tree: Tree
+    free: bool
     form: Form
     names: tuple[str, ...]
     numbers: tuple[float, ...]
-    bounds: tuple[float, ...]
     pivot_thresholds: NDArray[np.float64]
     axes: tuple[NDArray[np.float64], ...]
     cache: dict[Any, Any] = field(default_factory=dict, repr=False)
@@ -75,26 +74,16 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
     mass of the base counts only if `free` is True, that is, if the base is free.
     """
     axes = _axes_of_bodies(tree)
-    moments = _shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free))
-    oblique = [bool((np.count_nonzero(value, axis=0) > 1).any()) for value in axes]
+    poses = _poses_in_program_axes(tree, axes)
+    moments = _mass_moments(tree, free, [_exact(P) for P in axes], [(_exact(S), _exact(u)) for S, u in poses])
     with np.errstate(all="ignore"):  # what overflows is refused where masses are used
         thresholds = _pivot_thresholds(tree, axes)
     numbers = _rounded_numbers(moments[0])
-    bounds = _mass_bounds(numbers, any(oblique))
-    for k, joint in enumerate(tree.joints, 1):
-        back = axes[joint.parent].T
-        S, u = _matrix_product(back, _matrix_product(joint.S, axes[k])), _matrix_product(back, joint.u)
+    for k, (joint, (S, u)) in enumerate(zip(tree.joints, poses, strict=True), 1):
         multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
-        pose, masses = [*S.ravel().tolist(), *u.tolist()], _rounded_numbers(moments[k])
-        numbers += [*pose, *masses, joint.armature, multiplier, offset, thresholds[k]]
-        turned = oblique[k] or oblique[joint.parent]
-        pose_bound = (
-            _OBLIQUE_AXES_ROUNDING_BOUND_TO_LARGEST_NUMBER * max(1.0, float(np.abs(joint.u).max())) if turned else 0.0
-        )
-        bounds += [pose_bound] * len(pose)
-        bounds += [*_mass_bounds(masses, any(oblique)), 0.0, 0.0, 0.0, 0.0]
+        numbers += [*S.ravel().tolist(), *u.tolist(), *_rounded_numbers(moments[k])]
+        numbers += [joint.armature, multiplier, offset, thresholds[k]]
     folded, parameters = split_numbers(numbers)
-    parameter_bounds = tuple(bound for bound, one in zip(bounds, folded, strict=True) if one is None)
     form = Form(
         _identifiers(joint.name for joint in tree.joints),
         tuple(joint.parent for joint in tree.joints),
@@ -107,9 +96,7 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
         ratio = 1.0 if joint.mimic is None else joint.mimic.multiplier
         by_column[column] += value * ratio * ratio
     names = tuple(joint.name for joint in tree.coordinates)
-    return RobotConstants(
-        form, names, parameters, parameter_bounds, read_only(by_column), tuple(map(read_only, axes))
-    )
+    return RobotConstants(tree, free, form, names, parameters, read_only(by_column), tuple(map(read_only, axes)))
 
 
 def program_numbers(constants: RobotConstants) -> list[float]:
@@ -118,13 +105,42 @@ def program_numbers(constants: RobotConstants) -> list[float]:
     return [next(numbers) if known is None else known for known in constants.form.known]
 
 
+def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[float]:
+    """Return bounds on the errors of the `program_numbers` and, behind them, of the `frame_numbers` of all frames.
+
+    Exact are the lengths and masses of the robot's record, the rotation next to each matrix S, and a unit axis along
+    each n. S and n may be off by what their rounding to double precision does.
+    """
+    tree, axes = constants.tree, [axes_balls(P) for P in constants.axes]
+    backs = [_transposed(P) for P in axes]
+    poses = [
+        (
+            _matrix_times_matrix(_matrix_times_matrix(backs[joint.parent], rotation_balls(joint.S)), P),
+            _matrix_times_vector(backs[joint.parent], _exact(joint.u)),
+        )
+        for joint, P in zip(tree.joints, axes[1:], strict=True)
+    ]
+    masses = _mass_moments(tree, constants.free, axes, poses)
+    stored, exact = program_numbers(constants), _ten_numbers(masses[0])
+    for (S, u), moments in zip(poses, masses[1:], strict=True):
+        given = stored[len(exact) + 22 : len(exact) + 26]  # armature, multiplier, offset, threshold
+        exact += [*S, *u, *_ten_numbers(moments), *given]
+    for frame in frames:
+        stored += frame_numbers(constants, frame)
+        back = backs[frame.body]
+        exact += _matrix_times_vector(back, _exact(frame.R))
+        exact += _matrix_times_matrix(back, rotation_balls(frame.S))
+    return [error_bound(*pair) for pair in zip(stored, exact, strict=True)]
+
+
 def exact_mass_numbers(tree: Tree, free: bool) -> list[Fraction]:
     """Return a list of Fractions as long as a robot's program numbers, with the exact masses and moments of its
     bodies at their positions, and 0 at all others. The mass of the base counts only if `free` is True, that is, if
     the base is free.
     """
     axes = _axes_of_bodies(tree)
-    return _padded_mass_numbers(_shift_to_parents(tree, axes, _moments_of_bodies(tree, axes, free)))
+    poses = [(_exact(S), _exact(u)) for S, u in _poses_in_program_axes(tree, axes)]
+    return _padded_mass_numbers(_mass_moments(tree, free, [_exact(P) for P in axes], poses))
 
 
 def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fraction]]:
@@ -139,6 +155,7 @@ def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fract
         Ten rows, each as long as `program_numbers`. They are 0 for a payload of a fixed base, which moves nothing.
     """
     axes = _axes_of_bodies(tree)
+    poses = [(_exact(S), _exact(u)) for S, u in _poses_in_program_axes(tree, axes)]
     nothing = [Fraction(0)] * 10
     zero = Fraction(0)
     rows = []
@@ -149,7 +166,7 @@ def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fract
             moments[frame.body] = _moments_of_payload(
                 _exact(frame.R), _exact(frame.S), _exact(axes[frame.body]), unit
             )
-        rows.append(_padded_mass_numbers(_shift_to_parents(tree, axes, moments)))
+        rows.append(_padded_mass_numbers(_shift_to_parents(tree, poses, moments)))
     return rows
 
 
@@ -201,6 +218,15 @@ def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
     return [np.eye(3), *(_axes_along(joint.n) for joint in tree.joints)]
 
 
+def _poses_in_program_axes(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[tuple[Any, Any]]:
+    """Return S and u of every joint in the program's axes."""
+    backs = [axes[joint.parent].T for joint in tree.joints]
+    return [
+        (_matrix_product(back, _matrix_product(joint.S, P)), _matrix_product(back, joint.u))
+        for joint, back, P in zip(tree.joints, backs, axes[1:], strict=True)
+    ]
+
+
 def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a rotation matrix (3, 3) whose third column is the unit axis n. If the axis is along x, y or z, the
     matrix is an exact permutation of the axes with signs.
@@ -247,28 +273,31 @@ class _MassMoments:
         self.N = [x + y for x, y in zip(self.N, N, strict=True)]
 
 
-def _moments_of_body(body: MassProperties, axes: NDArray[np.float64]) -> _MassMoments:
-    """Return the exact `_MassMoments` of a body from its MassProperties, which are in the body's own axes. The
-    moments are in the axes in which the generated programs compute, whose third axis is the joint axis; `axes` is the
-    rotation matrix from these to the body's own axes.
+def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
+    """Return the exact `_MassMoments` of a body in the axes of the program; `axes` is the rotation from these to the
+    body's own axes, in which its MassProperties are given.
     """
-    c, inertia, P = (_exact(array) for array in (body.center_of_mass, body.inertia, axes))
+    c, inertia = _exact(body.center_of_mass), _exact(body.inertia)
     m = Fraction(body.mass)
     half = (inertia[0] + inertia[4] + inertia[8]) / 2
     N = [(half if i == j else 0) - (inertia[3 * i + j] + inertia[3 * j + i]) / 2 for i in range(3) for j in range(3)]
     N = [N[3 * i + j] + m * c[i] * c[j] for i in range(3) for j in range(3)]
-    back = _transposed(P)
+    back = _transposed(axes)
     return _MassMoments(m, _matrix_times_vector(back, [m * x for x in c]), _congruence(back, N))
 
 
-def _moments_of_bodies(tree: Tree, axes: Sequence[NDArray[np.float64]], free: bool) -> list[_MassMoments]:
-    """Return a list of the exact `_MassMoments` of every body of a Tree, the base first. The moments are in the axes
-    in which the generated programs compute, and `axes` holds, for each body, the rotation from these to the body's
-    own axes. The moments of the base are 0 unless the base is `free`.
+def _mass_moments(
+    tree: Tree, free: bool, axes: Sequence[Exact], poses: Sequence[tuple[Exact, Exact]]
+) -> list[_MassMoments]:
+    """Return the `_MassMoments` of every body of a Tree, the base first, after the shift to the parents (T9).
+
+    `axes` and `poses` are the rotations to the bodies' own axes, and S and u of the joints, in the program's axes.
+    The moments of the base are 0 unless the base is `free`.
     """
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
-    return [_moments_of_body(body, body_axes) for body, body_axes in zip(bodies, axes, strict=True)]
+    moments = [_moments_of_body(body, P) for body, P in zip(bodies, axes, strict=True)]
+    return _shift_to_parents(tree, poses, moments)
 
 
 def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:
@@ -288,21 +317,20 @@ def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _
 
 
 def _shift_to_parents(
-    tree: Tree, axes: Sequence[NDArray[np.float64]], moments: list[_MassMoments]
+    tree: Tree, poses: Sequence[tuple[Exact, Exact]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
     """Move those components of each body's moments that do not depend on the position of its joint to the parent body
-    (T9). The list `moments` of `_MassMoments` is changed in place and returned. `axes` holds, for each body, the
-    rotation from the axes in which the generated programs compute to the body's own axes.
+    (T9). The list `moments` is changed in place and returned; `poses` holds S and u of the joints in the program's
+    axes.
     """
     for k in range(len(tree.joints), 0, -1):
-        joint, body_moments = tree.joints[k - 1], moments[k]
-        S = _exact(_matrix_product(axes[joint.parent].T, _matrix_product(joint.S, axes[k])))
+        joint, body_moments, (S, u) = tree.joints[k - 1], moments[k], poses[k - 1]
         parent = moments[joint.parent]
         if joint.kind == "slider":
             parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, body_moments.N))
             body_moments.N = [Fraction(0)] * 9
             continue
-        u, w = _exact(_matrix_product(axes[joint.parent].T, joint.u)), [S[2], S[5], S[8]]
+        w = [S[2], S[5], S[8]]
         m, along, spread = body_moments.m, body_moments.h[2], body_moments.N[8]
         parent.add(
             m,
@@ -356,6 +384,11 @@ def _matrix_times_vector(A: Exact, v: Exact) -> Exact:
     return [_sum_of_products((A[3 * i + k], v[k]) for k in range(3)) for i in range(3)]
 
 
+def _matrix_times_matrix(A: Exact, B: Exact) -> Exact:
+    """Return the product A B of matrices (3, 3), given row by row."""
+    return [_sum_of_products((A[3 * i + k], B[3 * k + j]) for k in range(3)) for i in range(3) for j in range(3)]
+
+
 def _transposed(A: Exact) -> Exact:
     """Return the transpose of a matrix (3, 3), given and returned as a list of nine Fractions, row by row."""
     return [A[3 * j + i] for i in range(3) for j in range(3)]
@@ -363,21 +396,13 @@ def _transposed(A: Exact) -> Exact:
 
 def _congruence(A: Exact, N: Exact) -> Exact:
     """Return the product A N A^T of matrices (3, 3), given and returned as lists of nine Fractions, row by row."""
-    T = [_sum_of_products((A[3 * i + k], N[3 * k + j]) for k in range(3)) for i in range(3) for j in range(3)]
+    T = _matrix_times_matrix(A, N)
     return [_sum_of_products((T[3 * i + k], A[3 * j + k]) for k in range(3)) for i in range(3) for j in range(3)]
 
 
 def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
     """Return the sum of the products of pairs; pairs with 0, which are most, are skipped."""
     return sum((a * b for a, b in pairs if a and b), Fraction(0))
-
-
-def _mass_bounds(numbers: Sequence[float], oblique: bool) -> list[float]:
-    """Return a list of bounds on the rounding errors of the ten mass numbers of a body. The bounds are larger if
-    `oblique` is True, that is, if a joint axis is not along x, y or z, so that products with axes are rounded.
-    """
-    size = _OBLIQUE_AXES_ROUNDING_BOUND_TO_LARGEST_NUMBER * max(map(abs, numbers)) if oblique else 0.0
-    return [float(np.spacing(abs(number))) / 2 + size for number in numbers]
 
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:

@@ -60,7 +60,8 @@ class RobotComputation:
         form: structure of the robot, on which programs depend.
         request: request of outputs and frames.
         parameters: constants that are no part of the program.
-        bounds: bounds on the rounding errors of the parameters.
+        constants: constants of the robot.
+        frames: frames of the request.
         inputs: shapes of one sample of the inputs, by name.
         needs_masses: whether the outputs depend on masses.
     """
@@ -79,7 +80,7 @@ class RobotComputation:
         self.form: Form = constants.form
         self.request = Request(outputs, free, tuple(frame.body for frame in frames), folded, loaded_frames)
         self.parameters: Float64Array = read_only(np.array([*constants.numbers, *parameters], dtype=np.float64))
-        self.bounds: Float64Array = read_only(np.array([*constants.bounds, *(0.0 for _ in parameters)]))
+        self.constants, self.frames = constants, frames
         self.inputs = input_shapes(self.form, self.request)
         self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUT_NAMES for name in outputs)
         self.result = result

@@ -198,6 +198,20 @@ def bounded_class(dtype: np.dtype[Any]) -> type[Bounded]:
     return BoundedSingle if dtype == np.float32 else BoundedDouble
 
 
+def conversion_error(number: Any) -> Component:
+    """Return by how much a number or an array changes when it is converted to float64: an integer above 2^53 may be
+    rounded.
+
+    >>> float(conversion_error(2**53 + 1)), conversion_error(0.1)
+    (1.0, 0.0)
+    """
+    array = np.asarray(number)
+    if array.dtype.kind not in "iu" or array.dtype.itemsize < 8:
+        return 0.0
+    high = array >> 32 << 32
+    return np.abs((array.astype(np.float64) - high.astype(np.float64)) - (array - high).astype(np.float64))
+
+
 def in_last_places(count: float, size: Component, u: float) -> Component:
     """Return `count` units in the last place of the positive number `size` in the normal range, for a format with the
     unit roundoff `u`. The result is 0 where `size` is 0.

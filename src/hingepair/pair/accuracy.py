@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.bounded import Bounded, BoundedDouble, bounded_class
+from hingepair.numeric.bounded import Bounded, BoundedDouble, bounded_class, conversion_error
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
@@ -269,7 +269,12 @@ def error_bounds(
     unusable arguments.
     """
     plan, coordinates = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
-    return _plan_error_bounds(pair, plan, coordinates.parts, coordinates.shapes)
+    integers = {  # one row of them has been converted to floats
+        name: given
+        for name, given in (("q", q), ("qd", qd), ("qdd", qdd))
+        if isinstance(given, np.ndarray) and given.dtype.kind in "iu"
+    }
+    return _plan_error_bounds(pair, plan, {**coordinates.parts, **integers}, coordinates.shapes)
 
 
 def error_bounds_from_body1(
@@ -303,7 +308,8 @@ def _plan_error_bounds(
         them. Return a dict of the largest error bound among the components of each output, by output name.
         """
         bounded = {
-            name: _bounded_inputs(group, source_names.get(name, ()), numbers, kind) for name, group in numbers.items()
+            name: _bounded_inputs(numbers[name], errors, source_names.get(name, ()), numbers, kind)
+            for name, errors in ((name, numbers[f"{name} error"]) for name in groups)
         }
         plan.run(bounded)
         return {name: _largest(bounded[name]) for name in plan.outputs}
@@ -314,8 +320,12 @@ def _plan_error_bounds(
         for name, group in {**pair.values, **values}.items()
         if name in required_names
     }
+    errors = {
+        f"{name} error": tuple(map(conversion_error, group)) if isinstance(group, tuple) else conversion_error(group)
+        for name, group in groups.items()
+    }
     shape = broadcast_shape({**shapes, "pair": pair.shape})
-    return tabulate(bounds, groups, dict.fromkeys(plan.outputs, ()), shape, np.dtype(np.float64))
+    return tabulate(bounds, groups | errors, dict.fromkeys(plan.outputs, ()), shape, np.dtype(np.float64))
 
 
 def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
@@ -330,16 +340,17 @@ def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
     return components_of(quantity, len(sample_shape))
 
 
-def _bounded_inputs(quantity: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]) -> Any:
-    """Return one input of a plan, a component or a tuple of components, with an error bound on each component: as one
-    instance of the class `number_type` or a tuple of instances. The bound covers the rounding to the precision of
-    `number_type`. If `source_names` is not empty, the input was itself computed from the inputs of these names, which
-    `numbers` holds by name, and the bound also covers the error of that computation.
+def _bounded_inputs(
+    quantity: Any, errors: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]
+) -> Any:
+    """Return one input of a plan, a component or a tuple of components, with a bound on each component's error: that
+    of its conversion to float64 (`errors`) and to the precision of `number_type`. If the input was itself computed
+    from inputs, `source_names` in `numbers`, the bound also covers the error of that computation.
     """
     if not isinstance(quantity, tuple):
-        return number_type.rounded(quantity)
+        return number_type.rounded(quantity, errors)
     if not source_names:
-        return tuple(number_type.rounded(c) for c in quantity)
+        return tuple(map(number_type.rounded, quantity, errors))
     source_size = sum(functools.reduce(np.maximum, map(np.abs, numbers[name])) for name in source_names)
     error_before_rounding = 2.0**-90 * source_size  # a bound for the axis and the levers
     return tuple(

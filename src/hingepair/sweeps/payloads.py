@@ -209,7 +209,7 @@ class _PayloadForceProgram:
         """
         parameters = tuple(self._numbers[self._parameters].tolist())
         form = constants.form._replace(known=tuple(self._known))
-        return replace(constants, form=form, numbers=parameters, bounds=(0.0,) * len(parameters), cache={})
+        return replace(constants, form=form, numbers=parameters, cache={})
 
     @property
     def _parameters(self) -> list[int]:
