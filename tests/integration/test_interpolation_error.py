@@ -168,6 +168,7 @@ def test_a_bend_beside_a_gap():
         assert true <= 10 * estimate
 
 
+@pytest.mark.filterwarnings("ignore:.*is it in seconds:hingepair.MeasurementWarning")
 @pytest.mark.parametrize("step", [10, 23.37, 49, 50.3])
 def test_many_jumps(step):
     """At samples, where their errors add up, and between them, where they cancel: halfway between the two."""

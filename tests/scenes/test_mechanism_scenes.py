@@ -292,7 +292,7 @@ def test_limits_that_are_passed_are_told_with_where(tmp_path: Path) -> None:
     assert stick.position == (-5, 0)
     assert stick.rate == 2.5
     degrees = scene_of(tmp_path, GOOD.replace("[motion]", "[motion]\nstick = -90", 1)).notes()
-    assert any(note.startswith("stick: -90 is taken for radians") for note in degrees)
+    assert any(note.startswith("motion.stick: -90 is taken for radians") for note in degrees)
 
 
 def test_kinks_are_told(tmp_path: Path) -> None:

@@ -501,15 +501,68 @@ def test_limits_that_psi_leaves_are_noted(tmp_path: Path) -> None:
     assert scene_of(tmp_path, GOOD).notes() == ()
 
 
-def test_degrees_for_radians_are_noted_and_many_turns_are_not(tmp_path: Path) -> None:
-    def notes(limits: str, psi: str) -> list[str]:
-        text = change('psi = "pi*t"', f"psi = {psi}").replace("[motion]\n", f"limits = {limits}\n[motion]\n")
-        return [note for note in scene_of(tmp_path, text).notes() if "radians" in note]
+def doubts(tmp_path: Path, text: str) -> tuple[str, ...]:
+    """The suspicions of units, which are the first notes."""
+    scene = scene_of(tmp_path, text)
+    found = scene.suspicions()
+    assert scene.notes()[: len(found)] == found
+    return found
 
-    wanted = '{}: {} is taken for radians, as all angles are; for degrees write "{}*pi/180"'
-    assert notes("[-90, 0]", "90") == [wanted.format("limits of psi", -90, -90), wanted.format("psi", 90, 90)]
-    for limits, psi in (('["-20*pi", "20*pi"]', '"20*t"'), ("[-12, 12]", "12"), ("[-70.5, 70]", "32.5")):
-        assert notes(limits, psi) == []
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('psi = "pi*t"', "psi = -90", "motion.psi: -90 is taken for radians, 14.3 turns; degrees .* by deg"),
+        ('psi = "pi*t"', 'psi = "90"', "motion.psi: 90 is taken for radians"),
+        ('psi = "pi*t"', 'psi = "90*t/2"', "motion.psi turns by 90 rad, 14.3 turns: is it in radians"),
+        ('psi = "pi*t"', 'psi = "30*sin(3*t)"', "motion.psi turns by 59.* rad"),
+        ('psi = "pi*t"', "psi = { t = [0, 2], value = [0, 90] }", "motion.psi: 90 is taken for radians"),
+        ("[motion]\n", "limits = [-90, 0]\n[motion]\n", "limits of psi: -90 is taken for radians"),
+        ("[motion]\n", "rate_limit = 90\n[motion]\n", "pair.rate_limit: 90 is taken for rad/s"),
+        ("[motion]\n", "home = { rpy = [0, 90, 0] }\n[motion]\n", "pair.home.rpy: 90 is taken for radians"),
+        (
+            "[motion]\n",
+            "body2 = { mass = 1, shapes = [{ sphere = 90 }] }\n[motion]\n",
+            "pair.body2.shapes.0..sphere: 90 .* metres",
+        ),
+        ("stop = 2", "stop = 2000", "t steps by 100 s: is it in seconds"),
+    ],
+)
+def test_other_units_in_a_scene_are_suspected(tmp_path: Path, old: str, new: str, said: str) -> None:
+    (sentence,) = doubts(tmp_path, change(old, new))
+    assert re.match(said, sentence)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('psi = "pi*t"', 'psi = "20*t"'),
+        ('psi = "pi*t"', "psi = 12"),
+        ('psi = "pi*t"', 'psi = "deg(90)*t"'),
+        ('psi = "pi*t"', 'psi = "6*sin(t)"'),
+        ("[motion]\n", 'limits = ["-20*pi", 70.5]\n[motion]\n'),
+        ("[motion]\n", "limits = [-70.5, 70]\n[motion]\n"),
+    ],
+)
+def test_wheels_and_radians_are_not_suspected(tmp_path: Path, old: str, new: str) -> None:
+    assert doubts(tmp_path, change(old, new)) == ()
+
+
+def test_a_motion_in_millimetres_is_suspected_and_a_flight_is_not(tmp_path: Path) -> None:
+    def moved(x: str) -> tuple[str, ...]:
+        return doubts(tmp_path, re.sub(r"(?m)^x = .*$", f'x = "{x}"', GOOD))
+
+    (sentence,) = moved("300*sin(3*t)")
+    assert sentence.startswith("body 1 moves at ")
+    assert moved("7500*t + 4*t**2") == moved("0.02*sin(300*t)") == moved("0.3*sin(3*t)") == ()
+
+
+@pytest.mark.parametrize("scene", sorted(MODELS.glob("*.toml")), ids=lambda path: path.stem)
+def test_no_example_is_suspected(scene: Path) -> None:
+    assert hp.load_scene(scene).suspicions() == ()
+
+
+def test_a_rate_that_leaves_its_limit_is_noted(tmp_path: Path) -> None:
     (note,) = scene_of(tmp_path, GOOD.replace("[motion]\n", "rate_limit = 3\n[motion]\n")).notes()
     assert note == "psi' leaves its limits, -3 to 3 rad/s, at 21 of 21 instants, first at t = 0 s (3.14159)"
 

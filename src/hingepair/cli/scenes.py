@@ -131,9 +131,15 @@ def check_command(
     scene = load_scene(Path(source))
     report: CrossValidation | RobotValidation
     if isinstance(scene, Scene):
-        report, notes = scene.cross_validate(10_001), scene.motion.notes  # these instants take about a second
+        report, notes = (
+            scene.cross_validate(10_001),
+            (*scene.suspicions(), *scene.motion.notes),
+        )  # these instants take about a second
     else:
-        report, notes = scene.cross_validate(501), scene.joint_motion.notes  # of a humanoid, some seconds
+        report, notes = (
+            scene.cross_validate(501),
+            (*scene.suspicions(), *scene.joint_motion.notes),
+        )  # of a humanoid, some seconds
     if report.samples < scene.samples:
         notes = (f"{report.samples} of the {scene.samples} instants are compared, evenly spread", *notes)
     if as_json:

@@ -339,7 +339,7 @@ def simulate(
         tolerance, _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN, until, step_limit
     )
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
-    _warn_of_units(space, base, start, stops)
+    _warn_of_units(space, base, start, stops, samples)
     lowest, highest = _psi_extremes(steps, motion.psi_index, samples)
     _warn_of_range(space.limits, stops, lowest, highest, tolerance)
     instants = samples.t
@@ -458,12 +458,16 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
     return R, S, v, omega, psi, psid
 
 
-def _warn_of_units(pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float]) -> None:
+def _warn_of_units(
+    pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float], samples: MotionSamples
+) -> None:
     """Issue a DynamicsWarning for each angle or rate that looks like degrees, among the `stops` [rad] and the values
-    of the initial state `start`, and for each inertia of a moving body that is probably not in kg m^2.
+    of the initial state `start`, for instants that look like milliseconds, and for each inertia of a moving body that
+    is probably not in kg m^2.
     """
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = suspicions("written angles", "stops", finite_stops)
+    sentences += suspicions("sampled motion", "t", np.stack((samples.t, samples.motion.psi), axis=-1))
     sentences += suspicions("written angles", "psi_0", start[4])
     sentences += suspicions("written rates", "psid_0", start[5])
     sentences += suspicions("written rates", "body1.omega", start[3][None])

@@ -44,7 +44,8 @@ from hingepair.numeric.arrays import (
 )
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_lazy_xarray
-from hingepair.numeric.instants import instants_of
+from hingepair.numeric.instants import instants_of, warn_of_measurements
+from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
 from hingepair.pair.evaluate import STATE_CLASS_BY_MOTION_KIND, compute_state
 from hingepair.pair.forward_kinematics import Outputs
@@ -252,7 +253,10 @@ def integrate(
     if holds_dask(motion):
         return _integrate_lazily(pair, t, motion, choices)
     request = _read_request(pair, t, **motion, **choices)
-    return _make_trajectory(request, _solve_motions(request))
+    trajectory = _make_trajectory(request, _solve_motions(request))
+    for psi in trajectory.psi.reshape(-1, len(t))[:1]:
+        warn_of_measurements(suspicions("sampled motion", "t", np.stack((t, psi), axis=-1)))
+    return trajectory
 
 
 class _Request(NamedTuple):

@@ -22,7 +22,7 @@ class _Range(NamedTuple):
 
     least: float
     most: float
-    sentence: str  # format of {name}, {size}, {turns} (the size in turns), {values} and {radians}
+    sentence: str  # format of {name}, {size}, {turns}, {largest} (with its sign), {values} and {radians}
 
 
 class _Quantity(NamedTuple):
@@ -75,6 +75,17 @@ def _ratio(values: Float64Array) -> float:
     return float(values[0] / values[1]) if values[1] else np.nan
 
 
+def _swing(rates: Float64Array) -> float:
+    """Return the largest size of a rate that changes its sign, NaN of one that does not: a motor."""
+    return _largest(rates) if rates.size and rates.min() < 0 < rates.max() else np.nan
+
+
+def _undersampled_step(motion: Float64Array) -> float:
+    """Return the median time step, NaN unless a step turns by a radian or more; of instants and angles, (N, 2)."""
+    turn = _median(np.abs(np.diff(motion[:, 1])))
+    return _median_step(motion[:, 0]) if turn >= 1.0 else np.nan
+
+
 def _fast_and_jerked(motion: Float64Array) -> float:
     """Return the rms of velocities about their mean, NaN if accelerations are as small as those of a flight."""
     v, a = motion[:, 0] - motion[:, 0].mean(axis=0), motion[:, 1]
@@ -82,22 +93,21 @@ def _fast_and_jerked(motion: Float64Array) -> float:
     return rms_v if rms_a > 50.0 else np.nan
 
 
-_DEGREES = "degrees become radians by {radians}({size:g})."
+_INSTANT_RANGES = tuple(
+    _Range(least, most, f"{{name}} steps by {{size:.3g}} s: is it in seconds? {unit} * {{name}}.")
+    for least, most, unit in (  # each unit ends with the largest step of a usual recording in it
+        (1.0, 500.0, "Milliseconds become seconds by 1e-3"),
+        (500.0, 5e5, "Microseconds become seconds by 1e-6"),
+        (5e5, np.inf, "Nanoseconds become seconds by 1e-9"),
+        (np.finfo(float).tiny, 1e-6, "Days become seconds by 86400"),
+    )
+)
+_DEGREES = "degrees become radians by {radians}({largest:g})."
 _QUANTITIES: Final[Mapping[str, _Quantity]] = {
-    # Sensors of motion take at least a sample a second and at most a million. Each unit ends with the largest step of
-    # a usual recording in it.
-    "instants": _Quantity(
-        _median_step,
-        tuple(
-            _Range(least, most, f"{{name}} steps by {{size:.3g}} s: is it in seconds? {unit} * {{name}}.")
-            for least, most, unit in (
-                (1.0, 500.0, "Milliseconds become seconds by 1e-3"),
-                (500.0, 5e5, "Microseconds become seconds by 1e-6"),
-                (5e5, np.inf, "Nanoseconds become seconds by 1e-9"),
-                (np.finfo(float).tiny, 1e-6, "Days become seconds by 86400"),
-            )
-        ),
-    ),
+    # Sensors of motion take at least a sample a second and at most a million.
+    "instants": _Quantity(_median_step, _INSTANT_RANGES),
+    # Instants and an angle [rad], (N, 2), of a computed motion, which may be slow.
+    "sampled motion": _Quantity(_undersampled_step, _INSTANT_RANGES),
     # A recorded angle: more than two turns, and fewer than two if read as degrees. What spans more is a wheel.
     "angle": _Quantity(
         _span,
@@ -123,11 +133,17 @@ _QUANTITIES: Final[Mapping[str, _Quantity]] = {
     ),
     # What somebody wrote: degrees are written in whole fives and rates in parts of a turn, radians hardly ever.
     "written angles": _Quantity(
-        _round(5.0), (_Range(10.0, np.inf, "{name}: {size:g} is taken for radians, {turns:.3g} turns; " + _DEGREES),)
+        _round(5.0),
+        (_Range(10.0, np.inf, "{name}: {largest:g} is taken for radians, {turns:.3g} turns; " + _DEGREES),),
     ),
     "written rates": _Quantity(
         _round(45.0),
-        (_Range(45.0, np.inf, "{name}: {size:g} is taken for rad/s, {turns:.3g} turns a second; " + _DEGREES),),
+        (_Range(45.0, np.inf, "{name}: {largest:g} is taken for rad/s, {turns:.3g} turns a second; " + _DEGREES),),
+    ),
+    # A rate as a function that somebody wrote: motors that turn one way may be fast.
+    "rate": _Quantity(
+        _swing,
+        (_Range(40.0, np.inf, "{name} comes to {size:.3g} rad/s: is it in rad/s? 30 degrees are {radians}(30)."),),
     ),
     # Usual gyroscopes end at 2000 degrees a second, 35 rad/s.
     "gyroscope": _Quantity(
@@ -168,7 +184,7 @@ _QUANTITIES: Final[Mapping[str, _Quantity]] = {
         _largest,
         (
             _Range(
-                50.0, np.inf, "{name}: {size:g} is taken for metres; millimetres become metres by the factor 1e-3."
+                50.0, np.inf, "{name}: {largest:g} is taken for metres; millimetres become metres by the factor 1e-3."
             ),
         ),
     ),
@@ -196,7 +212,7 @@ _QUANTITIES: Final[Mapping[str, _Quantity]] = {
         ),
     ),
     "std of angle": _Quantity(
-        _largest, (_Range(0.05, np.inf, "{name}: {size:g} is taken for radians; " + _DEGREES),)
+        _largest, (_Range(0.05, np.inf, "{name}: {largest:g} is taken for radians; " + _DEGREES),)
     ),
     # The first component of quaternions: 1 is half a turn about x, and no turn at all if it is the scalar.
     "quaternion x": _Quantity(
@@ -246,6 +262,7 @@ def suspicions(kind: str, name: str, values: ArrayLike, *, radians: str = "numpy
         size = quantity.size(array)
     for least, most, sentence in quantity.ranges:
         if least <= size <= most:
-            turns = size / _FULL_TURN
-            return [sentence.format(name=name, size=size, turns=turns, values=array, radians=radians)]
+            largest, turns = max(array.flat, key=lambda x: (abs(x), x)), size / _FULL_TURN
+            text = sentence.format(name=name, size=size, largest=largest, turns=turns, values=array, radians=radians)
+            return [text]
     return []

@@ -159,14 +159,6 @@ class LimitCounter:
             )
 
 
-def constant_suspicions(name: str, angles: tuple[float, ...]) -> Iterator[str]:
-    """Yield one sentence, which begins with `name`, if angles [rad] look like degrees, otherwise nothing. They do if
-    all are whole numbers and the largest absolute value exceeds two turns.
-    """
-    if angles and all(angle % 1 == 0 for angle in angles) and abs(largest := max(angles, key=abs)) > 4 * math.pi:
-        yield f'{name}: {largest:g} is taken for radians, as all angles are; for degrees write "{largest:g}*pi/180"'
-
-
 def kink_sentences(kink_count: int) -> Iterator[str]:
     """Yield one sentence that `kink_count` intervals contain kinks or jumps of functions of t; nothing for 0."""
     if kink_count:

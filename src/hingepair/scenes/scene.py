@@ -17,6 +17,7 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, SceneError, choices, quoted
 from hingepair.integration.trajectory import describe_instants
 from hingepair.numeric.arrays import Frozen, read_only
+from hingepair.numeric.suspicions import suspicions as judge
 from hingepair.numeric.tables import Sheet, cell_text, unit_of
 from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
@@ -35,7 +36,7 @@ from hingepair.plans.plan import (
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Instants, Rows, SampledScene
 from hingepair.scenes.known_motion import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
-from hingepair.scenes.motion import LimitCounter, Motion, constant_suspicions, kink_sentences, massive
+from hingepair.scenes.motion import LimitCounter, Motion, kink_sentences, massive
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
@@ -493,6 +494,25 @@ class Scene(SampledScene):
             notes.add(block)
         return notes.sentences()
 
+    def suspicions(self) -> tuple[str, ...]:
+        """Return a tuple of sentences on numbers of the file, and on the motion at up to 101 instants, that are
+        probably in another unit, such as degrees or millimetres.
+        """
+        from hingepair.scenes import suspicions
+
+        rows, level = self.spread(suspicions.MAX_JUDGED_INSTANTS), self.motion.level
+        t = np.asarray(self.motion.t[rows])
+        sentences = judge("written angles", "limits of psi", self.space.limits or (), radians="deg")
+        sentences += suspicions.table_suspicions(self.tables.values, {})
+        sentences += suspicions.function_suspicions(self.motion.functions, t, {})
+        if level:
+            known = self.motion.source.part(rows, level).in_space(self.pair)
+            omega = np.broadcast_to(np.asarray(known.body1.omega), (len(t), 3))
+            rates = np.linalg.norm(omega, axis=1) + np.abs(known.hinge[1])
+            a = known.body1.a if level == ACCELERATION else None
+            sentences += suspicions.motion_suspicions(self.motion.t, rates, known.body1.v, a)
+        return tuple(dict.fromkeys(sentences))
+
     def note_collector(self) -> SceneNoteCollector:
         """Return a SceneNoteCollector, which collects notes from blocks of results."""
         return SceneNoteCollector(self)
@@ -559,8 +579,7 @@ class SceneNoteCollector:
         motion, samples = self._scene.motion, self._scene.samples
         least, most = self._psi.least, self._psi.most
         sentences = [
-            *constant_suspicions("limits of psi", self._scene.space.limits or ()),
-            *constant_suspicions("psi", (most,) * (least == most)),
+            *self._scene.suspicions(),
             *self._psi.sentences(samples),
             *(self._psid.sentences(samples) if self._psid is not None else ()),
             *kink_sentences(self._kinks),
@@ -570,7 +589,8 @@ class SceneNoteCollector:
         if soft := describe_stop_overrun(motion.stops, least, most):
             sentences.append(f"{soft}; stop_stiffness hardens them")
         sentences += motion.notes
-        return (*sentences, motion.doubt) if math.isnan(motion.error_estimate) else tuple(sentences)
+        sentences += [motion.doubt] if math.isnan(motion.error_estimate) else []
+        return tuple(dict.fromkeys(sentences))
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:

@@ -216,7 +216,8 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
     angles = arguments.pop("psi_0", 0.0), arguments.pop("psid_0", 0.0)
     try:
         with table.naming(**_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT_NAME_IN_ERRORS), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "psi (leaves|passes)", DynamicsWarning)  # the scene's notes say it
+            for said in ("psi (leaves|passes)", ".* is taken for ", ".* is it in seconds"):  # by the scene's notes
+                warnings.filterwarnings("ignore", said, DynamicsWarning)
             torque = HingeLoad(motor=arguments.pop("hinge_torque", 0.0), **hinge)
             simulated = simulate(pair, t, body1, *angles, hinge_torque=torque, base=base, **arguments)
     except SimulationError as error:

@@ -17,6 +17,7 @@ from hingepair.integration.trajectory import describe_instants
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.numeric.arrays import Frozen, one_constant, read_only
+from hingepair.numeric.suspicions import suspicions as judge
 from hingepair.numeric.tables import Sheet, cell_text, unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
@@ -34,7 +35,7 @@ from hingepair.scenes.mechanisms.joint_motion import (
     read_joint_motion,
 )
 from hingepair.scenes.mechanisms.mechanism_table import read_gravity, read_mechanism
-from hingepair.scenes.motion import LimitCounter, constant_suspicions, kink_sentences
+from hingepair.scenes.motion import LimitCounter, kink_sentences
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -580,6 +581,27 @@ class MechanismScene(SampledScene):
             notes.add(block)
         return notes.sentences()
 
+    def suspicions(self) -> tuple[str, ...]:
+        """Return a tuple of sentences on numbers of the file, and on the motion at up to 101 instants, that are
+        probably in another unit, such as degrees or millimetres.
+        """
+        from hingepair.scenes import suspicions
+
+        rows, motion = self.spread(suspicions.MAX_JUDGED_INSTANTS), self.joint_motion
+        t = np.asarray(motion.t[rows])
+        hinges = [joint for joint in self.mechanism.tree.coordinates if joint.kind == "hinge"]
+        angles = dict.fromkeys((joint.name for joint in hinges), "written angles")
+        sentences: list[str] = []
+        for joint in hinges:
+            sentences += judge("written angles", f"limits of {joint.name}", joint.position_limits, radians="deg")
+        sentences += suspicions.table_suspicions(self.tables.values, angles)
+        sentences += suspicions.function_suspicions(motion.functions, t, angles)
+        if motion.level:
+            known = self.known(rows, 1)
+            rates = np.max([np.abs(known.column(1, i)) for i in range(len(known.names))], axis=0, initial=0.0)
+            sentences += suspicions.motion_suspicions(motion.t, np.broadcast_to(rates, t.shape), None, None)
+        return tuple(dict.fromkeys(sentences))
+
     def note_collector(self) -> MechanismNoteCollector:
         """Return a MechanismNoteCollector, which collects notes from blocks of results."""
         return MechanismNoteCollector(self)
@@ -668,17 +690,10 @@ class MechanismNoteCollector:
 
     def sentences(self) -> tuple[str, ...]:
         """Return the notes on all added blocks and on the motion itself as a tuple of sentences."""
-        joints, samples = self._scene.mechanism.tree.coordinates, self._scene.samples
-        sentences: list[str] = []
-        for order, i, watch in self._watches:
-            joint = joints[i]
-            if order == 0 and joint.kind == "hinge":
-                limits = tuple(limit for limit in joint.position_limits if np.isfinite(limit))
-                sentences += constant_suspicions(f"limits of {joint.name}", limits)
-                sentences += constant_suspicions(joint.name, (watch.most,) * (watch.least == watch.most))
+        sentences = [*self._scene.suspicions()]
         for _, _, watch in self._watches:
-            sentences += watch.sentences(samples)
-        return (*sentences, *kink_sentences(self._kinks), *self._scene.joint_motion.notes)
+            sentences += watch.sentences(self._scene.samples)
+        return tuple(dict.fromkeys((*sentences, *kink_sentences(self._kinks), *self._scene.joint_motion.notes)))
 
 
 def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:

@@ -1,0 +1,88 @@
+"""Suspicions of units in a scene: of the numbers as its file has them, and of its motion.
+
+What each quantity is judged by stands in `hingepair.numeric.suspicions`; here it is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.suspicions import suspicions
+
+if TYPE_CHECKING:
+    from hingepair.scenes.expression_motion import FunctionsOfTime
+    from hingepair.scenes.instants import Instants
+
+MAX_JUDGED_INSTANTS: Final = 101
+"""Number of instants at which a motion is judged, evenly spread."""
+
+_ANGLES, _RATES, _LENGTHS = "written angles", "written rates", "written lengths"
+_KIND_BY_KEY: Final[Mapping[str, str]] = {
+    **dict.fromkeys(
+        ("phi", "phi_x", "phi_y", "phi_z", "psi", "phi_0", "psi_0", "rest", "stops", "rad", "rpy"), _ANGLES
+    ),
+    **dict.fromkeys(("omega1", "psi_dot", "omega1_0", "psid_0", "rate_limit", "friction_rate"), _RATES),
+    **dict.fromkeys(("u1", "u2", "center_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS),
+    **dict.fromkeys(("axis_std", "home_std"), "std of angle"),
+}
+"""Quantities of the keys of a scene, wherever they stand."""
+_KIND_OF_FUNCTION: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}
+"""Quantity of samples of a function, by the quantity of its numbers."""
+
+
+def table_suspicions(values: Mapping[str, Any], kind_by_joint: Mapping[str, str]) -> Iterator[str]:
+    """Yield a sentence for each key of a scene's tables whose numbers are probably in another unit. Texts are left
+    out: what is computed is in radians, and functions are judged by their samples. `kind_by_joint` has the quantity
+    of each joint that is a key.
+    """
+    return _key_suspicions("", values, {**_KIND_BY_KEY, **kind_by_joint})
+
+
+def _key_suspicions(path: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> Iterator[str]:
+    for key, value in values.items():
+        name = f"{path}{key}"
+        parts = value if isinstance(value, list) else [value]
+        if key in {"constants", "outputs"}:
+            continue
+        if key in kinds and isinstance(value, dict) and "value" in value:  # way points
+            parts = value["value"] if isinstance(value["value"], list) else []
+        elif all(isinstance(part, dict) for part in parts):
+            for i, part in enumerate(parts):
+                place = name if part is value else f"{name}.{part['name']}" if "name" in part else f"{name}[{i}]"
+                yield from _key_suspicions(
+                    f"{place}.", part, dict.fromkeys(part, _ANGLES) if key == "locked" else kinds
+                )
+            continue
+        numbers = [part for part in parts if isinstance(part, int | float) and not isinstance(part, bool)]
+        if key in kinds and numbers and not (values.get("kind") == "slider" and kinds[key] in _KIND_OF_FUNCTION):
+            yield from suspicions(kinds[key], name, numbers, radians="deg")
+
+
+def function_suspicions(
+    functions: Iterable[FunctionsOfTime], t: Float64Array, kind_by_joint: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield a sentence for each expression in t whose samples at the instants t are probably in another unit."""
+    kinds = {**_KIND_BY_KEY, **kind_by_joint}
+    for group in (group for group in functions if group.names):
+        for name, values in zip(group.names, group.derivatives(t, 0)[0], strict=True):
+            kind = kinds.get(name.partition("[")[0])
+            if kind is not None and kind in _KIND_OF_FUNCTION and isinstance(group.table.values.get(name), str):
+                constant = np.ptp(values) == 0 if np.ndim(values) else True
+                label = f"{group.table.name}.{name}"
+                yield from suspicions(kind if constant else _KIND_OF_FUNCTION[kind], label, values, radians="deg")
+
+
+def motion_suspicions(t: Instants, rates: Float64Array, v: Any, a: Any) -> Iterator[str]:
+    """Yield a sentence if the instants t are probably not in seconds, judged by `rates` [rad/s], or if body 1, which
+    has velocities v and accelerations a, (N, 3) or None, probably moves in millimetres.
+    """
+    step = float(np.median(np.diff(np.asarray(t[:MAX_JUDGED_INSTANTS])))) if len(t) > 1 else 0.0
+    stamps = step * np.arange(len(rates))
+    yield from suspicions("sampled motion", "t", np.stack((stamps, step * np.cumsum(rates)), axis=-1))
+    if v is not None and a is not None:
+        pair = (np.broadcast_to(np.asarray(array, dtype=np.float64), (len(rates), 3)) for array in (v, a))
+        yield from suspicions("motion", "body 1", np.stack(tuple(pair), axis=1))
