@@ -132,3 +132,17 @@ def test_wrapped_angles_are_warned_of(turn: float, words: str) -> None:
 def test_instants_that_are_no_seconds_are_warned_of() -> None:
     with pytest.warns(hp.MeasurementWarning, match="t steps by 2 s: is it in seconds"):
         hp.resample(np.arange(100) * 2.0, np.zeros(100), [3.0])
+
+
+@pytest.mark.parametrize("rate", [50, 64, 100, 128, 256])
+def test_two_missing_samples_are_interpolated_like_one(rate):
+    """At 64, 128 and 256 Hz a Lagrange weight is exactly 1 away from its node."""
+    t = np.arange(40) / rate
+    curve = 1 + t - 3 * (t * rate / 40) ** 3
+    known = curve.copy()
+    known[[10, 11, 20, 21]] = np.nan
+    np.testing.assert_allclose(hp.resample(t, known, t, gaps=0.1), curve, rtol=0, atol=1e-13)
+    S = hp.rotation_exp(curve[:, None] * (0, 0.6, 0.8))
+    missing = np.where(np.isnan(known)[:, None, None], np.nan, S)
+    found = hp.resample(t, hp.BodyMotion(R=np.zeros((40, 3)), S=missing), t, gaps=0.1).S
+    np.testing.assert_allclose(found, S, rtol=0, atol=1e-13)

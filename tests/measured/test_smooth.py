@@ -418,3 +418,17 @@ def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
         if order == 0:
             np.testing.assert_allclose(np.diagonal(smoother[:, 90:]), variances, rtol=1e-9)
         assert (variances > 0).all()
+
+
+@pytest.mark.parametrize("turn", [0.51, 1.6, 2.9])
+def test_fast_spins_are_smoothed(turn):
+    """A wheel that turns by up to 2.9 rad a sample, on an axis that tilts."""
+    rng = np.random.default_rng(5)
+    t = np.arange(400) / 100
+    tilt = hp.rotation_exp(0.3 * np.sin(t)[:, None] * (1, 0, 0))
+    S = tilt @ hp.rotation_exp((100 * turn * t)[:, None] * (0, 0, 1))
+    noisy = S @ hp.rotation_exp(1e-4 * rng.standard_normal((400, 3)))
+    smoothed = hp.smooth(t, hp.BodyMotion(R=np.sin(t)[:, None] + 1e-4 * rng.standard_normal((400, 3)), S=noisy))
+    exact = 100 * turn * tilt[..., 2] + 0.3 * np.cos(t)[:, None] * (1, 0, 0)
+    assert np.abs(smoothed.omega - exact)[40:-40].max() < 0.03
+    assert np.abs(hp.rotation_log(np.swapaxes(S, -1, -2) @ smoothed.S)).max() < 5e-4

@@ -174,15 +174,43 @@ def test_refused_with_the_name_of_the_argument(arguments, message):
         hp.angular_velocity_from_samples(*arguments)
 
 
-def test_a_turn_just_below_the_limit_is_right():
-    t = np.arange(10.0)
-    for turn in (0.39, 0.77):  # the first sample's last neighbour is 6 steps away
-        S = hp.rotation_exp(t[:, None] * (0, turn, 0))
-        if turn * 6 < np.pi:
-            assert abs(hp.angular_velocity_from_samples(t, S, 2) - (0, turn, 0)).max() <= 64 * U
-        else:
-            with pytest.raises(hp.ArgumentError, match="less than pi"):
-                hp.angular_velocity_from_samples(t, S, 2)
+@pytest.mark.parametrize("turn", [0.39, 0.77, 1.5, 3.0])
+def test_a_fast_spin_is_exact_and_a_shaking_one_refused(turn):
+    t, axis = np.arange(20.0), np.array([0.6, 0.0, 0.8])
+    steady = hp.rotation_exp(t[:, None] * turn * axis)
+    omega, alpha = hp.angular_velocity_from_samples(t, steady, with_alpha=True)
+    assert abs(omega - turn * axis).max() <= 256 * U
+    assert abs(alpha).max() <= 2048 * U
+    shaking = hp.rotation_exp((t % 2)[:, None] * turn * axis)
+    if turn < 0.5:
+        hp.angular_velocity_from_samples(t, shaking, 2)
+    else:
+        with pytest.raises(hp.ArgumentError, match="spin that changes less"):
+            hp.angular_velocity_from_samples(t, shaking)
+
+
+@pytest.mark.parametrize("order", [2, 6])
+@pytest.mark.parametrize("in_body", [True, False])
+def test_a_fast_spin_about_an_axis_that_tilts_slowly_is_followed(order, in_body):
+    """A spin of 1 rad a sample about an axis of the body, or of the world, beside a slow turn."""
+
+    def attitude(t):
+        slow, fast = (
+            hp.rotation_exp(0.3 * np.sin(t)[:, None] * (1, 0, 0)),
+            hp.rotation_exp(100 * t[:, None] * (0, 0, 1)),
+        )
+        return slow @ fast if in_body else fast @ slow
+
+    t = np.arange(200) / 100
+    tilt = np.stack([0.3 * np.cos(t), 0 * t, 0 * t], axis=-1)
+    S, fast = attitude(t), hp.rotation_exp(100 * t[:, None] * (0, 0, 1))
+    slow = hp.rotation_exp(0.3 * np.sin(t)[:, None] * (1, 0, 0))
+    exact = tilt + 100 * slow[..., 2] if in_body else np.array((0, 0, 100)) + np.einsum("nij,nj->ni", fast, tilt)
+    error = np.abs(hp.angular_velocity_from_samples(t, S, order) - exact)[10:-10].max()
+    assert error < (0.1 if order == 2 else 0.01)
+    motion = hp.resample(t, hp.BodyMotion(R=np.zeros((200, 3)), S=S), t[:-1] + 0.005)
+    between = attitude(t[:-1] + 0.005)
+    assert np.abs(hp.rotation_log(np.swapaxes(between, -1, -2) @ motion.S)).max() < 1e-3
 
 
 def test_defect_is_the_symmetric_part():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from typing import overload
 
@@ -20,7 +21,8 @@ from hingepair.numeric.instants import (
 from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.rotations.matrices import rotation_exp, rotation_vector
+from hingepair.rotations.angular_velocity import needed_spin, spins_about_body_axis, turn_between, vector_beside_spin
+from hingepair.rotations.matrices import rotation_exp
 
 _UNIT_QUATERNION_NORM_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
 
@@ -39,9 +41,9 @@ def resample(
 
     The interpolant is the cubic polynomial through the four nearest samples of a series without a gap; its error is
     of order h^4 for a time step h. In a series of two or three samples, it is the polynomial through all of them.
-    Attitudes are interpolated as rotation vectors relative to a neighbouring sample. Samples that are not finite are
-    skipped. At the instant of a finite sample, the result is the sample itself. Nothing is extrapolated. Angles must
-    have no jumps of 2 pi (`numpy.unwrap` removes them).
+    Attitudes are interpolated as rotation vectors beside a steady spin, which may be fast, if they turn by less than
+    pi from sample to sample. Samples that are not finite are skipped. At the instant of a finite sample, the result
+    is the sample itself. Nothing is extrapolated. Angles must have no jumps of 2 pi (`numpy.unwrap` removes them).
 
     Attitudes should be given as a BodyMotion, since the elements of an array are interpolated one by one. If `values`
     is an array (N, ..., 4) whose norms along the last axis are all within 0.01 of 1, it is assumed to hold
@@ -158,30 +160,45 @@ def interpolated(
     which, before = which[inside], np.searchsorted(t[known_indices], new_instants[inside], side="right") - 1
     counts = np.minimum(4, sizes[which])
     first = np.clip(before - 1, starts[which], stops[which] - counts)
-    between = _interpolated_rotations if rotations else _interpolated_columns
+    between = _interpolated_columns
+    if rotations:
+        between = functools.partial(_interpolated_rotations, spins_about_body_axis(values[known_indices]))
     for count in np.unique(counts):
         rows, first_nodes = inside[counts == count], first[counts == count]
         near = known_indices[first_nodes[:, None] + np.arange(count)]
-        result[rows] = between(_lagrange_weights(t[near] - new_instants[rows, None]), values[near])
+        result[rows] = between(t[near] - new_instants[rows, None], values[near])
+    is_sample = t[known_indices[before]] == new_instants[inside]
+    result[inside[is_sample]] = values[known_indices[before[is_sample]]]
     return result
 
 
-def _interpolated_columns(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
-    """Return the sums (N, ...) of `neighbours` (N, k, ...) with weights (N, k)."""
-    return np.asarray(np.einsum("ni,ni...->n...", weights, neighbours))
+def _interpolated_columns(nodes: Float64Array, neighbours: Float64Array) -> Float64Array:
+    """Return the values (N, ...) at 0 of the polynomials through `neighbours` (N, k, ...) at `nodes` (N, k)."""
+    return np.asarray(np.einsum("ni,ni...->n...", _lagrange_weights(nodes), neighbours))
 
 
-def _interpolated_rotations(weights: Float64Array, neighbours: Float64Array) -> Float64Array:
-    """Return rotations (N, 3, 3), each interpolated between k rotations, `neighbours` (N, k, 3, 3): the rotation
-    vectors relative to one neighbour are added up with weights (N, k). If a weight is 1, that neighbour itself is
-    returned.
+def _interpolated_rotations(
+    in_body: NDArray[np.bool_], nodes: Float64Array, neighbours: Float64Array
+) -> Float64Array:
+    """Return rotations (N, 3, 3) at 0 between k rotations, `neighbours` (N, k, 3, 3) at `nodes` (N, k): polynomials
+    through their rotation vectors beside the steady spin from one neighbour to the next.
     """
-    base = neighbours[:, min(1, neighbours.shape[1] - 1)]
-    theta = rotation_vector(np.swapaxes(base, -1, -2)[:, None] @ neighbours)
-    turn = rotation_exp((weights[..., None] * theta).sum(axis=-2))
-    is_at_sample = weights == 1
-    sample_itself = neighbours[np.arange(len(neighbours)), is_at_sample.argmax(axis=-1)]
-    return np.where(is_at_sample.any(axis=-1)[:, None, None], sample_itself, base @ turn)
+    if nodes.shape[1] == 1:
+        return neighbours[:, 0]
+    # The spin is that of the two nearest neighbours, the middle ones if all are: across a gap turns may exceed pi.
+    steps = np.diff(nodes, axis=1)
+    nearest = np.argmin(steps * (1 + 1e-3 * np.abs(np.arange(steps.shape[1]) - (steps.shape[1] - 1) / 2)), axis=1)
+    row = np.arange(len(nodes))
+    base, start = neighbours[row, nearest], nodes[row, nearest]
+    turned = np.linalg.norm(turn_between(neighbours[:, :-1], neighbours[:, 1:]), axis=-1).sum(axis=-1)
+    omega = needed_spin(turn_between(base, neighbours[row, nearest + 1]) / steps[row, nearest][:, None], turned)
+    beside = [
+        vector_beside_spin(base, S, omega, dt, in_body)
+        for S, dt in zip(np.moveaxis(neighbours, 1, 0), (nodes - start[:, None]).T, strict=True)
+    ]
+    x = np.einsum("ni,nij->nj", _lagrange_weights(nodes), np.stack(beside, axis=1))
+    spun, turn = rotation_exp(-omega * start[:, None]), rotation_exp(x)
+    return np.asarray(np.where(in_body[..., None, None], turn @ spun, spun @ turn) @ base)
 
 
 def _lagrange_weights(nodes: Float64Array) -> Float64Array:

@@ -31,7 +31,7 @@ from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import unit_of
 from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.rotations.angular_velocity import angular_velocity_from_samples
+from hingepair.rotations.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
 _NUM_ATTITUDE_SMOOTHING_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
@@ -290,7 +290,11 @@ def _smooth_attitudes(
     of None is chosen from the samples; with `loss`, a function, outliers count little.
     """
     piece_slices = [slice(piece[0], piece[-1] + 1) for piece in pieces]
-    base = interpolated(t, S, t, gaps, rotations=True)
+    recorded = interpolated(t, S, t, gaps, rotations=True)
+    in_body, spin = _steady_spin(t, recorded)
+    spun = np.asarray(rotation_exp(spin * (t - t[0])[:, None]))
+    back = np.swapaxes(spun, -1, -2)
+    base, S = (array @ back if in_body else back @ array for array in (recorded, S))
     for _ in range(_NUM_ATTITUDE_SMOOTHING_ROUNDS):
         flat, frames = _unrolled_attitudes(base, piece_slices)
         off = rotation_vector(np.swapaxes(base, -1, -2) @ S)
@@ -299,10 +303,32 @@ def _smooth_attitudes(
         base = base @ rotation_exp(np.einsum("nij,nj->ni", frames, smoothed.values[0] - flat))
     omega, alpha = np.full((2, t.size, 3), np.nan)
     for piece in piece_slices:
-        omega[piece], alpha[piece] = angular_velocity_from_samples(
-            t[piece], base[piece], _ACCURACY_ORDER_OF_ANGULAR_VELOCITY_DIFFERENCES, with_alpha=True
-        )
-    return {"S": base, "omega": omega, "alpha": alpha}, smoothed
+        try:
+            omega[piece], alpha[piece] = angular_velocity_from_samples(
+                t[piece], base[piece], _ACCURACY_ORDER_OF_ANGULAR_VELOCITY_DIFFERENCES, with_alpha=True
+            )
+        except ArgumentError as error:
+            expected = "attitudes whose spin changes less from sample to sample (radians, not degrees; more samples)"
+            raise ArgumentError("body.S", expected, error.got) from None
+    if in_body:
+        axis = base @ spin
+        arrays = {"S": base @ spun, "omega": omega + axis, "alpha": alpha + np.cross(omega, axis)}
+    else:
+        omega, alpha = (np.einsum("nij,nj->ni", spun, array) for array in (omega, alpha))
+        arrays = {"S": spun @ base, "omega": omega + spin, "alpha": alpha + np.cross(spin, omega)}
+    return arrays, smoothed
+
+
+def _steady_spin(t: Float64Array, S: Float64Array) -> tuple[bool, Float64Array]:
+    """Return whether a body spins about an axis of its own or of the world, and its median spin about that axis
+    (3,) [rad/s], which is 0 if it is slow. What tilts a fast spin slowly is fast in the axes in which it is smoothed.
+    """
+    in_body = bool(spins_about_body_axis(S))
+    before, after = S[:-1], S[1:]
+    transposed = np.swapaxes(before, -1, -2)
+    rates = rotation_vector(transposed @ after if in_body else after @ transposed) / np.diff(t)[:, None]
+    spin = np.nanmedian(rates, axis=0)
+    return in_body, spin * float(np.linalg.norm(spin) * np.median(np.diff(t)) > 0.3)  # rad a sample
 
 
 def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple[Float64Array, Float64Array]:

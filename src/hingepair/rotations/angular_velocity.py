@@ -14,7 +14,7 @@ from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape, 
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.finite_differences import stencils
 from hingepair.numeric.instants import instants_of
-from hingepair.rotations.matrices import check_rotation, rotation_vector
+from hingepair.rotations.matrices import check_rotation, rotation_exp, rotation_vector
 
 ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY = (2, 4, 6, 8)  # in the time step
 
@@ -92,14 +92,16 @@ def angular_velocity_from_samples(
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
     """Return the angular velocity omega (..., N, 3), in world axes, from the rotation matrices S (..., N, 3, 3) at N
     instants t (equation E3). The finite differences have an error proportional to the time step to the power `order`.
-    With `with_alpha`, return (omega, alpha), where alpha is the angular acceleration. Raise ArgumentError if the body
-    turns by pi or more between two samples that one finite difference uses.
+    With `with_alpha`, return (omega, alpha), where alpha is the angular acceleration.
 
-    For each sample i, `S(t) = exp([theta(t)]x) S_i` defines the rotation vector theta(t) in world axes; [theta]x is
-    the cross-product matrix of theta. At sample i, theta is 0, and therefore omega = theta' and alpha = theta''
-    exactly. The function differentiates the polynomial of degree `order` that interpolates theta at sample i and at
-    order / 2 neighbours on each side. Near the ends, a polynomial of degree `order` is fitted by least squares to
-    theta at the first or the last (`order` + 5) samples, or at all samples if there are fewer.
+    For each sample i, `S(t) = exp([x(t)]x) exp([w]x (t - t_i)) S_i` defines the rotation vector x(t) in world axes
+    beside the steady spin w from the sample before to the one after, which is left out (w = 0) where the neighbours
+    turn by less than 2 rad; [w]x is the cross-product matrix of w. At sample i, x is 0, and therefore omega = w + x'
+    and alpha = x'' - w cross x' exactly, however fast the body spins about an axis of its own. If the axis is
+    steadier in the world, the two factors change places (and the sign changes). The function differentiates the
+    polynomial of degree `order` that interpolates x at sample i and at order / 2 neighbours on each side. Near the
+    ends, a polynomial of degree `order` is fitted by least squares to x at the first or the last (`order` + 5)
+    samples, or at all samples if there are fewer.
 
     A higher order suits smooth motion, and a lower order suits noisy data at small time steps. Suppose that the noise
     of the attitudes is white, that the rotation vector of the noise has the standard deviation sigma [rad] in each
@@ -127,10 +129,9 @@ def angular_velocity_from_samples(
         either.
 
     Raises:
-        ArgumentError: t is not increasing or not finite; `order` is not 2, 4, 6 or 8; or the
-            angles by which the body turns from sample to sample add up to pi or more between a sample and a neighbour
-            that is used with it (turns back and forth do not cancel). The rotation vector may then be ambiguous. Each
-            single angle is assumed to be less than pi; a larger one cannot be detected.
+        ArgumentError: t is not increasing or not finite; `order` is not 2, 4, 6 or 8; or the spin changes so much
+            between a sample and the neighbours used with it that rotation vectors are ambiguous. Each turn from one
+            sample to the next is assumed to be less than pi; a larger one cannot be detected.
         RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
             2e-9 (2e-5 for float32), or det S is negative.
 
@@ -155,55 +156,85 @@ def angular_velocity_from_samples(
 
 
 def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
-    """Return a list of arrays (..., N, 3), the first `count` time derivatives of the rotation vector at the samples S
-    at instants t: [omega], or [omega, alpha] if `count` is 2, both in world axes. The error of the finite differences
-    is proportional to the time step to the power `order`. Raise ArgumentError if two samples that are used together
-    differ by a turn of pi or more.
-    """
-    turned_angles = _turned_angles(S)
+    """Return [omega], or [omega, alpha] if `count` is 2, world axes, (..., N, 3), of the samples S at instants t."""
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
+    last = t.size - 1
     with np.errstate(all="ignore"):
+        in_body = spins_about_body_axis(S)[..., None]
+        steps = np.linalg.norm(turn_between(S[..., :-1, :, :], S[..., 1:, :, :]), axis=-1)
+        turned_before = np.cumsum(np.nan_to_num(np.concatenate([0 * steps[..., :1], steps], axis=-1)), axis=-1)
         for rows, neighbours, *weights in stencils(t, order):
             samples = np.arange(rows.start, rows.stop)
-            _check_turn_angles(
-                np.abs(turned_angles[..., neighbours] - turned_angles[..., samples, None]).max(axis=-1, initial=0.0),
-                samples,
-            )
+            before, after = np.maximum(samples - 1, 0), np.minimum(samples + 1, last)
+            turn = turn_between(S[..., before, :, :], S[..., rows, :, :])
+            turn = turn + turn_between(S[..., rows, :, :], S[..., after, :, :])
+            farthest = np.abs(turned_before[..., neighbours] - turned_before[..., samples, None]).max(axis=-1)
+            omega = needed_spin(turn / (t[after] - t[before])[:, None], farthest)
+            vectors_beside = np.empty((*omega.shape[:-1], neighbours.shape[1], 3))
             for k, others in enumerate(neighbours.T):
-                theta = _rotation_between(S[..., rows, :, :], S[..., others, :, :])
-                theta[..., others == samples, :] *= 0.0  # round-off; NaN where S is
+                dt = t[others] - t[samples]
+                x = vector_beside_spin(S[..., rows, :, :], S[..., others, :, :], omega, dt, in_body)
+                x[..., others == samples, :] *= 0.0  # round-off; NaN where S is
                 for derivative, weight in zip(derivatives, weights, strict=False):
-                    derivative[..., rows, :] += weight[:, k, None] * theta
+                    derivative[..., rows, :] += weight[:, k, None] * x
+                vectors_beside[..., k, :] = x
+            _check_turns(vectors_beside, samples, neighbours)
+            if count == 2:
+                turning = np.cross(omega, derivatives[0][..., rows, :])
+                derivatives[1][..., rows, :] += np.where(in_body[..., None], -turning, turning)
+            derivatives[0][..., rows, :] += omega
     return derivatives
 
 
-def _rotation_between(start: Float64Array, stop: Float64Array) -> Float64Array:
-    """Return the rotation vectors (..., 3) [rad], in world axes, that turn the rotation matrices `start` into the
-    rotation matrices `stop`.
-    """
+def turn_between(start: Float64Array, stop: Float64Array) -> Float64Array:
+    """Return the rotation vectors (..., 3), world axes [rad], that turn rotations `start` into `stop`."""
     return rotation_vector(stop @ np.swapaxes(start, -1, -2))
 
 
-def _turned_angles(S: Float64Array) -> Float64Array:
-    """Return the angle [rad] that the body has turned from the first sample to each of the samples S (..., N, 3, 3),
-    an array (..., N) that begins with 0. It is the sum of the angles, each at most pi, between consecutive samples;
-    an angle that is NaN counts as 0.
+def needed_spin(omega: Float64Array, turned: Float64Array) -> Float64Array:
+    """Return the angular velocities (..., 3) where neighbours have turned by more than two radians, and zeros where
+    rotation vectors by themselves are nearer to polynomials.
     """
-    angles = np.zeros(S.shape[:-2])
-    with np.errstate(all="ignore"):
-        steps = _rotation_between(S[..., :-1, :, :], S[..., 1:, :, :])
-        np.cumsum(np.nan_to_num(np.sqrt((steps * steps).sum(axis=-1))), axis=-1, out=angles[..., 1:])
-    return angles
+    return np.where(turned[..., None] > 2.0, omega, 0.0)
 
 
-def _check_turn_angles(angles: Float64Array, sample_indices: NDArray[np.intp]) -> None:
-    """Raise ArgumentError if an angle (..., samples) [rad] is pi or more. `angles` holds, for each sample, the angle
-    to the farthest sample that is used together with it; the rotation vector is ambiguous from pi on.
-    `sample_indices` are the indices of the samples, for the message.
+def spins_about_body_axis(S: Float64Array) -> NDArray[np.bool_]:
+    """Return whether rotations S (..., N, 3, 3) turn about an axis that is steadier in the body than in the world."""
+    before, after = S[..., :-1, :, :], S[..., 1:, :, :]
+    transposed = np.swapaxes(before, -1, -2)
+    wander = []
+    for turns in (transposed @ after, after @ transposed):
+        vectors = rotation_vector(turns)
+        known = np.where(np.isfinite(vectors), vectors, 0.0)
+        wander.append(np.abs(known - np.median(known, axis=-2, keepdims=True)).sum(axis=(-2, -1)))
+    return np.asarray(wander[0] <= wander[1])
+
+
+def vector_beside_spin(
+    base: Float64Array, S: Float64Array, omega: Float64Array, dt: Float64Array, in_body: NDArray[np.bool_]
+) -> Float64Array:
+    """Return rotation vectors x (..., 3), world axes [rad], with S = exp(x) exp(omega dt) base where the axis of the
+    spin is steady `in_body`, and S = exp(omega dt) exp(x) base where it is steady in the world.
+
+    However fast the spin, x changes slowly: polynomials in t through x are interpolants on the rotation group.
     """
-    bad = np.argwhere(angles >= np.pi)
+    back = np.asarray(rotation_exp(-omega * dt[..., None]))
+    turned = S @ np.swapaxes(base, -1, -2)
+    return rotation_vector(np.where(in_body[..., None, None], turned @ back, back @ turned))
+
+
+def _check_turns(x: Float64Array, samples: NDArray[np.intp], neighbours: NDArray[np.intp]) -> None:
+    """Raise ArgumentError if the vectors beside the spin, (..., samples, neighbours, 3), change by pi or more between
+    a sample and a neighbour: those of turns near pi are ambiguous.
+    """
+    changes = np.nan_to_num(np.linalg.norm(np.diff(x, axis=-2), axis=-1))
+    turned = np.cumsum(np.concatenate([np.zeros_like(changes[..., :1]), changes], axis=-1), axis=-1)
+    centres = np.argmax(neighbours == samples[:, None], axis=-1)
+    own = np.take_along_axis(turned, np.broadcast_to(centres[:, None], (*turned.shape[:-1], 1)), axis=-1)
+    farthest = np.abs(turned - own).max(axis=-1, initial=0.0)
+    bad = np.argwhere(farthest >= np.pi)
     if bad.size:
         expected = (
-            "samples that turn by less than pi from one to each neighbour used (a smaller step, or a lower order)"
+            "samples of a spin that changes less from each to its neighbours (a smaller step, or a lower order)"
         )
-        raise ArgumentError("S", expected, f"{angles[tuple(bad[0])]:.3g} rad at index {sample_indices[bad[0, -1]]}")
+        raise ArgumentError("S", expected, f"{farthest[tuple(bad[0])]:.3g} rad at index {samples[bad[0, -1]]}")
