@@ -11,7 +11,6 @@ import tempfile
 import pytest
 
 import hingepair
-from hingepair.engine.backend import compile_at_first_call
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 
 
@@ -104,10 +103,3 @@ def each_backend(request, monkeypatch):
 
     monkeypatch.setattr(hingepair.pair.hinge_pair, "execution_of", forced)
     return request.param
-
-
-@pytest.fixture
-def one_backend():
-    """Every call computes with kernels, so that the bits of two calls are equal whatever ran before."""
-    with compile_at_first_call():
-        yield

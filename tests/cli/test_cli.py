@@ -193,7 +193,6 @@ def test_residuals_are_those_of_both_constraints(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_ranges_are_those_of_every_component(short_scene: Path) -> None:
     shown = json.loads(run_command("run", short_scene, "--json").stdout)["outputs"]
     result = hp.load_scene(short_scene).evaluate()

@@ -37,7 +37,6 @@ def test_forces_of_a_scene_are_those_of_its_motion():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_the_command_prints_and_writes_them(tmp_path):
     scene, out = MODELS / "landing_gear.toml", tmp_path / "forces.csv"
     shown = told(scene, "--out", out)

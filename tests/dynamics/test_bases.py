@@ -133,7 +133,6 @@ def test_where_a_planar_pair_starts_is_told():
     assert hp.simulate(DOUBLE, [0, 0.1], start, 0.0, 0.0, base="pinned").phi[0] == pytest.approx(0.3, abs=1e-15)
 
 
-@pytest.mark.usefixtures("one_backend")
 def test_errors_are_told_apart_and_momentum_is_that_of_the_pair():
     t, swing = np.linspace(0, 1, 5), {"psi_0": 0.3, "psid_0": 1.0, "tol": 1e-6}
     still = hp.BodyMotion(R=HELD.R, S=HELD.S)

@@ -7,8 +7,8 @@ import platform
 import numpy as np
 import pytest
 
-from hingepair.engine import array_reader, backend, loops, native
-from hingepair.engine.backend import BreakEvenCounter, Execution
+from hingepair.engine import native, slices
+from hingepair.engine.backend import Execution, kernel_pays
 from hingepair.engine.llvm_ir import LANE_COUNT
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
@@ -144,15 +144,6 @@ def test_outputs_of_any_stride():
     agree(run(MAP, values, (21,), execution=NUMPY), run(MAP, values, (21,), out=out))
 
 
-def test_addresses_are_those_that_numpy_says(monkeypatch):
-    room = np.arange(12.0).reshape(3, 4)
-    assert array_reader.knows_array_layout()
-    for known in (True, False):
-        monkeypatch.setattr(array_reader, "knows_array_layout", lambda known=known: known)
-        for array in (room, room[1:, ::-1], room.T, room[:0], np.array(1.0), np.broadcast_to(room[0], (5, 4))):
-            assert array_reader.data_address(array) == array.ctypes.data
-
-
 @pytest.mark.slow
 def test_large_outputs_go_past_the_caches_and_workers_share():
     count = 150_001
@@ -259,57 +250,60 @@ def test_processors_with_an_instruction_for_it_fuse(features, machine, fuses, mo
     assert native.can_fuse.__wrapped__() is fuses
 
 
-@pytest.fixture
-def fresh(monkeypatch):
-    """As in a process that has compiled nothing yet."""
-    monkeypatch.setattr(backend, "_shared_code_compiled", False)
-    monkeypatch.setattr(backend, "_kernels_disabled", False)
-
-
-@pytest.mark.usefixtures("fresh")
 @pytest.mark.parametrize("operations", [50, 200, 10_000])
-def test_a_kernel_pays_when_the_rent_has_come_to_its_price(operations):
-    """However the samples come, and not before."""
-    for samples in (1, 100, 10_000, 1_000_000):
-        counter = BreakEvenCounter(operations)
-        while not counter.count_call(samples):
-            assert counter.seconds_without_kernel < counter.seconds_to_compile
-        last = operations * (samples * 7.5e-10 + 4.5e-7)
-        assert (
-            counter.seconds_to_compile
-            <= counter.seconds_without_kernel
-            <= counter.seconds_to_compile + last * (1 + 1e-9)
-        )
+def test_a_kernel_pays_from_some_number_of_samples_on(operations):
+    pays = [kernel_pays(operations, samples) for samples in (1, 10**7)]
+    assert pays == [operations == 10_000, True]
+    assert kernel_pays(operations, 1_000, chain_length=1_000)
 
 
-@pytest.mark.usefixtures("fresh")
-def test_the_first_kernel_of_a_process_costs_more():
-    counter = BreakEvenCounter(200)
-    first = counter.seconds_to_compile
-    backend.mark_shared_code_compiled()
-    assert counter.seconds_to_compile < first / 2
+def test_the_choice_of_auto_does_not_depend_on_earlier_calls():
+    loop = Loop("turned", turned, dict(MAP.inputs), dict(MAP.outputs))
+    few, many = given(20), given(90_000)
+    before = run(loop, few, (20,), execution=Execution("auto", 1))
+    run(loop, many, (90_000,), execution=Execution("auto", 1))
+    after, compiled = run(loop, few, (20,), execution=Execution("auto", 1)), run(loop, few, (20,))
+    for name in before:
+        np.testing.assert_array_equal(after[name], before[name])
+    assert any((compiled[name] != before[name]).any() for name in before)
 
 
-@pytest.mark.usefixtures("fresh")
-def test_wide_outputs_pay_for_a_kernel_sooner(monkeypatch):
-    """Without a kernel, each component is stored by a call of its own."""
-    counters = []
-
-    def counter(*numbers):
-        counters.append(BreakEvenCounter(*numbers))
-        return counters[-1]
-
-    monkeypatch.setattr(loops, "BreakEvenCounter", counter)
-    loop = Loop("wide", lambda v: {"y": (v["x"] * v["x"],) * 40}, {"x": ()}, {"y": (40,)})
-    x, y = np.ones(8), np.empty((8, 40))
-    loop.run({"x": x}, {"y": y}, (8,), np.dtype(float), Execution("auto", 1))
-    single = BreakEvenCounter(1)
-    single.count_call(8)
-    assert counters[0].seconds_without_kernel == pytest.approx(41 * single.seconds_without_kernel)
+SHAPES = [
+    ((3000, 1), (1, 2)),
+    ((1, 2), (3000, 1)),
+    ((5, 1), (1, 4)),
+    ((2, 1, 700), (3, 1)),
+    ((4, 4), (4, 4)),
+    ((40, 1, 2), (3, 1)),
+]
 
 
-@pytest.mark.usefixtures("fresh")
-def test_states_in_python_pay_for_a_kernel_too():
-    counter = BreakEvenCounter(300)
-    calls = next(k for k in range(1, 10**6) if counter.count_state_call())
-    assert 10_000 < calls < 30_000
+@pytest.mark.parametrize(("one", "other"), SHAPES, ids=str)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_axes_that_do_not_fill_the_lanes(one, other, workers, monkeypatch):
+    monkeypatch.setattr(slices, "_MIN_OPERATIONS_PER_WORKER", 1)
+    rng = np.random.default_rng(6)
+    values = {"u": rng.normal(size=(*one, 3)), "angle": rng.normal(size=other), "more": 0.5}
+    shape = np.broadcast_shapes(one, other)
+    whole = {
+        "u": np.broadcast_to(values["u"], (*shape, 3)).copy(),
+        "angle": np.broadcast_to(values["angle"], shape).copy(),
+        "more": 0.5,
+    }
+    expected, found = run(MAP, whole, shape), run(MAP, values, shape, execution=Execution("compiled", workers))
+    for name, array in found.items():
+        np.testing.assert_array_equal(array, expected[name])
+
+
+@pytest.mark.parametrize("dtype", [F4, F8], ids=str)
+def test_more_arrays_than_a_ufunc_takes(dtype):
+    names = [f"x{k}" for k in range(70)]
+    loop = Loop(
+        "sum",
+        lambda v: {"y": sum(v[name] * (k + 1.0) for k, name in enumerate(names))},
+        dict.fromkeys(names, ()),
+        {"y": ()},
+    )
+    values = {name: np.arange(50.0).reshape(10, 5)[:: 1 + 9 * (k % 2)] * k for k, name in enumerate(names)}
+    found, expected = (run(loop, values, (10, 5), dtype, execution) for execution in (COMPILED, NUMPY))
+    np.testing.assert_allclose(found["y"], expected["y"], rtol=1e-5 if dtype == F4 else 1e-14)

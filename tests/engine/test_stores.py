@@ -7,10 +7,10 @@ import functools
 import numpy as np
 import pytest
 
-from hingepair.engine import binding, llvm_arithmetic, llvm_ir
+from hingepair.engine import llvm_arithmetic, llvm_ir, slices
 from hingepair.engine.backend import Execution
 from hingepair.engine.llvm_arithmetic import MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS
-from hingepair.engine.llvm_builder import CACHE_LINE_BYTES, LANE_COUNT
+from hingepair.engine.llvm_builder import CACHE_LINE_BYTES
 from hingepair.engine.llvm_memory import MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES, WIDE_OUTPUT_COMPONENTS_PER_PANEL
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
@@ -89,7 +89,7 @@ def test_every_width_at_every_offset(width, dtype, stores):
 @pytest.mark.parametrize("width", [3, 20, 37])
 def test_threads_share_cache_lines(width, stores, monkeypatch):
     """Where the samples of one thread end amid a line, the other thread's begin."""
-    monkeypatch.setattr(binding, "MIN_SAMPLES_PER_WORKER", LANE_COUNT)
+    monkeypatch.setattr(slices, "_MIN_OPERATIONS_PER_WORKER", 1)
     for shift in SHIFTS:
         check_doubled(doubled(width, stores), (1003, width), ..., shift, F8, workers=3)
 

@@ -180,7 +180,6 @@ def test_a_given_attitude_that_is_no_number_poisons_its_own_sample(sample, place
 @pytest.mark.slow
 @few
 @given(hnp.arrays(np.float64, 3, elements=st.floats(-1.0, 1.0)), st.integers(-1000, 1000))
-@pytest.mark.usefixtures("one_backend")
 def test_an_axis_has_no_length(axis, exponent):
     """Times a power of two: the very same pair; and n is of unit length, whatever came."""
     largest = abs(axis).max()

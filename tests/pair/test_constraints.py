@@ -185,7 +185,6 @@ def test_forces_of_constraint_give_the_dynamics_of_pinocchio():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_pairs_of_their_own_and_other_dtypes():
     rng = generator(83)
     u1, n = rng.normal(size=(2, COUNT, 3))

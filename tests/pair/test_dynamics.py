@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.engine import backend
 from hingepair.pair.planar_pair import motion_in_space
 from support.reference import forces_from_attitude
 from support.sparse import sparse
@@ -219,7 +218,6 @@ def test_power_is_the_rate_of_the_energy(case):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_the_hinge_carries_what_the_forces_say(case):
     pair, body1, (psi, psid, psidd), _ = case
     wrench = pair.hinge_wrench(body1, psi, psid, psidd, GRAVITY)
@@ -374,10 +372,8 @@ def test_what_prepared_dynamics_lacks_is_named():
         thin.prepare("forward_dynamics")
 
 
-@pytest.mark.parametrize("price", [0.0, 1.0], ids=["python", "compiled"])
-def test_one_state_however_it_lies(price, monkeypatch):
-    """0-d angles, foreign byte order, strides, another gravity; by generated Python, and by a kernel."""
-    monkeypatch.setattr(backend, "_PYTHON_SECONDS_BEYOND_KERNEL_PER_OPERATION", price)
+def test_one_state_however_it_lies():
+    """0-d angles, foreign byte order, strides, another gravity."""
     rng = generator(29)
     pair, body1 = massive(rng), moving(rng, 2)
     psi, psid, psidd = rng.normal(size=(3, 2))

@@ -41,7 +41,6 @@ def test_rates_and_accelerations_of_psi_come_back():
     assert np.all(abs(found.psidd - motion[2][:, 6]) <= 12 * U * A)
 
 
-@pytest.mark.usefixtures("one_backend")
 def test_psi_unwraps_along_time():
     pair, t = made(), np.linspace(0, 10, 400)
     q = coordinates(generator(99), 400)[0]

@@ -130,7 +130,6 @@ def test_jacobians_of_hard_states_follow_the_motion():
         assert np.all(abs(found[3:] - state.omega2) <= 16 * U * W), name
 
 
-@pytest.mark.usefixtures("one_backend")
 def test_shapes_dtypes_and_samples_apart():
     pair, (body1, psi, psid, _) = made(6), moving(6, 6)
     one = hp.BodyMotion(R=body1.R[2], S=body1.S[2], omega=body1.omega[2])

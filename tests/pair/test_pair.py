@@ -18,7 +18,6 @@ U = 2.0**-53
 EVERYTHING = {"name": "knee", "limits": (-1, 2), "body1": hp.Body(2.0), "body2": hp.Body(3.0)}
 
 
-@pytest.mark.usefixtures("one_backend")
 def test_one_constant_is_replaced_and_computed_with():
     pair, other = made(**EVERYTHING), made(1)
     given = dict(zip(("u1", "u2", "n", "home"), random_pair(generator(85, 0)), strict=True))

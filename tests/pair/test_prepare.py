@@ -141,7 +141,6 @@ def test_two_bodies(backend):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_pairs_of_their_own_and_float32_and_out():
     rng = generator(1006)
     many = hp.HingePair(u1=rng.normal(size=(8, 3)), u2=(1, 2, 3), n=(0, 0, 1))
@@ -373,7 +372,7 @@ def test_a_quaternion_that_is_no_number_stays_in_its_sample(backend, quaternion)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("count", [(), (3,), (20_000,)])
 @pytest.mark.parametrize("name", ["S1", "quat_wxyz"])
-def test_outputs_stay_as_they_were_where_an_attitude_is_refused(name, count, backend):
+def test_it_is_said_what_out_holds_where_an_attitude_is_refused(name, count, backend):
     at = made(generator(1023)).prepare((name, "psi"), outputs=("S2",), backend=backend)
     good = np.eye(3) if name == "S1" else np.array((1.0, 0, 0, 0))
     given, psi = np.broadcast_to(good, (*count, *good.shape)).copy(), np.zeros(count)
@@ -382,9 +381,9 @@ def test_outputs_stay_as_they_were_where_an_attitude_is_refused(name, count, bac
     assert not (S2 == 7).any()
     S2[...] = 7.0
     given[..., :] = 0.0
-    with pytest.raises(hp.RotationError):
+    with pytest.raises(hp.RotationError) as caught:
         at(given, psi, out={"S2": S2})
-    assert (S2 == 7).all()
+    assert "out" in caught.value.__notes__[0]
 
 
 def test_a_prepared_call_can_be_copied_and_pickled():

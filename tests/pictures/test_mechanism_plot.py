@@ -23,7 +23,6 @@ def curve_and_limits(axes):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_a_row_of_panels_shows_each_joint_and_its_limits(excavator):
     figure = hp.plot(excavator)
     assert figure.get_suptitle() == excavator.title

@@ -77,7 +77,6 @@ document.body.append(probe);
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
     page = hp.view(scene)
     content = content_of(page)
@@ -337,7 +336,6 @@ samples = 21
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_a_scene_of_a_mechanism_is_played_with_its_base_and_its_frame(tmp_path):
     turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="turn")
     tip = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="tip")

@@ -20,7 +20,6 @@ def lines_of(figure, title):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_what_is_drawn_is_what_was_computed():
     scene = hp.load_scene(MODELS / "talos_elbow.toml")
     figure, state = hp.plot(scene), scene.evaluate().state

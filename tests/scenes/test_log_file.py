@@ -257,7 +257,6 @@ def test_terminal_escapes_do_not_reach_the_screen(tmp_path):
         assert str(caught.value).isprintable()
 
 
-@pytest.mark.usefixtures("one_backend")
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_arrays_of_any_order_and_type_are_read(tmp_path, order):
     columns = moving()

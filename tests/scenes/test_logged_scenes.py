@@ -38,7 +38,6 @@ def test_columns_are_the_coordinates(tmp_path, name):
     assert scene.cross_validate(5).samples == 5
 
 
-@pytest.mark.usefixtures("one_backend")
 def test_stacked_arrays_are_the_columns_side_by_side(tmp_path):
     columns = moving()
     q, qd, qdd = (np.stack([columns[c] for c in names], axis=-1) for names in (EULER, RATES, SECOND))
@@ -283,7 +282,6 @@ def test_angular_velocities_beside_quaternions_say_their_axes(tmp_path, given):
         scene_of(tmp_path, some(logged(30), *BODY), 'frame = "body"\n')
 
 
-@pytest.mark.usefixtures("one_backend")
 def test_given_derivatives_are_kept(tmp_path):
     columns = moving(20)
     kept = scene_of(tmp_path, columns, "differentiate = true\n").evaluate()
@@ -333,7 +331,6 @@ def test_a_noisy_log_that_is_differentiated_is_better_smoothed(tmp_path, attitud
     assert not any("smooth = true" in note for note in scene_of(tmp_path, columns, "smooth = true\n").notes())
 
 
-@pytest.mark.usefixtures("one_backend")
 def test_seconds_since_1970_are_as_good_as_their_stamps(tmp_path):
     """Stamps that are exact at 1.7e9 s: every digit of the derivatives is that of a log from 0."""
     columns = some(logged(64, h=1 / 64), *BODY)

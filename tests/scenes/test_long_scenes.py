@@ -64,7 +64,6 @@ def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
             found[index]
 
 
-@pytest.mark.usefixtures("one_backend")
 @pytest.mark.slow
 @pytest.mark.parametrize("model", sparse(["reference_2d", "landing_gear", "spinning_satellite", "logged_arm"], 4))
 def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
@@ -171,7 +170,6 @@ def test_coordinates_are_results(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_backend")
 def test_coordinates_in_a_file_are_a_log_of_the_motion(tmp_path):
     """The names of the columns are those that a log has."""
     scene = hp.load_scene(long_scene(tmp_path, 31, "landing_gear"))

@@ -318,7 +318,6 @@ def test_units_go_with_every_column(tmp_path: Path) -> None:
     assert scene.forces().to_xarray()["tau_ram"].attrs["units"] == "N"
 
 
-@pytest.mark.usefixtures("one_backend")
 def test_outputs_of_the_file_are_what_is_computed(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, GOOD + "[outputs]\nnames = ['R_boom', 'tau']\n")
     result = scene.evaluate()

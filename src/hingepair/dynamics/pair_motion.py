@@ -465,7 +465,7 @@ def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
     arrays can be read by name. Values that are not its arguments are ignored.
     """
     arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.argument_shapes}
-    results = call.fast_path(*arrays.values())
+    results = call.rows(*arrays.values())
     if results is not None:
         return results
     return call.run(

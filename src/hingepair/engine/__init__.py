@@ -18,5 +18,5 @@ array([-1., -1.])
 The function is traced (`trace`) once for each pattern of inputs (`binding`): numbers that are known to be 0, 1 or -1
 fold away, and operations that no output needs are left out. The remaining operations run as Python for one state, as
 NumPy in blocks (`python_source`), or as machine code for eight samples at a time (`llvm_ir`, `native`), as `backend`
-chooses. `array_reader` is the machine code by which calls read NumPy's arrays. The engine imports numeric only.
+chooses. `ufunc` makes kernels ufuncs of NumPy, which reads the arrays. The engine imports numeric only.
 """

@@ -1,4 +1,4 @@
-"""The binding of a loop's inputs: which components are known numbers, constants or arrays, and their strides.
+"""The binding of a loop's inputs: which components are known numbers, constants or arrays.
 
 A component that is the number 0, 1 or -1 becomes part of the program, which folds it away. Other constants are
 run-time parameters, so that one program serves all pairs with the same pattern. Arrays are read in place.
@@ -6,19 +6,12 @@ run-time parameters, so that one program serves all pairs with the same pattern.
 
 from __future__ import annotations
 
-import ctypes
-import functools
-import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-
-from hingepair.engine.array_reader import data_address
-from hingepair.engine.llvm_builder import LANE_COUNT
-from hingepair.engine.llvm_ir import INTEGERS_PER_KERNEL_TABLE_ROW
 
 ArrayShape: TypeAlias = tuple[int, ...]
 NamedShapes: TypeAlias = tuple[tuple[str, ArrayShape], ...]
@@ -26,11 +19,7 @@ ComponentSource: TypeAlias = float | tuple[int, int] | None
 """Source of a component: a known number; (index of an array, component of it); or None, the next constant."""
 InputPattern: TypeAlias = tuple[ComponentSource, ...]
 
-MIN_SAMPLES_PER_WORKER: Final = 8192
-"""Number of samples that are worth a thread: about 0.1 ms of work, as long as starting the thread takes."""
-
-_NUMBER_FOLDED_INTO_PROGRAM_BY_INPUT_VALUE: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}
-"""Numbers that become part of the program, which folds them away, by the value that is looked up."""
+_FOLDED: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}  # numbers that become part of the program, which folds them away
 
 
 class BoundInputs(NamedTuple):
@@ -99,7 +88,7 @@ def bind(
         """Append a component that is the number x to the lists of `bind`. The pattern gets the numbers 0, 1 and -1;
         for any other number, the pattern gets None and the constants get the number.
         """
-        known = _NUMBER_FOLDED_INTO_PROGRAM_BY_INPUT_VALUE.get(x)
+        known = _FOLDED.get(x)
         pattern.append(known)
         if known is None:
             constants.append(x)
@@ -159,7 +148,7 @@ def bind_foreign(input_shapes: NamedShapes, values: Mapping[str, Any]) -> tuple[
                     arrays.append(component)
                 pattern.append((array_index_by_id[id(component)], 0))
                 continue
-            known = _NUMBER_FOLDED_INTO_PROGRAM_BY_INPUT_VALUE.get(component)
+            known = _FOLDED.get(component)
             pattern.append(known)
             if known is None:
                 constants.append(float(component))
@@ -182,157 +171,3 @@ def component_views(array: NDArray[Any], sample_shape: ArrayShape) -> Iterator[N
         except ValueError:
             for i in range(sample_shape[0]):
                 yield from component_views(array[(slice(None),) * axis + (i,)], sample_shape[1:])
-
-
-class ArrayLayout(NamedTuple):
-    """The lengths, strides [bytes] and offsets [bytes] by which a kernel steps through its arrays along two axes of
-    samples, an outer and an inner one. Each combination of indices along further axes is one more call of the kernel,
-    with its own tuple of `offsets`, one for each array.
-
-    Attributes:
-        outer_length: number of samples along the outer axis.
-        inner_length: number of samples along the inner axis.
-        strides: for each array, bytes between outer samples, between inner samples, and between components.
-        offsets: for each call of the kernel, the offset of its first sample in each array, in bytes.
-    """
-
-    outer_length: int
-    inner_length: int
-    strides: tuple[tuple[int, int, int], ...]
-    offsets: tuple[tuple[int, ...], ...]
-
-
-ShapeAndStrides: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # shape and strides
-
-
-def shapes_and_strides(arrays: Sequence[NDArray[Any]]) -> tuple[ShapeAndStrides, ...]:
-    """Return a tuple with the pair (shape, strides [bytes]) of each array. `layout_of` takes this tuple."""
-    return tuple((array.shape, array.strides) for array in arrays)
-
-
-@functools.lru_cache(maxsize=512)
-def layout_of(array_forms: tuple[ShapeAndStrides, ...], shape: tuple[int, ...], is_scan: bool) -> ArrayLayout:
-    """Return the cached `ArrayLayout` of arrays that broadcast to the shape of the samples. Each of `array_forms` is
-    the pair (shape, strides [bytes]) of an array whose last axis holds components. The inner axis is the longest one.
-    If `is_scan` is true, each sample takes results of the sample before it on the last axis, and this axis is the
-    inner one.
-
-    The outer axis is the longest of the others.
-
-    Args:
-        array_forms: shapes and strides [bytes] of the arrays.
-        shape: shape of the samples.
-        is_scan: whether the program is a scan, whose last axis is the chain.
-    """
-    strides = np.array([_sample_strides(array_form, shape) for array_form in array_forms]).reshape(
-        len(array_forms), len(shape)
-    )
-    if is_scan:
-        lengths, columns = _merge_axes(shape[:-1], strides[:, :-1])
-        order = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
-        outer, others = order[0], order[1:]
-        outers, inners, sizes = columns[:, outer], strides[:, -1], (lengths[outer], shape[-1])
-    else:
-        lengths, columns = _merge_axes(shape, strides)
-        inner, outer, *others = sorted(range(len(lengths)), key=lambda axis: -lengths[axis])
-        outers, inners, sizes = columns[:, outer], columns[:, inner], (lengths[outer], lengths[inner])
-    array_strides = tuple(
-        (int(a), int(b), array_form[1][-1]) for a, b, array_form in zip(outers, inners, array_forms, strict=True)
-    )
-    starts = np.array([*itertools.product(*(range(lengths[axis]) for axis in others))], np.int64)
-    offsets = starts.reshape(len(starts), len(others)) @ columns[:, others].T
-    return ArrayLayout(*sizes, array_strides, tuple(tuple(map(int, row)) for row in offsets))
-
-
-def _sample_strides(array_form: ShapeAndStrides, shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return a tuple with an array's stride [bytes] along each axis of the samples. The stride is 0 along an axis
-    along which the array is broadcast. `array_form` is the pair (shape, strides) of the array; its last axis holds
-    the components and is left out.
-    """
-    lengths, strides = array_form
-    own_axes = tuple(stride if n != 1 else 0 for stride, n in zip(strides[:-1], lengths[:-1], strict=True))
-    return (0,) * (len(shape) - len(own_axes)) + own_axes
-
-
-def _merge_axes(shape: tuple[int, ...], strides: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
-    """Merge neighbouring axes of the samples if every array steps through them with one common stride. Return the
-    list of at least two lengths and the array of strides (array, axis). `shape` holds the lengths of the axes and
-    `strides` their strides, one row for each array.
-    """
-    lengths, columns = [1, 1], [np.zeros(len(strides), np.int64)] * 2
-    for length, column in zip(shape, strides.T, strict=True):
-        if length == 1:
-            continue
-        if (columns[-1] == column * length).all():
-            lengths[-1], columns[-1] = lengths[-1] * length, column
-        else:
-            lengths.append(length)
-            columns.append(column)
-    return lengths, np.stack(columns, axis=1)
-
-
-def run_kernel(
-    kernel_function: Any,
-    layout: ArrayLayout,
-    inputs: Sequence[NDArray[Any]],
-    outputs: Sequence[NDArray[Any]],
-    constants: NDArray[Any] | None,
-    workers: int,
-    is_scan: bool = False,
-) -> None:
-    """Run a kernel, which writes the outputs of all samples into the arrays `outputs`. kernel_function is the
-    compiled function, `layout` the `ArrayLayout` of the inputs followed by the outputs, and `constants` an array or
-    None. At most `workers` threads share the samples of the inner axis. If `is_scan` is true, each row along the
-    inner axis is one scan, and the threads share the rows.
-
-    Args:
-        kernel_function: the kernel's function of (table of addresses and strides, outer length, inner length).
-        layout: the layout of the arrays.
-        inputs: the input arrays.
-        outputs: the output arrays.
-        constants: the constants in one array, or None.
-        workers: number of threads at most.
-        is_scan: whether the program is a scan, whose inner axis is the chain.
-    """
-    itemsize = outputs[0].itemsize
-    table: list[int] = []
-    if constants is not None:
-        table += (data_address(constants), 0, 0, itemsize)
-    first = len(table) // INTEGERS_PER_KERNEL_TABLE_ROW
-    for array, strides in zip((*inputs, *outputs), layout.strides, strict=True):
-        table += (data_address(array), *strides)
-    table_type = ctypes.c_int64 * len(table)
-    outer_length, inner_length = layout.outer_length, layout.inner_length
-    shared, column = (outer_length, 1) if is_scan else (inner_length, 2)
-    workers = max(1, min(workers, outer_length * inner_length // MIN_SAMPLES_PER_WORKER, shared // LANE_COUNT))
-    chunk = -(-shared // (workers * LANE_COUNT)) * LANE_COUNT
-
-    def run_chunk(start: int) -> None:
-        """Run the kernel for the part of the samples that one thread computes. The part begins at the index `start`
-        of the axis that the threads share.
-        """
-        chunk_table, count = list(table), min(chunk, shared - start)
-        for k in range(first, len(table) // INTEGERS_PER_KERNEL_TABLE_ROW):
-            chunk_table[k * INTEGERS_PER_KERNEL_TABLE_ROW] += (
-                start * chunk_table[k * INTEGERS_PER_KERNEL_TABLE_ROW + column]
-            )
-        for offsets in layout.offsets:
-            call_table = list(chunk_table)
-            for k, offset in enumerate(offsets, first):
-                call_table[k * INTEGERS_PER_KERNEL_TABLE_ROW] += offset
-            kernel_function(table_type(*call_table), *((count, inner_length) if is_scan else (outer_length, count)))
-
-    run_in_threads(run_chunk, range(0, shared, chunk))
-
-
-def run_in_threads(function: Callable[[Any], None], arguments: Sequence[Any]) -> None:
-    """Call `function` with each of the arguments, each in a thread of its own, and wait until all calls have ended. A
-    single argument is handled in the calling thread. An error in a thread is raised here.
-    """
-    if len(arguments) == 1:
-        function(arguments[0])
-        return
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(len(arguments)) as pool:
-        list(pool.map(function, arguments))

@@ -3,10 +3,8 @@
     call = Call(loop, {"psi": ()}, {"n": (0.0, 0.0, 1.0)}, Results)
     call.run({"psi": np.zeros(5)}, {"psi": (5,)})
 
-A call has a fast path and a general path. The fast path is machine code that reads the arrays of the arguments in
-place (`array_reader`); it serves one state, and batches along one axis. Until compiling a kernel pays, a generated
-Python function serves one state instead. Everything else - other dtypes, several axes of samples, threads, components
-given one by one - takes the general path, `Loop.run`.
+Where every argument is one array, a kernel computes the call, as a ufunc of NumPy (`rows`). Arguments that are given
+by components, other libraries' arrays and the backend "numpy" take the general way, `run`.
 """
 
 from __future__ import annotations
@@ -15,36 +13,35 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import CodeType
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.array_reader import MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE, call_descriptor, knows_array_layout
 from hingepair.engine.backend import Execution
-from hingepair.engine.binding import ArrayShape, bind, bind_constant
+from hingepair.engine.binding import ArrayShape, BoundConstant, ComponentSource, bind_constant
 from hingepair.engine.loops import Loop, Program
 from hingepair.engine.results import Results
+from hingepair.engine.slices import run_slices
+from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Operand, Ufunc
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
-from hingepair.numeric.arrays import broadcast_shape, result_dtype
-
-if TYPE_CHECKING:
-    from hingepair.engine.native import Kernel
+from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
+from hingepair.numeric.caching import lock_free_cached_property
 
 Out: TypeAlias = Mapping[str, NDArray[Any]] | None
 """Arrays to write outputs into, by output name."""
 
-_FLOAT64_DTYPE: Final = np.dtype(np.float64)  # the dtype that the fast path reads and writes
-
-_MIN_OPERATIONS_PER_CALL_TO_RELEASE_GIL: Final = 100_000
-"""Number of operations, about 20 us of work, from which a call releases the interpreter's lock."""
+_FLOAT64 = np.dtype(np.float64)
+_FLOAT32 = np.dtype(np.float32)
+_READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
+_PLAIN_TYPES = {list, tuple, float, int, np.float64}  # of arguments that become an array of one state
+_FEW_SAMPLES: Final = 20_000  # up to which all pairs share one kernel, in which no constant is folded
+_SLAB_BYTES: Final = 32_000_000  # from which new outputs lie in one piece of memory, which costs fewer page faults
 
 
 class Call:
-    """A loop with fixed constants; the method `run` takes arrays of one state or of many. A call is computed by the
-    function `fast_path` (generated Python for one state, or machine code) if that supports the arguments, else by
-    `Loop.run`.
+    """A loop with fixed constants, for arguments of given names.
 
     Args:
         loop: the loop to run.
@@ -59,11 +56,12 @@ class Call:
             not exceed it.
         on_limit: called with the arguments by name where a limit is exceeded; raises the error.
         constants_name: name of the constants in messages.
+        shared: whether few samples are computed by a kernel for any constants, which many calls share.
 
     Attributes:
         outputs: names of the returned outputs.
-        fast_path: function that takes the arguments in order, and returns the results; it returns None where the
-            arguments are not arrays that it supports.
+        rows: function of the arguments in order, `out` and `workers`; returns the results, or None where `run` has to
+            compute them or to say what cannot be used.
     """
 
     def __init__(
@@ -78,6 +76,7 @@ class Call:
         limits: Mapping[str, Mapping[int, float]] | None = None,
         on_limit: Callable[[Mapping[str, Any]], None] | None = None,
         constants_name: str = "pair",
+        shared: bool = False,
     ) -> None:
         self.loop = loop
         self.argument_shapes = dict(argument_shapes)
@@ -86,192 +85,268 @@ class Call:
         self._shape, self._backend, self._constants_name = shape, backend, constants_name
         self._limits, self._on_limit = dict(limits or {}), on_limit
         self.outputs = tuple(name for name, _ in loop.outputs if name not in self._limits)
-        samples = {
-            name: np.empty((2, *sample_shape)) for name, sample_shape in loop.inputs if name in argument_shapes
-        }
-        fixed = [(name, sample_shape) for name, sample_shape in loop.inputs if name in self._constant_inputs]
         self._bound_constants = {
-            name: bind_constant(name, sample_shape, self._constant_inputs[name]) for name, sample_shape in fixed
+            name: bind_constant(name, sample_shape, self._constant_inputs[name])
+            for name, sample_shape in loop.inputs
+            if name in self._constant_inputs
         }
-        bound = bind(loop.inputs, {**self._bound_constants, **samples})
-        self._constant_numbers = bound.constants
-        self._constant_array = np.array(bound.constants, np.float64)
-        self.program: Program = loop.program(bound.pattern)
-        self._kernel_key = self.program.default_kernel_key()
-        names = tuple(argument_shapes)
-        self._argument_positions = tuple(names.index(name) for name, _ in loop.inputs if name in argument_shapes)
-        self._kernel_function: Callable[..., bool | int] | None = None
-        self._cached_limits_call: Call | None = None
-        sample_shapes = [*self.argument_shapes.values(), *(sample_shape for _, sample_shape in loop.outputs)]
-        self._fast_path_supported = (
-            shape == ()
-            and knows_array_layout()
-            and all(len(sample_shape) <= MAX_SAMPLE_RANK_READ_BY_MACHINE_CODE for sample_shape in sample_shapes)
+        self._sample_shapes = tuple(self.argument_shapes.values())
+        tails = [*self._sample_shapes, *(tail for _, tail in loop.outputs)]
+        self._has_rows = (
+            backend != "numpy"
+            and shape == ()
+            and len(tails) <= MAX_OPERANDS
+            and not any(0 in tail for tail in tails)
+            and all(isinstance(one, BoundConstant) for one in self._bound_constants.values())
         )
-        self.fast_path: Callable[..., Any] = _no_fast_path
+        self._shared = shared and backend == "auto"
+        self._ufuncs: dict[tuple[str, bool], Ufunc] = {}
+        self.rows: Callable[..., Any] = self._any_rows if self._has_rows else _no_rows
         if backend == "compiled":
-            self._use_kernel(self.program.kernel(self._kernel_key))
-        elif shape == ():
-            self.fast_path = self._make_python_path()
+            self.compile()
 
-    # ---- the fast path
+    # ---- kernels
+
+    @lock_free_cached_property
+    def program(self) -> Program:
+        """The program for arguments that all vary from sample to sample, in which constants are folded."""
+        return self._program(False)[0]
+
+    def _program(self, shared: bool) -> tuple[Program, list[float]]:
+        """Return the program for arguments that all vary, and its constants, of which a shared one folds none."""
+        places = {name: k for k, name in enumerate(self._used)}
+        pattern: list[ComponentSource] = []
+        constants: list[float] = []
+        for name, sample_shape in self.loop.inputs:
+            count = math.prod(sample_shape)
+            bound = self._bound_constants.get(name)
+            if name in places:
+                pattern += [(places[name], k) for k in range(count)]
+            elif not isinstance(bound, BoundConstant):  # constants that vary by sample: only for what is said of it
+                pattern += [(len(places), k) for k in range(count)]
+                places[name] = len(places)
+            elif shared:
+                pattern += [None] * count
+                constants += np.array(bound.value, np.float64).ravel().tolist()
+            else:
+                pattern += bound.pattern
+                constants += bound.constants
+        return self.loop.program(tuple(pattern)), constants
+
+    @lock_free_cached_property
+    def _used(self) -> list[str]:
+        """Arguments that the loop needs, in the order of the arguments."""
+        needed = {name for name, _ in self.loop.inputs}
+        return [name for name in self.argument_shapes if name in needed]
+
+    def _layout(self, has_constants: bool) -> Layout:
+        """Return the layout of the call's ufuncs."""
+        inputs = tuple(Operand(tail, name in self._used) for name, tail in self.argument_shapes.items())
+        return Layout(inputs, tuple(Operand(tail) for _, tail in self.loop.outputs), has_constants)
 
     def compile(self) -> None:
-        """Compile the kernel now and use its machine code in later calls. If that is not possible, issue a warning
-        once and go on without the kernel.
-        """
-        kernel = self.program.kernel_or_none(self._kernel_key)
-        if kernel is not None:
-            self._use_kernel(kernel)
-
-    @property
-    def kernel(self) -> Kernel:
-        """Compiled kernel for float64 inputs that all vary from sample to sample. Its first use compiles it; raises
-        an error if that fails.
+        """Compile the kernel now; for the backend "auto" that is the one of calls of any number of samples.
 
         Raises:
-            MissingDependencyError: llvmlite is not installed.
+            CompilationError: LLVM fails, and the backend is "compiled".
+        """
+        self._shared = False
+        if self._has_rows:
+            self._ufunc("d", False)
+
+    @property
+    def llvm(self) -> str:
+        """The LLVM module of the kernel of float64."""
+        program, constants = self._program(False)
+        return program.kernel(self._layout(bool(constants)), "d").ir
+
+    def _ufunc(self, char: str, shared: bool) -> Ufunc | None:
+        """Return the ufunc for a dtype; None if LLVM cannot compile it and the backend is "auto"."""
+        ufunc = self._ufuncs.get((char, shared))
+        if ufunc is None:
+            program, constants = self._program(shared)
+            layout = self._layout(bool(constants))
+            if self._backend == "compiled":
+                kernel = program.kernel(layout, char)
+            elif (found := program.kernel_or_none(layout, char)) is not None:
+                kernel = found
+            else:
+                return None
+            loops = [(char, kernel.address("loop"), np.array(constants, char) if constants else None)]
+            ufunc = self._ufuncs[char, shared] = Ufunc(self.loop.name, layout, loops, kernel)
+            if char == "d" and shared == self._shared:
+                self.rows = self._make_one(ufunc)
+        return ufunc
+
+    @lock_free_cached_property
+    def ufunc(self) -> np.ufunc:
+        """The kernel as a ufunc of NumPy, of float64 and float32, without the outputs that are only checked.
+
+        Raises:
+            ArgumentError: an argument or output has no components, or they are too many for a ufunc.
             CompilationError: LLVM fails.
         """
-        return self.program.kernel(self._kernel_key)
+        loop = self.loop
+        if self._limits:
+            outputs = {name: tail for name, tail in loop.outputs if name in self.outputs}
+            loop = Loop(loop.name, loop.function, dict(loop.inputs), outputs, labels=loop.labels)
+        call = Call(loop, self.argument_shapes, self._constant_inputs, None, shape=self._shape)
+        if not call._has_rows:
+            raise ArgumentError("ufunc", "a call of single arrays of at least one number each", quoted(self.outputs))
+        program, constants = call._program(False)
+        layout, loops, kernels = call._layout(bool(constants)), [], []
+        for char in "df":
+            kernels.append(program.kernel(layout, char))
+            loops.append((char, kernels[-1].address("loop"), np.array(constants, char) if constants else None))
+        doc = f"{', '.join(self.argument_shapes)} -> {', '.join(self.outputs)}"
+        return Ufunc(self.loop.name, layout, loops, kernels, doc).publish()
 
-    def _use_kernel(self, kernel: Kernel) -> None:
-        """Set the attribute `fast_path` to a function that runs the machine code of this compiled kernel. Do nothing
-        if the memory layout of arrays is unknown or the shape of an argument or output is not supported.
+    # ---- arguments that are one array each
+
+    def _any_rows(self, *arguments: Any, out: Out = None, workers: int = 1) -> Any:
+        """Return the results for arguments that are single arrays, lists or numbers; None if `run` has to look at
+        them.
         """
-        if not self._fast_path_supported:
-            return
-        from hingepair.engine.native import array_call
+        read = self._read(arguments)
+        if read is None or (out is not None and not (type(out) is dict and out.keys() <= {*self.outputs})):
+            return None
+        arrays, lead, dtype = read
+        ufunc = self._ufunc(dtype.char, self._shared and math.prod(lead) < _FEW_SAMPLES)
+        if ufunc is None:
+            return None
+        names = [name for name, _ in self.loop.outputs]
+        if out is None and not lead:
+            found = ufunc.call(*arrays, dtype=dtype)
+            outputs = dict(zip(names, found if type(found) is tuple else (found,), strict=True))
+            if self.result is None:
+                outputs = {name: np.asarray(one) for name, one in outputs.items()}
+        else:
+            outputs = self._buffers(lead, dtype, out, dict(zip(self.argument_shapes, arrays, strict=True)))
+            self._run_ufunc(ufunc, arrays, outputs, lead, workers)
+        self._check_limits(outputs, dict(zip(self.argument_shapes, arguments, strict=True)), out)
+        return self._make_result(outputs, lead)
 
-        names = [name for name, _ in self.loop.inputs if name in self.argument_shapes]
-        positions = {name: position for position, name in enumerate(names)}
-        layout = call_descriptor(
-            [(sample_shape, positions.get(name, -1)) for name, sample_shape in self.argument_shapes.items()],
-            [sample_shape for _, sample_shape in self.loop.outputs],
-            has_constants=bool(self._constant_numbers),
-            kernel_address=kernel.address("kernel"),
-            min_unlocked_samples=-(
-                -_MIN_OPERATIONS_PER_CALL_TO_RELEASE_GIL // max(self.program.weighted_operations, 1)
-            ),
-        )
-        self._kernel_function = array_call(kernel, layout)
-        self.fast_path = self._make_kernel_path(self._kernel_function)
-
-    def _make_kernel_path(self, kernel_function: Callable[..., bool | int]) -> Callable[..., Any]:
-        """Return a generated Python function that takes the arguments of a call in order and returns its results, or
-        None if the arguments are not supported. The function allocates the outputs, runs kernel_function, the machine
-        code, for one state or a batch along one axis, and checks the limits.
+    def _read(self, arguments: Sequence[Any]) -> tuple[list[NDArray[Any]], ArrayShape, np.dtype[Any]] | None:
+        """Return the arguments as arrays, the shape of the samples, and the dtype to compute in; None where one of
+        them is something else, or has another shape or dtype.
         """
-        outs = [f"out{k}" for k in range(len(self.loop.outputs))]
+        if len(arguments) != len(self._sample_shapes):
+            return None
+        arrays, leads, chars = [], [], set()
+        for value, sample_shape in zip(arguments, self._sample_shapes, strict=True):
+            array = value if type(value) is np.ndarray else _state_array(value, sample_shape)
+            if array is None:
+                return None
+            char, axes = array.dtype.char, array.ndim - len(sample_shape)
+            if (
+                char not in _READ_CHARACTERS
+                or axes < 0
+                or array.ndim > MAX_AXES
+                or array.shape[axes:] != sample_shape
+            ):
+                return None
+            arrays.append(array)
+            if axes:
+                leads.append(array.shape[:axes])
+            if type(value) is not float:
+                chars.add(char)
+        lead = leads[0] if leads else ()
+        if any(one != lead for one in leads):
+            try:
+                lead = np.broadcast_shapes(*leads)
+            except ValueError:
+                return None
+        return None if 0 in lead else (arrays, lead, _FLOAT32 if chars == {"f"} else _FLOAT64)
+
+    def _run_ufunc(
+        self,
+        ufunc: Ufunc,
+        arrays: Sequence[NDArray[Any]],
+        outputs: Mapping[str, NDArray[Any]],
+        lead: ArrayShape,
+        workers: int,
+    ) -> None:
+        """Compute the outputs of all samples into their arrays."""
+        ranks = [*map(len, self._sample_shapes), *(len(tail) for _, tail in self.loop.outputs)]
+        targets = [outputs[name] for name, _ in self.loop.outputs]
+        operations = self.program.weighted_operations if workers > 1 else 1
+        run_slices(ufunc.call, arrays, targets, ranks, lead, operations=operations, workers=workers)
+
+    def _make_one(self, ufunc: Ufunc) -> Callable[..., Any]:
+        """Return a generated function that is `rows` without detours for one state of float64."""
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
-        source = []
-        for length in ("samples, ", ""):
-            source += [f"def {'many' if length else 'one'}({length}{arguments}):"]
-            for out, (_, sample_shape) in zip(outs, self.loop.outputs, strict=True):
-                source += [f"    {out} = empty(({length}{''.join(f'{n}, ' for n in sample_shape)}))"]
-            read_only = self.result is not None
-            call = f"kernel_function({arguments}, {', '.join(outs)}, constants, {read_only})"
-            source += [f"    ran = {call}", "    if ran is not True:"]
-            if length:
-                source += ["        return None"]
-            else:
-                source += [f"        return many(ran, {arguments}) if ran > 0 else None"]
-                scalars = (
-                    out for out, (_, sample_shape) in zip(outs, self.loop.outputs, strict=True) if sample_shape == ()
-                )
-                source += [f"    {out} = {out}[()]" for out in scalars]
-            source += self._result_lines(arguments, length)
-        return self._execute_source(source, "one", kernel_function=kernel_function)
-
-    def _make_python_path(self) -> Callable[..., Any]:
-        """Return a generated Python function that takes the arguments of one state in order and returns its results
-        without machine code. The function returns None unless the arguments are float64 arrays or floats of one
-        state. When it pays, the function compiles the kernel and switches to it.
-        """
-        arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
-        source = [f"def one({arguments}):"]
-        numbers: dict[int, str] = {}
-        for k, sample_shape in enumerate(self.argument_shapes.values()):
-            unfit = f"type(in{k}) is not ndarray or in{k}.dtype is not float64 or in{k}.shape != {sample_shape}"
-            source += [f"    if {unfit}:"]
-            source += (
-                [f"        if type(in{k}) is not float:", "            return None"] if sample_shape == () else []
-            )
-            source += [f"        in{k} = array(in{k})" if sample_shape == () else "        return None"]
-            numbers[k] = (
-                f"in{k}.item()"
-                if sample_shape == ()
-                else f"*in{k}{'.ravel()' if len(sample_shape) > 1 else ''}.tolist()"
-            )
-        if self._backend == "auto" and self._fast_path_supported:
-            source += ["    if kernel_at_break_even(key, 0) is not None:", f"        return switch({arguments})"]
-        components = ", ".join(numbers[place] for place in self._argument_positions)
-        source += [f"    components = array(program.floats_function(*numbers, {components}))"]
-        source += ["    components.setflags(write=False)"] if self.result is not None else []
-        begin = 0
-        for k, (_, sample_shape) in enumerate(self.loop.outputs):
-            end = begin + math.prod(sample_shape)
-            part = f"[{begin}:{end}]" + (f".reshape({sample_shape})" if len(sample_shape) > 1 else "")
-            source += [f"    out{k} = components{part if sample_shape else f'[{begin}]'}"]
-            begin = end
-        source += self._result_lines(arguments, "")
-        return self._execute_source(source, "one", program=self.program, numbers=self._constant_numbers)
-
-    def _result_lines(self, arguments: str, leading_shape: str) -> list[str]:
-        """Return the list of the lines of generated source that check the limits and return the result. `arguments`
-        and `leading_shape` are source text: the names of the arguments, and "samples, " for a batch or "" for one
-        state.
-
-        Args:
-            arguments: the names of the arguments in the source.
-            leading_shape: the leading shape in the source, such as "samples, "; "" for one state.
-        """
-        named = [(f"out{k}", name) for k, (name, _) in enumerate(self.loop.outputs)]
-        source = []
-        for out, name in named:
-            if name in self._limits:
-                passed = f"{out} > {self._limits[name][8]!r}"
-                source += [f"    if ({passed}).any():", f"        refuse({arguments})"]
-        visible = [(out, name) for out, name in named if name in self.outputs]
-        if self.result is None:
-            return [*source, f"    return {visible[0][0]}"]
-        values = "".join(f"{out}, " for out, _ in visible)
-        source += ["    result = new(Result)", f"    set_content(result, (names, ({values}), ({leading_shape})))"]
-        slots = self.result.__slots__
-        source += [f"    set_{name}(result, {out})" for out, name in visible if name in slots]
-        return [*source, "    return result"]
-
-    def _execute_source(self, source_lines: list[str], function_name: str, **values: Any) -> Callable[..., Any]:
-        """Execute lines of generated source, and return the function called function_name that they define. Keyword
-        arguments become global variables of the source, in addition to those that all sources use.
-
-        Args:
-            source_lines: the lines of the source.
-            function_name: the name of the function.
-            values: further values that the source uses, by name.
-        """
+        fits = []
+        for k, sample_shape in enumerate(self._sample_shapes):
+            array = f"type(in{k}) is ndarray and in{k}.dtype is float64 and in{k}.shape == {sample_shape}"
+            fits.append(array if sample_shape else f"(type(in{k}) is float or {array})")
+        names = [name for name, _ in self.loop.outputs]
+        outs = ", ".join(f"out{k}" for k in range(len(names)))
+        source = [
+            f"def one({arguments}, out=None, workers=1):",
+            f"    if not ({' and '.join(fits)}):",
+            f"        return any_rows({arguments}, out=out, workers=workers)",
+            "    if out is None:",
+            f"        {outs} = ufunc({arguments})",
+            *self._result_lines(arguments),
+        ]
+        inputs = "".join(f"in{k}, " for k, tail in enumerate(self._sample_shapes) if tail)
+        other = f"return any_rows({arguments}, out=out, workers=workers)"
+        given = ", ".join(f"given{k}" for k in range(len(names))) + ("," if len(names) == 1 else "")
+        source += ["    if type(out) is not dict or workers != 1:", f"        {other}", "    found = 0"]
+        for k, (name, tail) in enumerate(self.loop.outputs):
+            source += [f"    given{k} = {f'out.get({name!r})' if name in self.outputs else None}"]
+            if name in self.outputs:
+                unfit = f"given{k}.dtype is not float64 or given{k}.shape != {tail}"
+                source += [
+                    f"    if given{k} is not None:",
+                    f"        if type(given{k}) is not ndarray or {unfit}:",
+                    f"            {other}",
+                    "        found += 1",
+                ]
+        source += [
+            f"    if not found or found != len(out) or not separate(list(out.values()), ({inputs})):",
+            f"        {other}",
+            "    try:",
+            f"        {outs} = ufunc({arguments}, out=({given}))",
+            "    except ValueError:",
+            f"        {other}",
+            *(line.removeprefix("    ") for line in self._result_lines(arguments, writes=True)),
+        ]
         result = self.result or Results
         slots = {f"set_{n}": result.__dict__[n].__set__ for n in self.outputs if n in result.__slots__}
         scope: dict[str, Any] = {
-            "empty": np.empty, "array": np.array, "ndarray": np.ndarray, "float64": _FLOAT64_DTYPE,
-            "constants": self._constant_array, "new": result.__new__, "Result": result,
-            "set_content": Results.__dict__["_content"].__set__, "names": self.outputs,
-            "refuse": self._refuse_arguments,
-            "kernel_at_break_even": self.program.kernel_at_break_even, "key": self._kernel_key,
-            "switch": self._switch_to_kernel, **slots, **values,
+            "ndarray": np.ndarray, "float64": _FLOAT64, "array": np.array, "ufunc": ufunc.call, "owner": ufunc,
+            "any_rows": self._any_rows, "separate": _separate, "freeze": np.ndarray.setflags,
+            "new": result.__new__, "Result": result, "set_content": Results.__dict__["_content"].__set__,
+            "names": self.outputs, "refuse": self._refuse, **slots,
         }  # fmt: skip
-        exec(_compile_source("\n".join(source_lines)), scope)
-        function: Callable[..., Any] = scope[function_name]
+        exec(_compile_source("\n".join(source)), scope)
+        function: Callable[..., Any] = scope["one"]
         return function
 
-    def _switch_to_kernel(self, *arguments: Any) -> Any:
-        """Compile the kernel, make its machine code the fast path, and return the results for the positional
-        arguments. Raises an error if compiling fails.
+    def _result_lines(self, arguments: str, writes: bool = False) -> list[str]:
+        """Return the lines of generated source that check the limits, and return the result of one state. Arrays of
+        the user (`writes`) stay writable: results show read-only views of them.
         """
-        self._use_kernel(self.program.kernel(self._kernel_key))
-        return self.fast_path(*arguments)
+        lines, visible = [], []
+        for k, (name, sample_shape) in enumerate(self.loop.outputs):
+            if name in self._limits:
+                excess = f"(out{k} > {self._limits[name][8]!r}).any()"
+                lines += [f"        if {excess}:", f"            refuse(({arguments},), {writes})"]
+            else:
+                visible.append((k, name, sample_shape))
+        if self.result is None:
+            k, _, sample_shape = visible[0]
+            return [*lines, f"        return out{k}" if sample_shape or writes else f"        return array(out{k})"]
+        values = "".join(f"out{k}, " for k, _, _ in visible)
+        content = ["        result = new(Result)", f"        set_content(result, (names, ({values}), ()))"]
+        if not writes:
+            lines += [f"        freeze(out{k}, False)" for k, _, sample_shape in visible if sample_shape]
+            slots = self.result.__slots__
+            content += [f"        set_{name}(result, out{k})" for k, name, _ in visible if name in slots]
+        return [*lines, *content, "        return result"]
 
-    # ---- the general path
+    # ---- any arguments
 
     def run(
         self,
@@ -281,11 +356,8 @@ class Call:
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
     ) -> Any:
-        """Return the results for checked arguments of one state or of many. `values` are the arguments (numbers,
-        arrays, or tuples of components) and `shapes` their leading shapes, both by name. Outputs named in `out` are
-        written into its arrays. If `dtype` is None, the results have the dtype of the values; a kernel is compiled
-        when that pays. Raises an error if shapes do not broadcast, an array of `out` does not fit, or a limit is
-        exceeded.
+        """Return the results for checked arguments of one state or of many. An array of `out` whose call is refused
+        for the values of an argument may have been written.
 
         Args:
             values: the arguments by name: numbers, arrays, or tuples of components, each a number or an array.
@@ -297,19 +369,31 @@ class Call:
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
-        if self._shape == () and workers == 1:
-            result = self._run_fast_path(values, shapes, out, dtype)
-            if result is not None:
-                return result
         shape = broadcast_shape({**shapes, self._constants_name: self._shape})
         dtype = dtype or common_dtype(values)
-        arrays = output_buffers(self.loop.outputs, shape, dtype, out, values)
-        if out and self._limits:
-            self._limits_call().run(values, shapes)
-        inputs = {**self._bound_constants, **values}
-        self.loop.run(inputs, arrays, shape, dtype, Execution(self._backend, workers))
-        self._check_limits(arrays, values)
+        arrays = self._buffers(shape, dtype, out, values)
+        ufunc = None
+        if self._has_rows and 0 not in shape and not any(type(value) is tuple for value in values.values()):
+            ufunc = self._ufunc(dtype.char, self._shared and math.prod(shape) < _FEW_SAMPLES)
+        if ufunc is not None:
+            given = [np.asarray(values[name]) for name in self.argument_shapes]
+            self._run_ufunc(ufunc, given, arrays, shape, workers)
+        else:
+            inputs = {**self._bound_constants, **values}
+            self.loop.run(inputs, arrays, shape, dtype, Execution(self._backend, workers))
+        self._check_limits(arrays, values, out)
         return self._make_result(arrays, shape)
+
+    def _buffers(
+        self, shape: ArrayShape, dtype: np.dtype[Any], out: Out, inputs: Mapping[str, Any]
+    ) -> dict[str, NDArray[Any]]:
+        """Return the arrays to write the outputs into, as `output_buffers` does. The only output is called `out`."""
+        try:
+            return output_buffers(self.loop.outputs, shape, dtype, out, inputs)
+        except ArgumentError as error:
+            if self.result is not None or error.name != f"out[{self.outputs[0]!r}]":
+                raise
+            raise type(error)("out", error.expected, error.got) from None
 
     def _make_result(self, arrays: Mapping[str, Any], shape: ArrayShape) -> Any:
         """Return an object of the call's result class that holds arrays by output name, with this leading shape. If
@@ -318,74 +402,6 @@ class Call:
         if self.result is None:
             return arrays[self.outputs[0]]
         return self.result({name: arrays[name] for name in self.outputs}, shape)
-
-    def _run_fast_path(
-        self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], out: Out, dtype: np.dtype[Any] | None
-    ) -> Any:
-        """Return the results as the function `fast_path` (generated Python or machine code) computes them, written
-        into `out` if that is given; return None if the function does not support the arguments. `values` are the
-        arguments and `shapes` their leading shapes, both by name. If `dtype` is None, the results have the dtype of
-        the values. Compiles the kernel when that pays.
-        """
-        single = not any(shapes.values())
-        if single and (dtype or common_dtype(values)) == _FLOAT64_DTYPE:
-            result = self.fast_path(*(np.array(value, _FLOAT64_DTYPE, order="C") for value in values.values()))
-            return result if result is None or out is None else self._copy_into(result, out)
-        arguments = tuple(np.array(value) if _is_float_tuple(value) else value for value in values.values())
-        if not all(
-            type(value) is float or (type(value) is np.ndarray and value.dtype is _FLOAT64_DTYPE)
-            for value in arguments
-        ):
-            return None
-        result = self.fast_path(*arguments) if out is None else self.run_into(arguments, out)
-        if result is None and self._kernel_function is None and self._fast_path_supported and self._backend == "auto":
-            samples = math.prod(broadcast_shape(shapes))
-            sample_shapes = [*self.argument_shapes.values()]
-            if all(np.size(arguments[k]) > math.prod(sample_shapes[k]) for k in self._argument_positions):
-                kernel = self.program.existing_kernel(self._kernel_key)  # the general path counts this call
-            else:
-                kernel = self.program.kernel_at_break_even(self._kernel_key, samples) if samples else None
-            if kernel is not None:
-                self._use_kernel(kernel)
-                result = self.fast_path(*arguments) if out is None else self.run_into(arguments, out)
-        return result
-
-    def run_into(self, arguments: Sequence[Any], out: Mapping[str, NDArray[Any]]) -> Any:
-        """Run the machine code on the arguments, in order, with the arrays of `out` as outputs and new arrays for all
-        other outputs, and return the result. Return None, with nothing written, if the arguments or arrays are not
-        supported or no kernel is in use. Raises an error if a limit is exceeded.
-
-        Args:
-            arguments: the arguments in order.
-            out: arrays to write into, by names of outputs.
-        """
-        if self._kernel_function is None or not out:
-            return None
-        name, array = next(iter(out.items()))
-        lead = array.shape[: array.ndim - len(dict(self.loop.outputs)[name])] if type(array) is np.ndarray else (0, 0)
-        if len(lead) > 1:
-            return None
-        if self._limits and self._limits_call().fast_path(*arguments) is None:
-            return None
-        arrays = [
-            out[name] if name in out else np.empty((*lead, *sample_shape)) for name, sample_shape in self.loop.outputs
-        ]
-        if self._kernel_function(*arguments, *arrays, self._constant_array, False) is not True:
-            return None
-        return self._make_result(dict(zip((name for name, _ in self.loop.outputs), arrays, strict=True)), lead)
-
-    def _copy_into(self, result: Any, out: Mapping[str, NDArray[Any]]) -> Any:
-        """Copy `result`, the results of one state, into the arrays of `out`, a dictionary by output name, and return
-        a result that holds these arrays. Raises an error if an array of `out` does not fit or overlaps another array
-        of `out`.
-        """
-        arrays = {self.outputs[0]: result} if self.result is None else result.arrays()
-        for name, array in out.items():
-            _check_buffer(name, array, np.shape(arrays[name]), _FLOAT64_DTYPE)
-        _check_no_overlap(out, {})
-        for name, array in out.items():
-            array[...] = arrays[name]
-        return self._make_result({**arrays, **out}, ())
 
     def run_foreign(
         self, values: Mapping[str, Any], shapes: Mapping[str, ArrayShape], library: Library, out: Out, workers: int
@@ -429,34 +445,23 @@ class Call:
 
     # ---- limits
 
-    def _limits_call(self) -> Call:
-        """Return the cached `Call` that computes only the outputs with limits. Running it checks the limits before
-        anything is written into `out`.
-        """
-        if self._cached_limits_call is None:
-            limited = {name: sample_shape for name, sample_shape in self.loop.outputs if name in self._limits}
-            loop = Loop(self.loop.name, self.loop.function, dict(self.loop.inputs), limited, labels=self.loop.labels)
-            self._cached_limits_call = Call(
-                loop, self.argument_shapes, self._constant_inputs, Results, shape=self._shape, backend=self._backend,
-                limits=self._limits, on_limit=self._on_limit, constants_name=self._constants_name,
-            )  # fmt: skip
-        return self._cached_limits_call
-
-    def _check_limits(self, arrays: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
-        """Call `on_limit`, which raises an error, with the arguments if an output exceeds its limit at any sample.
-        `arrays` holds the outputs and `arguments` the arguments by name.
-        """
+    def _check_limits(self, arrays: Mapping[str, Any], arguments: Mapping[str, Any], out: Out) -> None:
+        """Refuse the arguments if an output exceeds its limit at any sample."""
         for name, limits in self._limits.items():
             array = arrays[name]
-            if (array > limits[array.dtype.itemsize]).any() and self._on_limit is not None:
-                self._on_limit(arguments)
+            if (array > limits[array.dtype.itemsize]).any():
+                self._refuse(tuple(arguments.values()), out is not None)
 
-    def _refuse_arguments(self, *arguments: Any) -> None:
-        """Call `on_limit`, which raises an error, with a dictionary of the positional arguments by name. Do nothing
-        if there is no `on_limit`.
-        """
-        if self._on_limit is not None:
+    def _refuse(self, arguments: Sequence[Any], written: bool) -> None:
+        """Call `on_limit`, which raises an error, with the arguments by name; say whether `out` has been written."""
+        if self._on_limit is None:
+            return
+        try:
             self._on_limit(dict(zip(self.argument_shapes, arguments, strict=True)))
+        except ArgumentError as error:
+            if written:
+                error.add_note("The arrays of `out` have been written.")
+            raise
 
 
 def _foreign_components(name: str, value: Any, sample_shape: ArrayShape, library: Library) -> Any:
@@ -504,13 +509,19 @@ def _compile_source(source: str) -> CodeType:
     return compile(source, "<hingepair: call>", "exec")
 
 
-def _is_float_tuple(value: Any) -> bool:
-    """Return whether a value is a tuple of Python floats."""
-    return type(value) is tuple and all(type(component) is float for component in value)
+def _state_array(value: Any, sample_shape: ArrayShape) -> NDArray[Any] | None:
+    """Return a list, a tuple or a number of one state as an array; None for all else."""
+    if type(value) not in _PLAIN_TYPES:
+        return None
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError, OverflowError):
+        return None
+    return array if array.shape == sample_shape else None
 
 
-def _no_fast_path(*_: Any) -> None:
-    """Return None for any arguments. This function is the fast path of a call that has no other."""
+def _no_rows(*_: Any, **__: Any) -> None:
+    """Return None: `run` has to compute the call."""
 
 
 def common_dtype(values: Mapping[str, Any]) -> np.dtype[Any]:
@@ -525,18 +536,17 @@ def output_buffers(
     shape: ArrayShape,
     dtype: np.dtype[Any],
     out: Out,
-    values: Mapping[str, Any],
+    inputs: Mapping[str, Any],
 ) -> dict[str, NDArray[Any]]:
     """Return a dictionary with the array to write each output into: the array of `out` after checks, or else a new,
-    uninitialised one. sample_shapes holds pairs (name, shape of one sample), and `shape` is the leading shape. Raises
-    an error if an array of `out` does not fit, or overlaps another array of `out` or one of the inputs in `values`.
+    uninitialised one.
 
     Args:
         sample_shapes: shape of one sample of each output, by name.
         shape: leading shape of the samples.
         dtype: dtype of the outputs.
         out: the user's arrays by output name.
-        values: the inputs by name; no array of `out` may overlap them.
+        inputs: the arguments by name; no array of `out` may overlap them.
 
     Raises:
         ArgumentError: an array of `out` cannot be used; the error names it.
@@ -545,8 +555,21 @@ def output_buffers(
     for name, array in (out or {}).items():
         _check_buffer(name, array, sizes[name], dtype)
     if out:
-        _check_no_overlap(out, values)
-    return {name: out[name] if out and name in out else np.empty(size, dtype) for name, size in sizes.items()}
+        arrays = [
+            (name, part)
+            for name, value in inputs.items()
+            for part in (value if isinstance(value, tuple) else (value,))
+            if isinstance(part, np.ndarray)
+        ]
+        if not _separate([*out.values()], [array for _, array in arrays]):
+            _refuse_overlap(out, arrays)
+    new = {name: dtype.itemsize * math.prod(size) for name, size in sizes.items() if not out or name not in out}
+    if len(new) < 2 or sum(new.values()) < _SLAB_BYTES:
+        return {name: np.empty(size, dtype) if name in new else out[name] for name, size in sizes.items()}  # type: ignore[index]
+    slab = np.empty(sum(new.values()) // dtype.itemsize, dtype)
+    parts = np.split(slab, np.cumsum([*new.values()])[:-1] // dtype.itemsize)
+    made = {name: part.reshape(sizes[name]) for name, part in zip(new, parts, strict=True)}
+    return {name: made[name] if name in made else out[name] for name in sizes}  # type: ignore[index]
 
 
 def _check_buffer(output_name: str, array: Any, shape: ArrayShape, dtype: np.dtype[Any]) -> None:
@@ -556,6 +579,8 @@ def _check_buffer(output_name: str, array: Any, shape: ArrayShape, dtype: np.dty
     name = f"out[{output_name!r}]"
     if not isinstance(array, np.ndarray) or isinstance(array, np.matrix):
         raise ArgumentError(name, "a NumPy array to write into (no matrix)", quoted(array))
+    if isinstance(array, np.ma.MaskedArray):
+        raise ArgumentError(name, "an array without a mask", "a masked array")
     if array.shape != shape:
         raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
     if array.dtype != dtype:
@@ -564,20 +589,42 @@ def _check_buffer(output_name: str, array: Any, shape: ArrayShape, dtype: np.dty
         raise ArgumentError(name, "a writable array", "a read-only array")
 
 
-def _check_no_overlap(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) -> None:
-    """Raise an error if an array of `out` shares memory with another array of `out` or with one of the `inputs`, a
-    dictionary by name. With shared memory, the computation would read values that it has already overwritten.
+def _separate(outputs: Sequence[NDArray[Any]], inputs: Sequence[NDArray[Any]]) -> bool:
+    """Return whether arrays to write into overlap neither each other, nor themselves, nor an input, as far as that is
+    seen by the arrays that own their memory.
     """
-    others = [
-        (name, c, c.flags.owndata)
-        for name, value in inputs.items()
-        for c in (value if isinstance(value, tuple) else (value,))
-        if isinstance(c, np.ndarray)
-    ]
+    owners = {id(one) if one.base is None else id(one.base) for one in outputs}
+    if len(owners) < len(outputs):
+        return False
+    for one in outputs:
+        if one.base is not None and (type(one.base) is not np.ndarray or not (one.flags.forc or _steps_apart(one))):
+            return False
+    for one in inputs:
+        if one.base is None:
+            if id(one) in owners:
+                return False
+        elif id(one.base) in owners or type(one.base) is not np.ndarray:
+            return False
+    return True
+
+
+def _steps_apart(array: NDArray[Any]) -> bool:
+    """Return whether each stride of an array leads beyond what the smaller ones reach."""
+    reach = array.itemsize
+    for step, n in sorted((abs(step), n) for step, n in zip(array.strides, array.shape, strict=True) if n > 1):
+        if step < reach:
+            return False
+        reach = step * (n - 1) + reach
+    return True
+
+
+def _refuse_overlap(out: Mapping[str, NDArray[Any]], inputs: Iterable[tuple[str, NDArray[Any]]]) -> None:
+    """Raise an error if an array of `out` shares memory with another one, with itself or with an input."""
+    others = [*inputs]
     for name, array in out.items():
-        owns = array.flags.owndata
-        for other_name, other, other_owns in others:
-            separate = owns and other_owns and array is not other  # two arrays with memory of their own
-            if not separate and np.may_share_memory(array, other) and np.shares_memory(array, other):
+        if not _steps_apart(array):
+            raise ArgumentError(f"out[{name!r}]", "memory of its own", "an array that overlaps itself")
+        for other_name, other in others:
+            if np.may_share_memory(array, other) and np.shares_memory(array, other):
                 raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other_name}")
-        others.append((f"out[{name!r}]", array, owns))
+        others.append((f"out[{name!r}]", array))

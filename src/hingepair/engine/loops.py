@@ -11,16 +11,17 @@ sample takes results of the sample before it.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine import python_source
-from hingepair.engine.backend import BreakEvenCounter, Execution, disable_kernels
+from hingepair.engine.backend import Execution, compiler_lock, kernel_pays
 from hingepair.engine.binding import (
     ArrayShape,
     BoundInputs,
@@ -29,17 +30,13 @@ from hingepair.engine.binding import (
     bind,
     bind_foreign,
     component_views,
-    layout_of,
-    run_in_threads,
-    run_kernel,
-    shapes_and_strides,
 )
 from hingepair.engine.llvm_arithmetic import Carry, ComponentGroup
 from hingepair.engine.llvm_builder import float_type_name
 from hingepair.engine.llvm_ir import kernel_ir
+from hingepair.engine.slices import run_in_threads, run_slices
 from hingepair.engine.trace import (
     NON_ARITHMETIC_OPERATION_NAMES,
-    Operand,
     Trace,
     TracedValue,
     component_name,
@@ -47,9 +44,12 @@ from hingepair.engine.trace import (
     needed_values,
     operation_count,
 )
-from hingepair.errors import CompilationError, MissingDependencyError
+from hingepair.engine.trace import Operand as TracedOperand
+from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Operand, Ufunc, loop_ir
+from hingepair.errors import CompilationError
 from hingepair.numeric.array_libraries import Library
 from hingepair.numeric.arrays import Block, load, split_into_blocks
+from hingepair.numeric.caching import lock_free_cached_property
 
 if TYPE_CHECKING:
     from hingepair.engine.native import Kernel
@@ -59,27 +59,11 @@ Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 _NUMPY_SAMPLES_PER_BLOCK: Final = 2048
 """Number of samples that NumPy computes at a time: 16 kB for each component."""
 
-_MAX_BYTES_PER_BLOCK_OF_CONVERTED_INPUTS: Final = 4_000_000
-"""Number of bytes that are converted to another dtype at a time (one block is still held while the next is made)."""
+_MAX_STACKED_BYTES: Final = 4_000_000
+"""Number of bytes of components that are stacked at a time where they are too many for a ufunc."""
 
 _WEIGHT_OF_NON_ARITHMETIC_OPERATION: Final = 10
 """Number of operations that a sine, a square root and the like count as."""
-
-
-class KernelKey(NamedTuple):
-    """Key by which a program finds a kernel. `uniform` says for each input array whether it is equal for all inner
-    samples, `widths` holds the numbers of components of the output arrays, and dtype_char is "d" (float64) or "f"
-    (float32).
-
-    Attributes:
-        uniform: for each input array, whether it stays the same along the inner axis.
-        widths: numbers of components of the output arrays.
-        dtype_char: character of the dtype, "d" or "f".
-    """
-
-    uniform: tuple[bool, ...]
-    widths: tuple[int, ...]
-    dtype_char: str
 
 
 class Loop:
@@ -191,24 +175,11 @@ class TracedFunction(NamedTuple):
     arrays: tuple[tuple[TracedValue, ...], ...]
     results: dict[str, Any]
 
-    def output_components(self, outputs: NamedShapes) -> list[Operand]:
+    def output_components(self, outputs: NamedShapes) -> list[TracedOperand]:
         """Return the components of the named outputs in one flat list. `outputs` holds pairs (name, shape of one
         sample).
         """
         return [component for name, _ in outputs for component in components(self.results[name])]
-
-
-_CachedType = TypeVar("_CachedType")
-
-
-class _LockFreeCachedProperty(functools.cached_property[_CachedType]):
-    """A cached property without a lock. In Python 3.11, a fork could leave the lock of `functools.cached_property`
-    held for ever in the child process.
-    """
-
-    def __get__(self, instance: Any, owner: type[Any] | None = None) -> _CachedType:  # type: ignore[override]
-        value = instance.__dict__[self.attrname] = self.func(instance)
-        return value
 
 
 class Program:
@@ -224,8 +195,8 @@ class Program:
     def __init__(self, loop: Loop, pattern: InputPattern) -> None:
         self.loop = loop
         self.pattern = pattern
-        self._kernels: dict[KernelKey, Kernel] = {}
-        self._break_even_counters: dict[KernelKey, BreakEvenCounter] = {}
+        self._kernels: dict[tuple[Layout, str], Kernel] = {}
+        self._ufuncs: dict[tuple[Layout, str], Ufunc] = {}
         self._compiles = True  # until LLVM fails
 
     # ---- running
@@ -237,126 +208,129 @@ class Program:
         them into the arrays of `out`, a dictionary by output name. `shape` is the shape of the samples. May compile a
         kernel; the backend "compiled" raises an error if that fails.
         """
+        if (
+            bound.arrays
+            and self._takes_kernel(shape, execution.backend)
+            and self._run_kernel(bound, out, shape, dtype, execution)
+        ):
+            return
         targets = [
             view for name, sample_shape in self.loop.outputs for view in component_views(out[name], sample_shape)
         ]
-        if not bound.arrays or execution.backend == "numpy":
-            self._run_numpy(bound, targets, shape, dtype, execution.workers)
-            return
+        self._run_numpy(bound, targets, shape, dtype, execution.workers)
+
+    def _takes_kernel(self, shape: ArrayShape, backend: str) -> bool:
+        """Return whether a kernel computes samples of this shape. There is none of an output without components, as
+        of a robot without joints.
+        """
+        if backend == "numpy" or any(0 in sample_shape for _, sample_shape in self.loop.outputs):
+            return False
+        chain_length = shape[-1] if self.loop.carry else 1
+        return backend == "compiled" or kernel_pays(self.weighted_operations, math.prod(shape), chain_length)
+
+    def _run_kernel(
+        self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
+    ) -> bool:
+        """Compute the outputs by a kernel, and return True; return False if there is none."""
         chained = bool(self.loop.carry)
-        layout = layout_of(shapes_and_strides((*bound.arrays, *targets)), shape, chained)
-        uniform = tuple(inner == 0 for _, inner, _ in layout.strides[: len(bound.arrays)])
-        key = KernelKey(uniform, tuple(target.shape[-1] for target in targets), dtype.char)
-        if execution.backend == "auto":
-            kernel = self.kernel_at_break_even(key, math.prod(shape), shape[-1] if chained else 1)
-        else:
-            kernel = self.kernel(key)
-        if kernel is None:
-            self._run_numpy(bound, targets, shape, dtype, execution.workers)
-        elif all(array.dtype == dtype for array in bound.arrays):
-            constants = np.array(bound.constants, dtype) if bound.constants else None
-            run_kernel(kernel.run, layout, bound.arrays, targets, constants, execution.workers, chained)
-        else:  # in blocks, so that the converted copies take little memory
-            sample_bytes = dtype.itemsize * sum(array.shape[-1] for array in bound.arrays)
-            for block in split_into_blocks(shape, max(1, _MAX_BYTES_PER_BLOCK_OF_CONVERTED_INPUTS // sample_bytes)):
-                converted = [load(array, (*block, slice(array.shape[-1])), dtype) for array in bound.arrays]
-                buffers = {name: array[block] for name, array in out.items()}
-                block_shape = tuple(axis.stop - axis.start for axis in block)
-                compiled = Execution("compiled", execution.workers)
-                self.run(bound._replace(arrays=converted), buffers, block_shape, dtype, compiled)
-
-    def default_kernel_key(self) -> KernelKey:
-        """Return the key of the kernel for float64 inputs that all vary from sample to sample and outputs that are
-        contiguous within a sample.
-        """
-        arrays = {source[0] for source in self.pattern if isinstance(source, tuple)}
-        return KernelKey(
-            (False,) * len(arrays), tuple(math.prod(sample_shape) for _, sample_shape in self.loop.outputs), "d"
+        outputs = [out[name] for name, _ in self.loop.outputs]
+        if len(bound.arrays) + len(outputs) >= MAX_OPERANDS:
+            self._run_stacked(bound, out, shape, dtype, execution)
+            return True
+        inputs = [*bound.arrays]
+        if chained:  # each has the axis of the chain
+            axes = [max(0, 2 - one.ndim) for one in inputs]
+            inputs = [one[(None,) * n] for one, n in zip(inputs, axes, strict=True)]
+            inputs = [np.broadcast_to(one, (*one.shape[:-2], shape[-1], one.shape[-1])) for one in inputs]
+        operands = [Operand((one.shape[-1],), chained=chained) for one in inputs]
+        if bound.constants:
+            inputs = [np.array(bound.constants, dtype), *inputs]
+            operands = [Operand((len(bound.constants),)), *operands]
+        layout = Layout(
+            tuple(operands), tuple(Operand(tail, chained=chained) for _, tail in self.loop.outputs), False
         )
+        ufunc = self._ufuncs.get((layout, dtype.char))
+        if ufunc is None:
+            compiled = self.kernel if execution.backend == "compiled" else self.kernel_or_none
+            kernel = compiled(layout, dtype.char)
+            if kernel is None:
+                return False
+            loops = [(dtype.char, kernel.address("loop"), None)]
+            ufunc = self._ufuncs[layout, dtype.char] = Ufunc(self.loop.name, layout, loops, kernel)
+        tails = [sample_shape for _, sample_shape in self.loop.outputs]
+        run_slices(
+            ufunc.call,
+            inputs,
+            outputs,
+            [*(1 + one.chained for one in operands), *(chained + len(tail) for tail in tails)],
+            shape[:-1] if chained else shape,
+            operations=self.weighted_operations * (shape[-1] if chained else 1),
+            workers=execution.workers,
+        )
+        return True
 
-    def kernel_at_break_even(self, key: KernelKey, samples: int, chain_length: int = 1) -> Kernel | None:
-        """Return the kernel with this key if it exists. Otherwise count a call with `samples` samples; if compiling
-        pays now, compile and return the kernel, else return None. `samples` is 0 for one state that Python computes;
-        chain_length is the number of samples of each chain of a scan. Warns and returns None if compiling fails.
+    def _run_stacked(
+        self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], execution: Execution
+    ) -> None:
+        """Compute the outputs from more arrays than a ufunc takes: in one array of all components, block by block."""
+        starts = [0, *itertools.accumulate(one.shape[-1] for one in bound.arrays)]
+        pattern = tuple((0, starts[one[0]] + one[1]) if isinstance(one, tuple) else one for one in self.pattern)
+        program = self.loop.program(pattern)
+        for block in split_into_blocks(shape, max(1, _MAX_STACKED_BYTES // (dtype.itemsize * starts[-1]))):
+            block_shape = tuple(axis.stop - axis.start for axis in block)
+            parts = [load(one, (*block, slice(one.shape[-1])), dtype) for one in bound.arrays]
+            stacked = np.concatenate([np.broadcast_to(one, (*block_shape, one.shape[-1])) for one in parts], axis=-1)
+            buffers = {name: array[block] for name, array in out.items()}
+            program.run(BoundInputs(pattern, bound.constants, [stacked]), buffers, block_shape, dtype, execution)
 
-        `backend.BreakEvenCounter` decides when compiling pays.
-
-        Args:
-            key: key of the kernel.
-            samples: number of samples of the call; 0 of one state that Python computes.
-            chain_length: number of samples of each chain of a scan.
-        """
-        kernel = self._kernels.get(key)
-        if kernel is not None or not self._compiles:
-            return kernel
-        counter = self._break_even_counters.get(key)
-        if counter is None:
-            counter = BreakEvenCounter(self.weighted_operations, sum(key.widths))
-            counter = self._break_even_counters.setdefault(key, counter)
-        pays = counter.count_call(samples, chain_length) if samples else counter.count_state_call()
-        return self.kernel_or_none(key) if pays else None
-
-    def existing_kernel(self, key: KernelKey) -> Kernel | None:
-        """Return the kernel with this key if it is already compiled, else None."""
-        return self._kernels.get(key)
-
-    def kernel_or_none(self, key: KernelKey) -> Kernel | None:
-        """Return the kernel with this key, compiled if necessary. If it cannot be compiled, warn once and return
-        None; the backend "auto" does not try again.
+    def kernel_or_none(self, layout: Layout, char: str) -> Kernel | None:
+        """Return the kernel for a layout and a dtype. If it cannot be compiled, warn once and return None; the
+        backend "auto" does not try again.
         """
         try:
-            return self.kernel(key)
-        except MissingDependencyError as error:
-            disable_kernels(error)
+            return self.kernel(layout, char) if self._compiles else None
         except CompilationError as error:
-            if self._compiles:
-                warnings.warn(f"{error}; computing with NumPy", RuntimeWarning, stacklevel=2)
+            warnings.warn(f"{error}; computing with NumPy", RuntimeWarning, stacklevel=2)
             self._compiles = False
         return None
 
-    def kernel(self, key: KernelKey) -> Kernel:
-        """Return the kernel with this key; compile and cache it at the first call. Raises an error if llvmlite is
-        missing or LLVM fails.
+    def kernel(self, layout: Layout, char: str) -> Kernel:
+        """Return the kernel for a layout and a dtype, "d" (float64) or "f" (float32); compile it at the first call.
 
         Raises:
-            MissingDependencyError: llvmlite is not installed.
             CompilationError: LLVM fails.
         """
-        kernel = self._kernels.get(key)
+        kernel = self._kernels.get((layout, char))
         if kernel is None:
-            from hingepair.engine.native import Kernel, can_fuse, compiler_lock
-
             with compiler_lock:  # a second thread waits, and takes the kernel of the first
-                kernel = self._kernels.get(key)
+                from hingepair.engine.native import Kernel, can_fuse
+
+                kernel = self._kernels.get((layout, char))
                 if kernel is None:
-                    ir = self.llvm_ir(*key, fuse=can_fuse() and not self.loop.exact)
-                    kernel = self._kernels[key] = Kernel(self.loop.name, ir, float_type_name(key.dtype_char == "f"))
+                    ir = self.llvm_ir(layout, char, fuse=can_fuse() and not self.loop.exact)
+                    kernel = self._kernels[layout, char] = Kernel(self.loop.name, ir, float_type_name(char == "f"))
         return kernel
 
-    def llvm_ir(self, uniform: tuple[bool, ...], widths: tuple[int, ...], dtype_char: str, fuse: bool) -> str:
-        """Return the LLVM IR of a kernel, as text. `uniform` says for each input array whether it is equal for all
-        inner samples, `widths` are the numbers of components of the output arrays, dtype_char is "d" (float64) or "f"
-        (float32), and `fuse` allows fused multiply-adds.
+    def llvm_ir(self, layout: Layout, char: str, fuse: bool) -> str:
+        """Return the LLVM module, as text, of a kernel and of the loop by which a ufunc calls it.
 
         Args:
-            uniform: for each input array, whether it stays the same along the inner axis.
-            widths: numbers of components of the output arrays.
-            dtype_char: character of the dtype, "d" or "f".
+            layout: arrays of the ufunc.
+            char: character of the dtype, "d" or "f".
             fuse: whether a product and a sum become one instruction (FMA).
         """
-        traced = self.traced(uniform)
+        traced = self._traced
         inputs = [ComponentGroup(traced.constants, False)] if traced.constants else []
-        inputs += [ComponentGroup(array, not same) for array, same in zip(traced.arrays, uniform, strict=True)]
-        flat, outputs = traced.output_components(self.loop.outputs), []
-        for width in widths:
-            outputs.append(ComponentGroup(tuple(flat[:width])))
-            del flat[:width]
+        start = [value for name in self.loop.carry for value in components(traced.results["before"][name])]
+        carried = {id(value) for value in start}
+        inputs += [ComponentGroup(array, carried.isdisjoint(map(id, array))) for array in traced.arrays]
+        outputs = [ComponentGroup(components(traced.results[name])) for name, _ in self.loop.outputs]
         carry = None
         if self.loop.carry:
-            before = [value for name in self.loop.carry for value in components(traced.results["before"][name])]
             after = [value for name in self.loop.carry.values() for value in components(traced.results[name])]
-            carry = Carry(tuple(before), tuple(after))
-        return kernel_ir(inputs, outputs, single=dtype_char == "f", fuse=fuse, carry=carry)
+            carry = Carry(tuple(start), tuple(after))
+        kernel = kernel_ir(inputs, outputs, single=char == "f", fuse=fuse, carry=carry)
+        return f"{kernel}\n{loop_ir(layout, float_type_name(char == 'f'))}"
 
     def _run_numpy(
         self,
@@ -400,30 +374,30 @@ class Program:
 
     # ---- generated code
 
-    @_LockFreeCachedProperty
+    @lock_free_cached_property
     def source(self) -> str:
         """Source of the generated Python function, cached."""
-        traced = self._varying_trace
+        traced = self._traced
         inputs = [*traced.constants, *(value for array in traced.arrays for value in array)]
         after = [value for name in self.loop.carry.values() for value in components(traced.results[name])]
         outputs = traced.output_components(self.loop.outputs)
         return python_source.function_source(self.loop.name, inputs, [*outputs, *after])
 
-    @_LockFreeCachedProperty
+    @lock_free_cached_property
     def floats_function(self) -> Callable[..., tuple[Any, ...]]:
         """Generated function of Python floats for one state, cached. It takes the constants, then the inputs, and
         returns a flat tuple of components.
         """
         return python_source.compile_for_floats(self.loop.name, self.source)
 
-    @_LockFreeCachedProperty
+    @lock_free_cached_property
     def arrays_function(self) -> Callable[..., tuple[Any, ...]]:
         """Generated function of NumPy arrays, cached. It takes the constants, then the inputs, and returns a flat
         tuple of components.
         """
         return python_source.compile_for_arrays(self.loop.name, self.source)
 
-    @_LockFreeCachedProperty
+    @lock_free_cached_property
     def function_for_library(self) -> Callable[[Library], Callable[..., tuple[Any, ...]]]:
         """Cached function that takes an array library and returns the generated function for arrays of that
         library.
@@ -432,7 +406,7 @@ class Program:
             functools.partial(python_source.compile_for_library, self.loop.name, self.source)
         )
 
-    @_LockFreeCachedProperty
+    @lock_free_cached_property
     def weighted_operations(self) -> int:
         """Number of operations of the program, in which a sine or square root counts as several operations;
         cached.
@@ -450,29 +424,20 @@ class Program:
         per_sample, shared = (operation_count(self._needed_values, varies) for varies in (True, False))
         return OperationCounts(per_sample, shared, operation_count(unfolded._needed_values))
 
-    @_LockFreeCachedProperty
+    @lock_free_cached_property
     def _needed_values(self) -> list[TracedValue]:
         """List of the traced values that the outputs need, each after its operands; cached."""
-        return needed_values(self._varying_trace.output_components(self.loop.outputs))
+        return needed_values(self._traced.output_components(self.loop.outputs))
 
-    @_LockFreeCachedProperty
-    def _varying_trace(self) -> TracedFunction:
-        """Traced function for input arrays that all vary from sample to sample; cached."""
-        return self.traced((False,) * len({source[0] for source in self.pattern if isinstance(source, tuple)}))
-
-    def traced(self, uniform: tuple[bool, ...]) -> TracedFunction:
-        """Trace the loop's function for this pattern of inputs, and return the `TracedFunction`. `uniform` says for
-        each input array whether it is equal for all inner samples.
-
-        Args:
-            uniform: for each input array, whether it stays the same from sample to sample.
-        """
+    @lock_free_cached_property
+    def _traced(self) -> TracedFunction:
+        """The loop's function traced for this pattern of inputs."""
         trace, sources = Trace(), iter(self.pattern)
         constants: list[TracedValue] = []
         arrays: dict[int, dict[int, TracedValue]] = {}
         values: dict[str, Any] = {}
         for name, sample_shape in self.loop.inputs:
-            operands: list[Operand] = []
+            operands: list[TracedOperand] = []
             count = math.prod(sample_shape)
             for k in range(count):
                 source, labels = next(sources), self.loop.labels.get(name)
@@ -484,7 +449,7 @@ class Program:
                     array, component = source
                     columns = arrays.setdefault(array, {})
                     if component not in columns:
-                        columns[component] = trace.input(label, not uniform[array] or name in self.loop.carry)
+                        columns[component] = trace.input(label, True)
                     operands.append(columns[component])
                 else:
                     operands.append(source)

@@ -8,29 +8,18 @@ import importlib.util
 import itertools
 import os
 import platform
-import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from hingepair.engine import images, object_cache
-from hingepair.engine.array_reader import call_ir
-from hingepair.engine.backend import disable_kernels, mark_shared_code_compiled
+from hingepair.engine.backend import compiler_lock
 from hingepair.engine.llvm_shared import shared_ir, shared_symbols
 from hingepair.errors import CompilationError, MissingDependencyError
 
-compiler_lock = threading.RLock()
-"""Lock that is held while llvmlite is imported and while code is compiled."""
-if hasattr(os, "register_at_fork"):  # a fork waits for the lock: the child must not inherit it locked
-    os.register_at_fork(
-        before=compiler_lock.acquire, after_in_parent=compiler_lock.release, after_in_child=compiler_lock.release
-    )
-
 
 class Kernel:
-    """A compiled kernel, which owns its machine code: who uses an address or `run` must keep a reference to it. The
+    """A compiled kernel, which owns its machine code: who uses an address must keep a reference to it. The
     constructor compiles the kernel, and raises an error if that fails.
 
     Args:
@@ -40,7 +29,6 @@ class Kernel:
 
     Attributes:
         ir: the kernel's LLVM module.
-        run: function of (table, outer length, inner length); it releases the interpreter's lock.
 
     Raises:
         MissingDependencyError: llvmlite is not installed.
@@ -51,59 +39,13 @@ class Kernel:
         self.ir = ir
         with compiler_lock:
             self._code = _compile_module(name, ir, _shared_functions(float_type))
-        self.run: Callable[[Any, int, int], None] = _KERNEL_CTYPES_FUNCTION_TYPE(self.address("kernel"))
 
     def address(self, symbol: str) -> int:
         """Return the address of a function that the module defines."""
         return self._code.address(symbol)
 
 
-def array_call(kernel: Kernel, descriptor: Sequence[int]) -> Callable[..., bool | int]:
-    """Return a built-in function that runs a kernel on arrays, and keeps the kernel alive. Its positional arguments
-    are the inputs, the outputs, the constants, and whether the outputs are new arrays; it returns True if it has run
-    the kernel, else False or the number of samples that the outputs need. `descriptor` is the list of integers that
-    `call_descriptor` returns. The first call compiles the code that reads arrays; raises an error if that fails.
-
-    Args:
-        kernel: the kernel to call.
-        descriptor: the integers of `array_reader.call_descriptor`.
-    """
-    numbers = np.array(descriptor, np.int64).view(_CallDescriptor)
-    numbers.kernel = kernel
-    with compiler_lock:  # two threads must not make two definitions: the one not cached would be freed
-        method = _call_method_definition()
-    function: Callable[..., bool | int] = _new_built_in_function(ctypes.byref(method), numbers, None)
-    return function
-
-
-class _CallDescriptor(np.ndarray):
-    """An array of the integers that describe a call. It also keeps the kernel to which they point alive."""
-
-    kernel: Kernel
-
-
-class _MethodDefinition(ctypes.Structure):
-    """The C structure PyMethodDef, which defines a built-in function."""
-
-    _fields_ = (
-        ("name", ctypes.c_char_p),
-        ("function", ctypes.c_void_p),
-        ("flags", ctypes.c_int),
-        ("doc", ctypes.c_char_p),
-    )
-
-
-_METH_FASTCALL_FLAG = 0x0080  # METH_FASTCALL: the arguments come as a C array
-_KERNEL_CTYPES_FUNCTION_TYPE = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
-)  # of `Kernel.run`
-_new_built_in_function: Any = ctypes.pythonapi.PyCFunction_NewEx
-_new_built_in_function.restype = ctypes.py_object
-_new_built_in_function.argtypes = (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
-
 _OBJECT_KIND = "image 1" if images.CAN_LINK else "object 1"
-# Functions of Python's C interface that compiled code calls.
-_PYTHON_API_FUNCTION_NAMES = ("PyBool_FromLong", "PyLong_FromLongLong", "PyEval_SaveThread", "PyEval_RestoreThread")
 # Functions of the C library that compiled code calls.
 _C_LIBRARY_FUNCTION_NAMES = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")
 
@@ -139,7 +81,7 @@ class _JitCode:
 _unused_engines: list[Any] = []
 
 
-def _compile_module(name: str, ir: str, shared: Mapping[str, int] | None = None, keep: bool = True) -> _Code:
+def _compile_module(name: str, ir: str, shared: Mapping[str, int] | None = None) -> _Code:
     """Compile an LLVM module, given as text (`ir`), or take its machine code from the disk, and load it.
 
     LLVM's optimiser is not run: the trace has been folded already.
@@ -148,7 +90,6 @@ def _compile_module(name: str, ir: str, shared: Mapping[str, int] | None = None,
         name: name of the module in messages.
         ir: the module.
         shared: addresses of functions that the module calls, beside those of C and Python.
-        keep: whether the code holds in other processes, and is kept on disk.
 
     Raises:
         MissingDependencyError: llvmlite is not installed.
@@ -158,11 +99,10 @@ def _compile_module(name: str, ir: str, shared: Mapping[str, int] | None = None,
         processor = host_processor()
         key = object_cache.cache_key(_OBJECT_KIND, _llvmlite_build(), *processor, ir)
         try:
-            code = object_cache.read_object(key) if keep else None
+            code = object_cache.read_object(key)
             if code is None:
                 code = _compile(ir)
-                if keep:
-                    object_cache.write_object(key, code)
+                object_cache.write_object(key, code)
             if images.CAN_LINK:
                 return images.Image(code, functools.partial(_import_address, shared or {}))
             llvm = load_llvmlite()
@@ -195,8 +135,7 @@ def _import_address(shared: Mapping[str, int], name: str) -> int:
     """Return the address of a shared function, or of a function of Python or the C library."""
     if name in shared:
         return shared[name]
-    owner = ctypes.pythonapi if name in _PYTHON_API_FUNCTION_NAMES else _c_library()
-    address = ctypes.cast(getattr(owner, name), ctypes.c_void_p).value
+    address = ctypes.cast(getattr(_c_library(), name), ctypes.c_void_p).value
     if address is None:
         raise AttributeError(name)
     return address
@@ -220,19 +159,7 @@ def _shared_functions(float_type: str) -> Mapping[str, int]:
 def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
     """Return the shared functions, which are loaded once for each processor, and their addresses by symbol."""
     code = _compile_module("shared functions", shared_ir(float_type))
-    mark_shared_code_compiled()
     return code, {symbol: code.address(symbol) for symbol in shared_symbols(float_type)}
-
-
-@functools.cache
-def _call_method_definition() -> _MethodDefinition:
-    """Return the cached definition of the built-in function that calls kernels with arrays. The first call compiles
-    the function; raises an error if that fails.
-    """
-    engine = _compile_module("array_call", call_ir(), keep=False)  # it holds addresses of this process
-    method = _MethodDefinition(b"kernel", engine.address("call"), _METH_FASTCALL_FLAG)
-    method.engine = engine  # kept alive as long as the definition
-    return method
 
 
 @functools.cache
@@ -257,7 +184,7 @@ def load_llvmlite() -> Any:
                 "backend", "an llvmlite that starts", f"{type(error).__name__}: {error}"
             ) from error
         if not images.CAN_LINK:
-            for name in (*_PYTHON_API_FUNCTION_NAMES, *_C_LIBRARY_FUNCTION_NAMES):
+            for name in _C_LIBRARY_FUNCTION_NAMES:
                 llvm.add_symbol(name, _import_address({}, name))
         return llvm
 
@@ -265,19 +192,6 @@ def load_llvmlite() -> Any:
 def _no_llvmlite(error: object) -> MissingDependencyError:
     """Return the error of an llvmlite that is not installed."""
     return MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error))
-
-
-@functools.cache
-def can_compile() -> bool:
-    """Return whether kernels can be compiled in this process, which is found by compiling one; the answer is cached.
-    If they cannot, warn once and stop the backend "auto" from compiling.
-    """
-    try:
-        Kernel("probe", "define void @kernel() { ret void }")
-    except (MissingDependencyError, CompilationError) as error:
-        disable_kernels(error)
-        return False
-    return True
 
 
 @functools.cache

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind
 from hingepair.engine.loops import Loop
-from hingepair.engine.native import can_compile
 from hingepair.engine.trace import where_less
 from hingepair.equations import spatial as eq
 from hingepair.errors import GimbalLockError
@@ -49,9 +48,7 @@ def integrate_euler_angles(
     """
     angles = np.empty((len(steps.t), 3))
     angles[0] = start
-    compile_auto = (
-        execution.backend == "auto" and steps.step_count >= _MIN_STEP_COUNT_FOR_COMPILED_LOOP and can_compile()
-    )
+    compile_auto = execution.backend == "auto" and steps.step_count >= _MIN_STEP_COUNT_FOR_COMPILED_LOOP
     run = _integrate_compiled if compile_auto or execution.backend == "compiled" else _integrate_on_floats
     for first, last in steps.chunks():
         begin, (h, _) = steps.starts_and_lengths(first, last)

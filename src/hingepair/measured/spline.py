@@ -23,7 +23,6 @@ sample and derivative, ends and gaps included.
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -35,6 +34,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.measured.likelihood import CHI2_MEDIAN_BY_DOF, Loss
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.caching import lock_free_cached_property
 
 MIN_SAMPLES_PER_SMOOTHED_PIECE = 8
 """Samples of a piece that is smoothed."""
@@ -407,7 +407,7 @@ class SmoothingSpline:
         ]
         return np.asarray(BSpline(self.knots[piece], piece_coefficients, _SPLINE_DEGREE)(t, nu=order))
 
-    @functools.cached_property
+    @lock_free_cached_property
     def covariances(self) -> Float64Array:
         """Return the upper bands of the inverse of the matrix that is solved; cached. Entry [d, j] of the array is
         entry (j, j + d) of the inverse.

@@ -15,7 +15,6 @@ from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError
 from hingepair.mechanism.arguments import (
     BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME,
     RESTING_BASE_VALUE_BY_INPUT_NAME,
@@ -146,12 +145,7 @@ class RobotComputation:
             return call.run_foreign(
                 values.value_by_input, values.shape_by_argument, values.library, out, execution.workers
             )
-        try:
-            return call.run(values.value_by_input, values.shape_by_argument, out, execution.workers)
-        except ArgumentError as error:
-            if self.result is not None or error.name != f"out[{call.outputs[0]!r}]":
-                raise
-            raise type(error)("out", error.expected, error.got) from None  # the user's name of the only array
+        return call.run(values.value_by_input, values.shape_by_argument, out, execution.workers)
 
     def _assumed(self, gravity: tuple[float, ...]) -> dict[str, Any]:
         """Return the values of the inputs that a call may leave out, by name."""

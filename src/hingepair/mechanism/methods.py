@@ -1028,13 +1028,9 @@ class MechanismMethods(Shown):
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
             self._warn_of_masses()
-        if base_motion is None and not labelled_loads and execution.workers == 1:
+        if base_motion is None and not labelled_loads:
             call = computation.call(tuple(coordinates), gravity_vector, backend)
-            if out is None:
-                result = call.fast_path(*coordinates.values())
-            else:
-                names_are_outputs = type(out) is dict and out.keys() <= {*call.outputs}
-                result = call.run_into(tuple(coordinates.values()), out) if names_are_outputs else None
+            result = call.rows(*coordinates.values(), out=out, workers=execution.workers)
             if result is not None:
                 return result
         if holds_dask(coordinates, base_motion, labelled_loads):

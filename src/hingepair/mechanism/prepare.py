@@ -89,9 +89,17 @@ class PreparedMechanism:
         return self._call.program.source
 
     @property
+    def ufunc(self) -> np.ufunc:
+        """The kernel itself, a generalised ufunc of NumPy such as "(7),(7),(7)->(7)". It follows NumPy's rules of
+        broadcasting and casting (small integers, bool and float16 become float32), and checks no rotation. It stays
+        in memory, cannot be pickled, and returns the outputs in order.
+        """
+        return self._call.ufunc
+
+    @property
     def llvm(self) -> str:
         """LLVM code, as text, of the compiled function, which is run for one state and for many states."""
-        return self._call.kernel.ir
+        return self._call.llvm
 
     @property
     def operations(self) -> OperationCounts:
@@ -113,28 +121,18 @@ class PreparedMechanism:
         Raises:
             ArgumentError: an argument cannot be used; the message names it.
         """
-        if out is None:
-            try:
-                result = self._call.fast_path(*given)
-            except TypeError:
-                result = None  # perhaps another number of arguments
-            return self._run_any_arguments(given, None) if result is None else result
-        arrays = {self.outputs[0]: out} if self._computation.result is None else out
-        if type(arrays) is dict and arrays.keys() <= {*self.outputs} and len(given) == len(self.given):
-            result = self._call.run_into(given, arrays)
-            if result is not None:
-                return result
-        return self._run_any_arguments(given, arrays)
+        if len(given) != len(self.given):
+            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
+        if out is not None and self._computation.result is None:
+            out = {self.outputs[0]: out}
+        result = self._call.rows(*given, out=out, workers=self._execution.workers)
+        return self._run_any_arguments(given, out) if result is None else result
 
     def _run_any_arguments(self, arguments: Sequence[Any], out: Out) -> Any:
         """Check arguments that the fast path refuses, such as tables and arrays of other libraries; compute and
         return the results. `arguments` are in the order of `given`. Write into the arrays of `out`, None or a dict by
         output name. Raise an ArgumentError if an argument cannot be used.
         """
-        if len(arguments) != len(self.given):
-            raise ArgumentError(
-                "*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(arguments)}"
-            )
         check_out_names(out, self.outputs)
         named = dict(zip(self.given, arguments, strict=True))
         library = common_library(named)

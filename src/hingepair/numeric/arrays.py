@@ -18,7 +18,7 @@ Float64Array: TypeAlias = NDArray[np.float64]
 Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcasts against the samples
 Block: TypeAlias = tuple[slice, ...]
 
-_MAX_AXES = 29  # NumPy broadcasts up to 32, and results have up to three more than arguments
+MAX_AXES = 29  # NumPy broadcasts up to 32, and results have up to three more than arguments
 FLOAT64_DTYPE: Final = np.dtype(np.float64)
 """The dtype of double precision, in which what is integrated is computed, whatever the precision of the inputs."""
 
@@ -45,8 +45,8 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
         raise ShapeError(
             name, "an array, or lists that make one", f"a {type(value).__name__} that makes none"
         ) from None
-    if array.ndim > _MAX_AXES:
-        raise ShapeError(name, f"at most {_MAX_AXES} axes", f"{array.ndim}")
+    if array.ndim > MAX_AXES:
+        raise ShapeError(name, f"at most {MAX_AXES} axes", f"{array.ndim}")
     dtype = array.dtype
     if dtype.kind in "iu" or (dtype.kind == "f" and dtype.itemsize in {4, 8}):
         return array

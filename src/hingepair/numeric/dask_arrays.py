@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, broadcast_shape, real_array
+from hingepair.numeric.caching import lock_free_cached_property
 
 Returned = TypeVar("Returned")
 SampleShape: TypeAlias = tuple[int, ...]
@@ -396,7 +397,7 @@ class ChunkTask:
     output_names: tuple[str, ...]
     first_index_name: str | None = None
 
-    @functools.cached_property
+    @lock_free_cached_property
     def pickled(self) -> bytes:
         """Bytes of the pickled task, which are computed once. Dask names the task by these bytes, so that equal tasks
         have one name.

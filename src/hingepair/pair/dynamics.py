@@ -264,9 +264,10 @@ def compute_dynamics(
         name: _load_array(name, value) if name in _VECTOR_LOAD_NAMES else value
         for name, value in hinge_and_loads.items()
     }
+    rows = (*(getattr(body1, letter, None) for letter in spec.letters), gravity_array, *inputs.values())
     call: Call | None = constants.prepared.get(spec)
     if call is not None and type(body1) is BodyMotion:
-        state = call.fast_path(*(getattr(body1, letter) for letter in spec.letters), gravity_array, *inputs.values())
+        state = call.rows(*rows)
         if state is not None:
             return tuple(writable_arrays(state).values())
     constants_with_masses = with_masses(spec, constants, bodies)
@@ -290,7 +291,8 @@ def compute_dynamics(
         body is not None and body.assumed for body in bodies
     ):  # with an assumed value, every call issues a warning
         constants.prepared[spec] = call
-    return tuple(writable_arrays(call.run(values, shapes)).values())
+    state = call.rows(*rows)
+    return tuple(writable_arrays(call.run(values, shapes) if state is None else state).values())
 
 
 def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bodies) -> Constants:

@@ -33,11 +33,12 @@ STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
 BODY1_QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
 
 
-def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
+def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str, shared: bool = True) -> Call:
     """Return the Call that runs a plan for the Constants `pair` and for inputs of the given names, with the backend
-    "auto", "compiled" or "numpy". The Call is made at the first request and cached in `pair.prepared`.
+    "auto", "compiled" or "numpy". The Call is made at the first request and cached in `pair.prepared`. Unless it is
+    `shared`, a kernel of this pair's own constants computes few samples, too.
     """
-    key = plan, input_names, backend
+    key = plan, input_names, backend, shared
     call: Call | None = pair.prepared.get(key)
     if call is None:
         shapes, loop = plan.kind.shapes, plan_loop(plan)
@@ -48,7 +49,8 @@ def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backe
         call = pair.prepared[key] = Call(
             loop, {name: shapes[name] for name in input_names},
             {name: constants[name] for name in _constant_input_names(loop, input_names)},
-            STATE_CLASS_BY_MOTION_KIND[plan.kind], shape=pair.shape, backend=backend, on_limit=_check_attitudes,
+            STATE_CLASS_BY_MOTION_KIND[plan.kind], shape=pair.shape, backend=backend, shared=shared,
+            on_limit=_check_attitudes,
             limits={name: checks[name] for name in plan.outputs if name in checks},
         )  # fmt: skip
     return call

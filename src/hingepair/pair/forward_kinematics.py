@@ -218,9 +218,7 @@ def from_coordinates(
         except TypeError:  # outputs that are not hashable, for which an error is raised below
             call = key = None
         if call is not None:
-            state = call.fast_path(*rows) if out is None else call.run_into(rows, out)
-            if state is None and out is None:  # lists and tuples of numbers
-                state = call.fast_path(*[float_row(value, len(kind.coordinates)) for value in rows])
+            state = call.rows(*rows) if out is None else call.rows(*rows, out=out)
             if state is not None:
                 return state
     plan, coordinates = plan_from_coordinates(kind, pair, q, qd, qdd, outputs, out, sequence, keep_foreign=True)

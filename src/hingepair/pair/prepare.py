@@ -86,9 +86,26 @@ class Prepared:
         return self._call.program.source
 
     @property
+    def ufunc(self) -> np.ufunc:
+        """The kernel itself, a generalised ufunc of NumPy such as "(7),(7)->(3),(3,3)". It follows NumPy's rules of
+        broadcasting and casting (small integers, bool and float16 become float32), and checks no rotation. It stays
+        in memory, cannot be pickled, and returns the outputs in order.
+
+        >>> import hingepair as hp, numpy as np
+        >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
+        >>> f = pair.prepare("pose", outputs=("R2", "d")).ufunc
+        >>> f.signature
+        '(7)->(3),(3)'
+        >>> R2, d = f(np.zeros((2, 5, 7)))
+        >>> R2.shape
+        (2, 5, 3)
+        """
+        return self._call.ufunc
+
+    @property
     def llvm(self) -> str:
         """Generated LLVM code of the call, which is compiled for one state and for rows of states."""
-        return self._call.kernel.ir
+        return self._call.llvm
 
     def __call__(self, *given: Any, out: Out = None) -> Any:
         """Compute the PairState of one sample or many from the inputs that the call was prepared for.
@@ -105,15 +122,12 @@ class Prepared:
         call = self._call
         if len(given) != len(self.given):
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
-        if out is None:
-            state = call.fast_path(*given)
-            if state is not None:
-                return state
-        elif type(out) is dict and out.keys() <= {*self.outputs}:
-            state = call.run_into(given, out)
-            if state is not None:
-                return state
-        return self._call_any_arguments(given, out)
+        state = (
+            call.rows(*given)
+            if out is None and self._workers == 1
+            else call.rows(*given, out=out, workers=self._workers)
+        )
+        return self._call_any_arguments(given, out) if state is None else state
 
     def _call_any_arguments(self, given: Sequence[Any], out: Out) -> Any:
         """Compute the PairState for arguments of any kind, such as lists and arrays of other libraries, which
@@ -185,7 +199,7 @@ def prepare(
         if missing:  # a plan without q takes the results of coordinates as inputs
             needed = ", ".join("q" if one == name else one for one in missing)
             raise ArgumentError("given", f"names with {needed}, which output {name} needs", ", ".join(names))
-    call = cached_call(constants, plan, names, execution.backend)
+    call = cached_call(constants, plan, names, execution.backend, shared=False)
     if execution.backend == "auto":
         call.compile()
     return Prepared(

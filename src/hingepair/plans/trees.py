@@ -30,6 +30,7 @@ from hingepair.equations.spatial import (
     transpose,
 )
 from hingepair.numeric.blocks import cosine, sine
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
 
 # Shapes of the constants of the base.
@@ -160,23 +161,23 @@ class Computation:
         row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
 
-    @functools.cached_property
+    @lock_free_cached_property
     def q(self) -> list[Scalar]:
         """List of the coordinates q of all joints."""
         pairs = zip(self._values_by_joint("q"), self.ratios, strict=True)
         return [value + offset for value, (_, offset) in pairs]
 
-    @functools.cached_property
+    @lock_free_cached_property
     def qd(self) -> list[Scalar]:
         """List of the rates q' of all joints."""
         return self._values_by_joint("qd")
 
-    @functools.cached_property
+    @lock_free_cached_property
     def qdd(self) -> list[Scalar]:
         """List of the second derivatives q'' of all joints."""
         return self._values_by_joint("qdd")
 
-    @functools.cached_property
+    @lock_free_cached_property
     def zero_rates(self) -> list[Scalar]:
         """List of zeros, one for each joint."""
         return [0.0] * len(self.links)
@@ -190,7 +191,7 @@ class Computation:
             sums[column] = sums[column] + effort * ratio
         return tuple(sums)
 
-    @functools.cached_property
+    @lock_free_cached_property
     def placements(self) -> list[eq.Placement]:
         """List of the placements of the joints: the pose of each joint's body in the axes of its parent body.
         Computing the list names the sines and cosines in generated code.
@@ -205,18 +206,18 @@ class Computation:
 
     # ---- kinematics
 
-    @functools.cached_property
+    @lock_free_cached_property
     def poses(self) -> list[eq.Pose]:
         """List of the poses of all bodies in world axes, the base first."""
         return self._name_components(eq.poses(self.links, self.placements, self.values["S1"]), ("S", "d", "arm"))
 
-    @functools.cached_property
+    @lock_free_cached_property
     def velocities(self) -> list[eq.Rates]:
         """List of (v, omega) of all bodies, world axes, the base first."""
         base = self.values.get("v1", ZERO_VECTOR), self.values["omega1"]
         return self._name_components(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
 
-    @functools.cached_property
+    @lock_free_cached_property
     def accelerations(self) -> list[eq.Rates]:
         """List of (a, alpha) of all bodies, world axes, the base first."""
         return self._body_accelerations(self.qdd, self._base_acceleration)
@@ -235,18 +236,18 @@ class Computation:
         )
         return self._name_components(accelerations, ("a", "alpha"))
 
-    @functools.cached_property
+    @lock_free_cached_property
     def frame_poses(self) -> list[eq.Pose]:
         """List of the poses of all frames in world axes."""
         return [eq.frame_pose(self.poses[body], constants["R"], constants["S"]) for body, constants in self.frames]
 
-    @functools.cached_property
+    @lock_free_cached_property
     def frame_velocities(self) -> list[eq.Rates]:
         """List of (v, omega) of all frames, world axes."""
         bodies = (self.velocities[body] for body, _ in self.frames)
         return [eq.frame_velocity(pose, body) for pose, body in zip(self.frame_poses, bodies, strict=True)]
 
-    @functools.cached_property
+    @lock_free_cached_property
     def frame_accelerations(self) -> list[eq.Rates]:
         """List of (a, alpha) of all frames, world axes."""
         return self._accelerations_of_frames(self.accelerations)
@@ -296,7 +297,7 @@ class Computation:
 
     # ---- dynamics, base axes
 
-    @functools.cached_property
+    @lock_free_cached_property
     def base_axes(self) -> Matrix:
         """Rotation matrix that converts vectors from world axes to base axes."""
         return transpose(self.values["S1"])
@@ -326,7 +327,7 @@ class Computation:
             wrenches[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
         return self._name_components(eq.sum_inward(self.links, self.placements, wrenches), ("f", "t"))
 
-    @functools.cached_property
+    @lock_free_cached_property
     def transmitted_wrenches(self) -> list[eq.Wrench]:
         """List of the wrenches (force, torque) that the joints transmit during the given motion, each in the axes of
         the joint's body, with the total wrench on the base first.
@@ -335,7 +336,7 @@ class Computation:
         falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
         return self._transmitted_wrenches(self.qd, self.qdd, omega, alpha, falling)
 
-    @functools.cached_property
+    @lock_free_cached_property
     def transmitted_bias_wrenches(self) -> list[eq.Wrench]:
         """List of the wrenches (force, torque) that the joints transmit for q'' = 0, each in the axes of the joint's
         body, with the total wrench on the base first. For a free base, its acceleration and gravity are left out.
@@ -380,7 +381,7 @@ class Computation:
             return tau
         return (*rotate(values["S1"], wrenches[0][0]), *rotate(values["S1"], wrenches[0][1]), *tau)
 
-    @functools.cached_property
+    @lock_free_cached_property
     def composites(self) -> list[eq.Matter]:
         """List of the composite bodies, the base first, as tuples (mass, first, second): the mass and the first and
         second moments of mass. A composite body is a body with all bodies that it carries.
@@ -389,7 +390,7 @@ class Computation:
             eq.composites(self.base, self.links, self.placements), ("mass", "first", "second")
         )
 
-    @functools.cached_property
+    @lock_free_cached_property
     def mass_rows(self) -> list[list[Scalar]]:
         """List of the rows of the mass matrix M, each up to its diagonal entry. The six rows of a free base come
         first, then one row for each coordinate.
@@ -420,18 +421,18 @@ class Computation:
 
     # ---- forward dynamics
 
-    @functools.cached_property
+    @lock_free_cached_property
     def motor_loads(self) -> list[Scalar]:
         """List of the joint efforts tau less the bias forces, for robots without mimic joints."""
         bias = eq.along_axes(self.links, self.transmitted_bias_wrenches)
         return [self.values["tau"][column] - force for column, force in zip(self.form.columns, bias, strict=True)]
 
-    @functools.cached_property
+    @lock_free_cached_property
     def articulated(self) -> tuple[list[eq.JointElimination], eq.SpatialInertia]:
         """Pair of the list of the eliminations of all joints and the articulated inertia of the base (T5)."""
         return eq.eliminate_joints(self.base, self.links, self.placements, _reciprocal)
 
-    @functools.cached_property
+    @lock_free_cached_property
     def solved(self) -> tuple[tuple[Scalar, ...], ...]:
         """Solution of forward dynamics as three tuples: a1 and alpha1 of a free base in world axes, which are
         meaningless for any other base, and q''. All are NaN if M is singular.
@@ -462,7 +463,7 @@ class Computation:
         qdd = eq.joint_accelerations(self.links, self.placements, steps, left, alpha, a)
         return self._nan_where_singular(rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd))
 
-    @functools.cached_property
+    @lock_free_cached_property
     def pivots(self) -> tuple[Scalar, ...]:
         """Tuple of the pivots of the factored mass matrix, one for each coordinate. At least one pivot is 0, up to
         rounding errors, if the matrix is singular.
@@ -514,7 +515,7 @@ class Computation:
 
     # ---- centre of mass, energy, momentum
 
-    @functools.cached_property
+    @lock_free_cached_property
     def centre_from_base(self) -> Vector:
         """Vector from the base's reference point to the centre of mass, world axes."""
         return scale(rotate(self.values["S1"], self.composites[0].first), _reciprocal(self.composites[0].mass))
@@ -548,7 +549,7 @@ class Computation:
         force = self._transmitted_wrenches(self.qd, self.zero_rates, omega, alpha, a, with_loads=False)[0][0]
         return scale(rotate(self.values["S1"], force), _reciprocal(self.composites[0].mass))
 
-    @functools.cached_property
+    @lock_free_cached_property
     def velocities_in_own_axes(self) -> list[eq.Rates]:
         """List of the pairs (v, omega) of all bodies, the base first, each in the axes of the body."""
         v, omega = (rotate(self.base_axes, self.values[name]) for name in ("v1", "omega1"))
@@ -556,7 +557,7 @@ class Computation:
             eq.velocities_in_own_axes(self.links, self.placements, self.qd, v, omega), ("v", "omega")
         )
 
-    @functools.cached_property
+    @lock_free_cached_property
     def momenta(self) -> list[eq.Wrench]:
         """List of the pairs (P, L), linear and angular momentum, of all bodies, the base first. L is about the
         reference point of the body, and both are in the axes of the body.
@@ -572,7 +573,7 @@ class Computation:
         mass, first, _ = self.composites[0]
         return -dot(self.values["gravity"], add(scale(self.values["R1"], mass), rotate(self.values["S1"], first)))
 
-    @functools.cached_property
+    @lock_free_cached_property
     def momentum(self) -> eq.Wrench:
         """Pair (P, L) of the linear momentum of the robot and its angular momentum about the base's reference point,
         both in world axes.

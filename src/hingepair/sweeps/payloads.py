@@ -6,7 +6,6 @@ exact arithmetic; those of every variant follow in numbers of twice the precisio
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -28,6 +27,7 @@ from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import MechanismForces, joint_results_class
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
 from hingepair.scenes.mechanisms.mechanism_table import with_payload
@@ -152,14 +152,14 @@ class PayloadVariantComputer:
     def _mass_moments(self, numbers: Float64Array) -> list[Twofold]:
         return [moment for payload in self._payloads for moment in payload.mass_moments(numbers)]
 
-    @functools.cached_property
+    @lock_free_cached_property
     def _result(self) -> MechanismSceneResult:
         """Result of the scene as its file describes it, computed at first access. Its motion is the motion of every
         variant.
         """
         return self._scene.evaluate(self._outputs)
 
-    @functools.cached_property
+    @lock_free_cached_property
     def _program(self) -> _PayloadForceProgram | None:
         """Program that computes the forces, made at first access, or None if no force is an output."""
         forces = self._result.forces

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine.backend import compile_at_first_call, execution_of
+from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, SceneError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.scene import scene_files
@@ -143,7 +143,7 @@ def load_sweep(path: str | Path) -> Sweep:
         str(scene_path), contents, tuple(number.key for number in varied), _read_names(table, "outputs"), reductions
     )
     first = _variant_computer(task)
-    with table.naming("outputs"), compile_at_first_call():
+    with table.naming("outputs"):
         try:
             first.compute(numbers[0])  # says at once what cannot be computed
         except SceneError as error:
@@ -400,14 +400,13 @@ def compute_chunk(
     computer = _variant_computer(task)
     step = max(1, _MAX_VARIANTS_TIMES_INSTANTS_COMPUTED_AT_ONCE // computer.samples)
     parts: list[dict[str, NDArray[Any]]] = []
-    with compile_at_first_call():
-        for start in range(0, len(numbers), step):
-            rows = numbers[start : start + step]
-            together = computer.compute_together(rows)
-            if together is None:
-                parts += _compute_one_by_one(computer, task, chunk_index, first_variant + start, rows)
-            else:
-                parts.append(_result_columns(*together, task))
+    for start in range(0, len(numbers), step):
+        rows = numbers[start : start + step]
+        together = computer.compute_together(rows)
+        if together is None:
+            parts += _compute_one_by_one(computer, task, chunk_index, first_variant + start, rows)
+        else:
+            parts.append(_result_columns(*together, task))
     columns = {"variant": np.arange(first_variant, first_variant + len(numbers))}
     columns |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(task.keys)}
     try:
@@ -456,7 +455,7 @@ _VARIANT_COMPUTER_CACHE_LOCK = threading.Lock()  # the threads of a worker make 
 
 def _variant_computer(task: SweepTask) -> VariantComputer:
     """Return the VariantComputer of a SweepTask, which each process makes once and caches."""
-    with _VARIANT_COMPUTER_CACHE_LOCK, compile_at_first_call():
+    with _VARIANT_COMPUTER_CACHE_LOCK:
         return _cached_variant_computer(task)
 
 

@@ -1,0 +1,281 @@
+"""Kernels as generalised ufuncs of NumPy, which then reads the arrays: broadcasting, strides, dtypes, `out`.
+
+NumPy's C interface makes a ufunc of the address of an inner loop. The loop, a function of machine code beside the
+kernel, gets addresses and strides of arrays, and fills the kernel's table with them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import itertools
+import math
+import platform
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from hingepair.engine.llvm_builder import FunctionBuilder
+from hingepair.engine.llvm_ir import INTEGERS_PER_KERNEL_TABLE_ROW
+
+MAX_OPERANDS: Final = 64
+"""Number of arrays that a ufunc can take and return (NPY_MAXARGS)."""
+
+_ROW_BYTES = 8 * INTEGERS_PER_KERNEL_TABLE_ROW
+_CREATE_UFUNC = 31  # entry of NumPy's table of functions, frozen in its ABI: PyUFunc_FromFuncAndDataAndSignature
+_TYPE_NUMBER = {"f": 11, "d": 12}  # NPY_FLOAT, NPY_DOUBLE
+_NUMBER_BYTES = {"float": 4, "double": 8}
+_DEFAULT_MXCSR = 0x1F80  # round to nearest, no traps, no flags
+
+
+class Operand(NamedTuple):
+    """An array that a ufunc takes or returns.
+
+    Attributes:
+        sample_shape: shape of one sample: the ufunc's core dimensions.
+        used: whether the kernel has a row for it; NumPy broadcasts the others with it, but nothing reads them.
+        chained: whether it has an axis for the samples of a chain in front of those of one sample.
+    """
+
+    sample_shape: tuple[int, ...]
+    used: bool = True
+    chained: bool = False
+
+    @property
+    def core(self) -> str:
+        """Its part of the ufunc's signature."""
+        return f"({','.join([*(['n'] if self.chained else []), *map(str, self.sample_shape)])})"
+
+
+class Layout(NamedTuple):
+    """The arrays that a ufunc takes and returns, in order.
+
+    Attributes:
+        inputs: the arguments.
+        outputs: the results.
+        constants: whether the kernel takes constants, from the ufunc's data, before all others.
+    """
+
+    inputs: tuple[Operand, ...]
+    outputs: tuple[Operand, ...]
+    constants: bool
+
+    @property
+    def signature(self) -> str:
+        """Signature of the ufunc; sizes are fixed, so that NumPy refuses arrays that are shorter.
+
+        >>> Layout((Operand((7,)), Operand(())), (Operand((3, 3)),), False).signature
+        '(7),()->(3,3)'
+        """
+        return "->".join(",".join(one.core for one in group) for group in (self.inputs, self.outputs))
+
+
+def loop_ir(layout: Layout, float_type: str) -> str:
+    """Return the LLVM code, as text, of the function `loop(args, dimensions, steps, data)`, the inner loop of a ufunc
+    with this layout. It calls the function `kernel` of the same module.
+
+    The loop computes with the default floating-point environment and restores that of the caller, flags included: a
+    NaN stays in its sample in silence.
+    """
+    operands = (*layout.inputs, *layout.outputs)
+    f = FunctionBuilder("void @loop(ptr %args, ptr %dims, ptr %steps, ptr %data)")
+    row_count = layout.constants + sum(one.used for one in operands)
+    f.do(f"%table = alloca [{row_count * INTEGERS_PER_KERNEL_TABLE_ROW} x i64], align 64")
+    declarations, restore = _default_float_environment(f)
+    count = f.load_word("%dims", 0)
+    if layout.constants:
+        _store_row(f, 0, f.put("ptrtoint ptr %data to i64"), "0", "0", str(_NUMBER_BYTES[float_type]))
+    dense = []
+    for k, row in _rows(layout).items():
+        one, core = operands[k], _core_steps(f, operands, k)
+        axes = [(n, step) for n, step in zip(one.sample_shape, core[one.chained :], strict=True) if n > 1]
+        component = axes[-1][1] if axes else str(_NUMBER_BYTES[float_type])
+        outer = f.load_word("%steps", 8 * k)
+        samples = (outer, core[0]) if one.chained else ("0", outer)
+        _store_row(f, row, f.load_word("%args", 8 * k), *samples, component)
+        dense += [
+            f.put(f"icmp eq i64 {step}, {f.multiply(inner, n)}") for (_, step), (n, inner) in itertools.pairwise(axes)
+        ]
+    if any(one.chained for one in operands):
+        call = f"call void @kernel(ptr %table, i64 {count}, i64 {f.load_word('%dims', 8 * _chain_index(operands))})"
+    else:
+        call = f"call void @kernel(ptr %table, i64 1, i64 {count})"
+    parts = []
+    if dense:
+        with f.when_else(functools.reduce(lambda x, y: f.put(f"and i1 {x}, {y}"), dense)) as otherwise:
+            f.do(call)
+            otherwise()
+            f.do(f"call void @copied(ptr %table, ptr %args, ptr %steps, i64 {count})")
+        parts = ["declare i64 @llvm.umin.i64(i64, i64)", _copied_ir(layout, float_type)]
+    else:
+        f.do(call)
+    restore()
+    f.do("ret void")
+    return "\n\n".join([*declarations, *parts, f.text()]) + "\n"
+
+
+def _copied_ir(layout: Layout, float_type: str) -> str:
+    """Return the LLVM code of the function `copied`, which stands before the kernel where the strides of a matrix are
+    more than a row of the table can say, such as those of a transposed one: it copies matrices, some samples at a
+    time.
+    """
+    operands, number_bytes = (*layout.inputs, *layout.outputs), _NUMBER_BYTES[float_type]
+    f = FunctionBuilder("internal void @copied(ptr %table, ptr %args, ptr %steps, i64 %count)")
+    rows = _rows(layout)
+    sizes = {k: math.prod(operands[k].sample_shape) for k in rows if len(operands[k].sample_shape) > 1}
+    most = 64 if max(sizes.values()) <= 64 else 8
+    addresses = {k: (f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k)) for k in rows}
+    cores = {k: _core_steps(f, operands, k) for k in sizes}
+    for k, size in sizes.items():
+        f.do(f"%copy{k} = alloca [{most * size} x {float_type}], align 64")
+        buffer = f.put(f"ptrtoint ptr %copy{k} to i64")
+        _store_row(f, rows[k], buffer, "0", str(size * number_bytes), str(number_bytes))
+    with f.loop("%count", step=str(most)) as first:
+        left = f.put(f"call i64 @llvm.umin.i64(i64 {f.put(f'sub i64 %count, {first}')}, i64 {most})")
+        starts = {k: f.put(f"add i64 {at}, {f.multiply(first, step)}") for k, (at, step) in addresses.items()}
+        for k in rows.keys() - sizes.keys():
+            f.do(f"store i64 {starts[k]}, ptr {f.pointer_at('%table', rows[k] * _ROW_BYTES)}, align 8")
+
+        def copy(k: int) -> None:
+            """Copy an input into its buffer, or the buffer of an output to where it belongs."""
+            axes = [(left, addresses[k][1]), *zip(map(str, operands[k].sample_shape), cores[k], strict=True)]
+            place, there = "0", starts[k]
+            with contextlib.ExitStack() as loops:
+                for n, step in axes:
+                    i = loops.enter_context(f.loop(n))
+                    place = f.put(f"add i64 {f.multiply(place, n) if n != left else '0'}, {i}")
+                    there = f.put(f"add i64 {there}, {f.multiply(i, step)}")
+                ends = [
+                    f.put(f"inttoptr i64 {there} to ptr"),
+                    f.pointer_at(f"%copy{k}", f.multiply(place, number_bytes)),
+                ]
+                source, target = ends if k < len(layout.inputs) else reversed(ends)
+                number = f.put(f"load {float_type}, ptr {source}, align {number_bytes}")
+                f.do(f"store {float_type} {number}, ptr {target}, align {number_bytes}")
+
+        for k in sizes:
+            if k < len(layout.inputs):
+                copy(k)
+        f.do(f"call void @kernel(ptr %table, i64 1, i64 {left})")
+        for k in sizes:
+            if k >= len(layout.inputs):
+                copy(k)
+    f.do("ret void")
+    return f.text()
+
+
+def _rows(layout: Layout) -> dict[int, int]:
+    """Return the rows of the kernel's table, by the place of an operand that the kernel reads or writes."""
+    used = [k for k, one in enumerate((*layout.inputs, *layout.outputs)) if one.used]
+    return dict(zip(used, range(int(layout.constants), len(used) + layout.constants), strict=True))
+
+
+def _core_steps(f: FunctionBuilder, operands: Sequence[Operand], k: int) -> list[str]:
+    """Load the strides of an operand's core dimensions, which follow those of the loop, and return their names."""
+    ranks = [one.chained + len(one.sample_shape) for one in operands]
+    first = len(operands) + sum(ranks[:k])
+    return [f.load_word("%steps", 8 * place) for place in range(first, first + ranks[k])]
+
+
+def _chain_index(operands: Sequence[Operand]) -> int:
+    """Return the place of the chain's length among the dimensions, which come in the order of their first use."""
+    names = dict.fromkeys(name for one in operands for name in one.core.strip("()").split(",") if name)
+    return [*names].index("n") + 1
+
+
+def _store_row(f: FunctionBuilder, row: int, *values: str) -> None:
+    """Store the four integers of a row of the kernel's table."""
+    for k, value in enumerate(values):
+        f.do(f"store i64 {value}, ptr {f.pointer_at('%table', row * _ROW_BYTES + 8 * k)}, align 8")
+
+
+def _default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[[], None]]:
+    """Make the function compute with the default floating-point environment. Return the declarations of what it calls
+    for that, and a function that restores the caller's.
+    """
+    machine = platform.machine().lower()
+    if machine in {"x86_64", "amd64"}:
+        f.do("%caller = alloca i32, align 4")
+        f.do("%default = alloca i32, align 4")
+        f.do(f"store i32 {_DEFAULT_MXCSR}, ptr %default, align 4")
+        f.do("call void @llvm.x86.sse.stmxcsr(ptr %caller)")
+        f.do("call void @llvm.x86.sse.ldmxcsr(ptr %default)")
+        declared = [f"declare void @llvm.x86.sse.{name}mxcsr(ptr)" for name in ("st", "ld")]
+        return declared, lambda: f.do("call void @llvm.x86.sse.ldmxcsr(ptr %caller)")
+    if machine in {"arm64", "aarch64"}:
+        control, status = (f.put(f"call i64 @llvm.aarch64.get.fp{name}()") for name in ("cr", "sr"))
+        f.do("call void @llvm.aarch64.set.fpcr(i64 0)")
+
+        def restore() -> None:
+            f.do(f"call void @llvm.aarch64.set.fpcr(i64 {control})")
+            f.do(f"call void @llvm.aarch64.set.fpsr(i64 {status})")
+
+        return [
+            declared
+            for name in ("cr", "sr")
+            for declared in (
+                f"declare i64 @llvm.aarch64.get.fp{name}()",
+                f"declare void @llvm.aarch64.set.fp{name}(i64)",
+            )
+        ], restore
+    return [], lambda: None
+
+
+class Ufunc:
+    """A ufunc of NumPy (`call`) with all that it borrows: code, constants, names.
+
+    Args:
+        name: name of the ufunc.
+        layout: its arrays.
+        loops: for each dtype, "d" first: its character, the address of the inner loop, and the constants.
+        owners: objects that own the code.
+        doc: documentation of the ufunc.
+
+    Attributes:
+        call: the ufunc.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        layout: Layout,
+        loops: Sequence[tuple[str, int, np.ndarray[Any, Any] | None]],
+        owners: Any,
+        doc: str = "",
+    ) -> None:
+        count, operand_count = len(loops), len(layout.inputs) + len(layout.outputs)
+        functions = (ctypes.c_void_p * count)(*(address for _, address, _ in loops))
+        data = (ctypes.c_void_p * count)(*(None if one is None else one.ctypes.data for _, _, one in loops))
+        numbers = bytes(_TYPE_NUMBER[char] for char, _, _ in loops for _ in range(operand_count))
+        types = ctypes.create_string_buffer(numbers, len(numbers))
+        texts = [text.encode() for text in (name, doc, layout.signature)]
+        self._borrowed = functions, data, types, texts, [constants for _, _, constants in loops], owners
+        self.call: np.ufunc = _create_ufunc()(
+            ctypes.addressof(functions), ctypes.addressof(data), ctypes.addressof(types), count,
+            len(layout.inputs), len(layout.outputs), -1, texts[0], texts[1], 0, texts[2],
+        )  # fmt: skip
+
+    def publish(self) -> np.ufunc:
+        """Return the ufunc, and keep what it borrows for the life of the process."""
+        _published.append(self)
+        return self.call
+
+
+_published: list[Ufunc] = []  # whose ufuncs users may hold when all else is gone
+
+
+@functools.cache
+def _create_ufunc() -> Any:
+    """Return NumPy's function PyUFunc_FromFuncAndDataAndSignature."""
+    import numpy._core._multiarray_umath as umath  # type: ignore[import-not-found,unused-ignore]
+
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
+    table = ctypes.cast(get_pointer(umath._UFUNC_API, None), ctypes.POINTER(ctypes.c_void_p))
+    pointer, integer, text = ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p
+    prototype = ctypes.PYFUNCTYPE(
+        ctypes.py_object, pointer, pointer, pointer, integer, integer, integer, integer, text, text, integer, text
+    )
+    return prototype(table[_CREATE_UFUNC])
