@@ -49,6 +49,7 @@ def test_a_frame_that_is_not_fixed_is_refused(frames, message):
         ('xyz="1 2 3"', 'xyz="1 2 nan"', "joint 'elbow', origin xyz"),
         ('xyz="1 2 3"', 'xyz="1 2 1e999"', "joint 'elbow', origin xyz"),
         ('xyz="1 2 3"', 'xyz="1_0 2 3"', "joint 'elbow', origin xyz"),
+        pytest.param('xyz="1 2 3"', f'xyz="{"1" * 1_000_000}x 2 3"', "joint 'elbow', origin xyz", id="long"),
         ('xyz="1 2 3"', 'xyz=""', "joint 'elbow', origin xyz"),
         ('xyz="1 2 3"', 'xyz="٣ 2 3"', "joint 'elbow', origin xyz"),
         ('rpy="0.1 -0.2 0.3"', 'rpy="${pi} 0 0"', "joint 'shoulder', origin rpy"),

@@ -75,8 +75,9 @@ def test_a_column_can_be_read_again_with_all_its_digits(tmp_path: Path) -> None:
             "t,a\n1,2\n\n3,four\n",
             "line 4: a: expected a number (nan or an empty cell where there is none), got",
         ),
+        ("t,a\n1,1_5\n", "line 2: a: expected a number (nan or an empty cell where there is none), got '1_5'"),
+        pytest.param("t,a\n" + "1," * 1_000_000 + "1\n", "line 2: expected 2 fields", id="72 TiB"),
     ],
-    ids=["empty", "semicolons", "tabs", "long header", "no rows", "short row", "long row", "word"],
 )
 def test_what_cannot_be_read_of_a_csv_is_named(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
@@ -146,6 +147,8 @@ def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(column_file, "MAX_FILE_ROWS", 2)
     with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
         read_columns(path, ALL)
+    with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got more lines"):
+        read_columns(write(tmp_path / "blank.csv", "t\n\n\n1\n2\n3\n"), ALL)
     np.savez(tmp_path / "log.npz", t=np.arange(3))
     with pytest.raises(hp.ArgumentError, match="expected at most 2 samples, got 3"):
         read_columns(tmp_path / "log.npz", ALL)

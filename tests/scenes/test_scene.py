@@ -14,6 +14,7 @@ import hingepair as hp
 from hingepair.cli.main import app
 from hingepair.scenes.scene import Scene, load_pair
 from hingepair.scenes.waypoints import WAY_POINT_PROFILE_NAMES, interpolate_way_points
+from support.work import bounded_calls
 
 U = 2.0**-53
 MODELS = Path(__file__).parents[2] / "models"
@@ -565,6 +566,14 @@ def test_no_example_is_suspected(scene: Path) -> None:
 def test_a_rate_that_leaves_its_limit_is_noted(tmp_path: Path) -> None:
     (note,) = scene_of(tmp_path, GOOD.replace("[motion]\n", "rate_limit = 3\n[motion]\n")).notes()
     assert note == "psi' leaves its limits, -3 to 3 rad/s, at 21 of 21 instants, first at t = 0 s (3.14159)"
+
+
+@pytest.mark.slow(3)
+def test_constants_that_double_are_refused_before_their_work(tmp_path: Path) -> None:
+    constants = "".join(f'c{i + 1} = "c{i} + sin(c{i})"\n' for i in range(40))
+    text = GOOD.replace("[motion.constants]\n", f"[motion.constants]\nc0 = 1\n{constants}")
+    with bounded_calls(3_000_000), pytest.raises(hp.SceneError, match=r"c1\d: expected at most 3000 numbers"):
+        scene_of(tmp_path, text)
 
 
 def test_constants_stand_beside_a_log_and_alone(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import itertools
 import math
 import os
 import re
@@ -156,6 +157,8 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
                 rows = _csv_rows(stream, used, converters=_cell_number)
         except ValueError as error:
             _fail_at_row(path, names, positions, str(error))
+        if next(stream, None) is not None:
+            raise ArgumentError("", f"at most {MAX_FILE_ROWS} samples", "more lines")
     if rows.size and rows.shape[1] != len(positions):
         _fail_at_row(path, names, positions, f"{rows.shape[1]} fields")
     _check_rows(len(rows))
@@ -187,31 +190,33 @@ def _csv_names(stream: IO[str]) -> list[str]:
 
 
 def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDArray[Any]:
-    """Return the remaining rows of an open CSV file, at most MAX_FILE_ROWS + 1 of them, as a 2D array. `columns` are
-    the indices of the columns to read, or None for all. Further keyword arguments go to `numpy.loadtxt`, whose
-    ValueError is raised for rows that cannot be read.
+    """Return the next MAX_FILE_ROWS + 1 lines of an open CSV file as a 2D array of rows. `columns` are the indices of
+    the columns to read, or None for all. Further keyword arguments go to `numpy.loadtxt`, whose ValueError is raised
+    for rows that cannot be read.
     """
     options = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | options
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # no rows: an error of ours
         warnings.simplefilter("error", DeprecationWarning)  # NumPy before 2.4 reads integers through floats
-        return np.loadtxt(stream, usecols=columns, max_rows=MAX_FILE_ROWS + 1, **options)
+        # With max_rows, loadtxt would ask for the memory of so many rows at once.
+        return np.loadtxt(itertools.islice(stream, MAX_FILE_ROWS + 1), usecols=columns, **options)
 
 
 def _cell_number(text: str) -> float:
     """Return the number in a cell's text as a float, NaN if the text is blank. Raise ValueError if it is not a
     number.
     """
+    if "_" in text:  # Python reads 1_5 as 15
+        raise ValueError(text)
     return float(text) if text.strip() else math.nan
 
 
 def _is_number(text: str) -> bool:
     """Return whether `float` can read the text of a cell. The result is False for an empty cell."""
     try:
-        float(text)
+        return bool(text.strip()) and _cell_number(text) is not None
     except ValueError:
         return False
-    return True
 
 
 def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str) -> NoReturn:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -268,8 +267,15 @@ def _chain_name(names: Sequence[str]) -> str:
         return names[0]
     alike = (len(set(letters)) == 1 for letters in zip(*names, strict=False))
     shared = names[0][: sum(1 for _ in itertools.takewhile(bool, alike))].rstrip("_-. 0123456789")
-    first, last = (re.sub(r"[_-]?\d*([_-]?joint)?$", "", name) or name for name in (names[0], names[-1]))
-    return shared or f"{first} ... {last}"
+    return shared or f"{_without_number(names[0])} ... {_without_number(names[-1])}"
+
+
+def _without_number(name: str) -> str:
+    """Return the name of a joint without what numbers it: elbow for elbow_1, elbow-1 and elbow_1_joint."""
+    stem = name.removesuffix("joint")
+    stem = stem[:-1] if stem != name and stem.endswith(("_", "-")) else stem
+    stem = stem.rstrip("0123456789")
+    return (stem[:-1] if stem.endswith(("_", "-")) else stem) or name
 
 
 def _last_link(tree: Tree) -> str:

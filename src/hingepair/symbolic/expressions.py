@@ -37,7 +37,9 @@ MAX_EXPRESSION_CHARACTERS: Final = 10_000
 MAX_EXPRESSION_NESTING_DEPTH: Final = 50
 """Largest number of nested parentheses, calls and powers; a sum or a product of any length is one level."""
 MAX_EXPRESSION_SYNTAX_NODES: Final = 3_000
-"""Largest number of numbers, names and operations, which bounds the steps that compute the derivatives too."""
+"""Largest number of numbers, names and operations, those of constants included. It bounds the steps that compute the
+derivatives too.
+"""
 MAX_ABSOLUTE_EXPONENT: Final = 1_000
 """Largest size of the exponent of a power, and of the exponent of ten in a decimal number."""
 MAX_EXPONENT_DENOMINATOR: Final = 10_000
@@ -295,6 +297,8 @@ class _ExpressionBuilder:
             return _ParsedSubexpression(time_symbol(), None)
         if node.id in self.constants:
             value = self.constants[node.id]
+            if isinstance(value, sympy.Basic):
+                self._count_nodes(node, sum(1 for _ in sympy.preorder_traversal(value)) - 1)
             return self._checked_subexpression(node, exact(value) if isinstance(value, int | float) else value)
         if node.id in FUNCTION_SIGNATURE_BY_NAME:
             self._refuse(node, FUNCTION_SIGNATURE_BY_NAME[node.id])
@@ -446,11 +450,17 @@ class _ExpressionBuilder:
         """Increase the number of syntax nodes by one. Raise an ArgumentError if there are too many nodes or `depth`
         is too large.
         """
-        self.nodes += 1
-        if self.nodes > MAX_EXPRESSION_SYNTAX_NODES:
-            self._refuse(node, f"at most {MAX_EXPRESSION_SYNTAX_NODES} numbers, names and operations")
+        self._count_nodes(node, 1)
         if depth > MAX_EXPRESSION_NESTING_DEPTH:
             self._refuse(node, f"at most {MAX_EXPRESSION_NESTING_DEPTH} levels of parentheses")
+
+    def _count_nodes(self, node: ast.expr, count: int) -> None:
+        self.nodes += count
+        if self.nodes > MAX_EXPRESSION_SYNTAX_NODES:
+            expected = (
+                f"at most {MAX_EXPRESSION_SYNTAX_NODES} numbers, names and operations, with constants written out"
+            )
+            self._refuse(node, expected)
 
     def _source_of(self, node: ast.expr) -> str:
         """Return the part of the text that a syntax node covers."""

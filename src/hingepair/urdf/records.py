@@ -29,8 +29,8 @@ HINGE_JOINT_TYPE_NAMES = ("revolute", "continuous")
 SLIDER_JOINT_TYPE_NAMES = ("prismatic",)
 """Joint types that shift along one axis."""
 
-# A number as URDF writes it.
-_URDF_NUMBER_PATTERN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+# A number as URDF writes it; possessive, so that the time stays linear.
+_URDF_NUMBER_PATTERN = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
 _ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
 DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
