@@ -18,6 +18,7 @@ from typing import NamedTuple
 import pytest
 
 import hingepair as hp
+from hingepair.engine.object_cache import TRACED_PACKAGES
 
 PACKAGE = Path(hp.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -138,6 +139,12 @@ def test_imports_run_downwards_and_in_no_circle() -> None:
     for own in PACKAGES_IN_IMPORT_ORDER:
         level[own] = 1 + max((level[other] for upper, other in below if upper == own), default=0)
     assert max(level.values()) <= 10, level
+
+
+def test_what_programs_are_traced_from_imports_nothing_else() -> None:
+    """Kernels are found on disk by the sources of these packages."""
+    below = {other for own, other in imports_of_packages() if own in TRACED_PACKAGES}
+    assert below <= {*TRACED_PACKAGES, "errors"}
 
 
 def diagram_of_imports() -> str:

@@ -48,7 +48,7 @@ define double @kernel(double %x, i64 %k) {
 
 
 def test_every_kind_of_reference_is_linked_at_any_address():
-    kernels = [native.Kernel("references", ALL_REFERENCES) for _ in range(3)]
+    kernels = [native.Kernel("references", lambda: ALL_REFERENCES) for _ in range(3)]
     assert len({kernel.address("kernel") for kernel in kernels}) == 3
     for kernel in kernels:
         function = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_int64)(kernel.address("kernel"))
@@ -63,7 +63,7 @@ def test_what_cannot_be_linked_is_an_error_of_ours():
     own = "@x = thread_local global i64 0\ndefine ptr @kernel() {\n  ret ptr @x\n}"
     for ir in (unknown, own, "define void @kernel() { ret i64 0 }", "define void @kernel() { br label %nowhere }"):
         with pytest.raises(CompilationError):
-            native.Kernel("broken", ir)
+            native.Kernel("broken", lambda ir=ir: ir)
     for elf in (b"", b"\x7fELF\x01\x01" + bytes(99), b"\x7fELF\x02\x01" + bytes(99)):
         with pytest.raises(ValueError, match="ELF"):
             images.link(elf)
@@ -76,7 +76,7 @@ def test_code_is_freed_with_its_kernel():
         return sum("r-xp 00000000 00:00 0" in line for line in Path("/proc/self/maps").read_text().splitlines())
 
     before = mapped()
-    kernels = [native.Kernel("references", ALL_REFERENCES) for _ in range(20)]
+    kernels = [native.Kernel("references", lambda: ALL_REFERENCES) for _ in range(20)]
     assert mapped() > before
     kernels.clear()
     assert mapped() <= before
@@ -91,4 +91,4 @@ def test_memory_that_cannot_be_made_executable_is_an_error_of_ours(monkeypatch):
     Library.mprotect.argtypes = None
     monkeypatch.setattr(images.ctypes, "CDLL", lambda *_, **__: Library)
     with pytest.raises(CompilationError, match="executable"):
-        native.Kernel("references", ALL_REFERENCES)
+        native.Kernel("references", lambda: ALL_REFERENCES)

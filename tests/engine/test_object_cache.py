@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -83,13 +84,65 @@ def test_code_of_one_process_serves_another(folder, loader):
     assert printed(start(PYTHONHASHSEED="2", HINGEPAIR_CACHE="off")) == first
 
 
+ROBOT = """
+import numpy as np
+import hingepair as hp
+from hingepair.plans import trees
+
+robot = hp.load_robot("ur5_robot")
+{before}
+q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 20_000, 6))
+tau = robot.prepare("inverse_dynamics", outputs=("tau",), backend="compiled")(q, qd, qdd)
+print(np.asarray(getattr(tau, "tau", tau)).tobytes().hex()[:4000])
+print(robot.mass_matrix(q).tobytes().hex()[:4000])
+"""
+NO_TRACE = "trees.Computation = None"
+
+
+@pytest.mark.slow(3)
+@pytest.mark.usefixtures("folder")
+def test_a_robots_code_on_disk_is_found_without_a_trace():
+    def run(before, **environment):
+        done = subprocess.run(
+            [sys.executable, "-c", ROBOT.format(before=before)],
+            env=os.environ | environment, capture_output=True, text=True, timeout=HANG, check=False,
+        )  # fmt: skip
+        return done.stdout.split()
+
+    without = run("", HINGEPAIR_CACHE="off")
+    assert len(without) == 2
+    assert run(NO_TRACE) == []
+    assert run("") == without
+    assert run(NO_TRACE) == without
+
+
+def test_an_edited_source_has_another_digest(tmp_path, monkeypatch):
+    """Of each package from which programs are traced: their equations would be stale in silence."""
+    package = Path(object_cache.__file__).parents[1]
+    copy = tmp_path / "hingepair"
+    shutil.copytree(package, copy)
+    monkeypatch.setattr(object_cache, "__file__", str(copy / "engine" / "object_cache.py"))
+    digest = object_cache.source_digest.__wrapped__
+    found = [digest()]
+    assert found[0] == object_cache.source_digest()
+    for name in object_cache.TRACED_PACKAGES:
+        path = sorted((copy / name).glob("*.py"))[-1]
+        status, text = path.stat(), path.read_text()
+        path.write_text(text.replace("a", "b", 1))
+        os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+        found.append(digest())
+    assert len({*found}) == len(found)
+    shutil.rmtree(copy)
+    assert digest() is None
+
+
 @pytest.mark.skipif(not images.CAN_LINK, reason="llvmlite loads objects of other systems")
 @pytest.mark.usefixtures("folder")
 def test_code_on_disk_is_loaded_without_llvmlite():
     code = f"""
 import sys
 from hingepair.engine import native
-native.Kernel("one", {IR.format(factor=7)!r})
+native.Kernel("one", lambda: {IR.format(factor=7)!r})
 print("llvmlite" in sys.modules)
 """
     found = [
@@ -143,7 +196,7 @@ done = False
 def work(first):
     k = first
     while not done:
-        native.Kernel("one", ir.format(k)).address("kernel")
+        native.Kernel("one", lambda: ir.format(k)).address("kernel")
         k += 1
 threads = [threading.Thread(target=work, args=(1000 * k,)) for k in range(2)]
 for thread in threads:
@@ -152,7 +205,7 @@ for _ in range(10):
     time.sleep(0.01)
     child = os.fork()
     if not child:
-        native.Kernel("one", ir.format(7)).address("kernel")
+        native.Kernel("one", lambda: ir.format(7)).address("kernel")
         gc.collect()
         os._exit(0)
     assert os.waitpid(child, 0)[1] == 0
@@ -256,16 +309,16 @@ def test_without_a_folder_code_is_compiled_all_the_same(value, monkeypatch):
     monkeypatch.setenv("HINGEPAIR_CACHE", value)
     object_cache.write_object("0a", b"code")
     assert object_cache.read_object("0a") is None
-    assert native.Kernel("one", IR.format(factor=3)).address("kernel")
+    assert native.Kernel("one", lambda: IR.format(factor=3)).address("kernel")
 
 
 def test_code_of_another_processor_is_not_taken(folder, monkeypatch):
-    native.Kernel("one", IR.format(factor=5))
+    native.Kernel("one", lambda: IR.format(factor=5))
     before, processor = set(folder.iterdir()), native.host_processor()
-    native.Kernel("one", IR.format(factor=5))
+    native.Kernel("one", lambda: IR.format(factor=5))
     assert set(folder.iterdir()) == before
     monkeypatch.setattr(native, "host_processor", lambda: (processor[0], processor[1] + ",-sse4a"))
-    native.Kernel("one", IR.format(factor=5))
+    native.Kernel("one", lambda: IR.format(factor=5))
     assert len({*folder.iterdir()} - before) == 2  # the kernel, and the functions that kernels share
 
 

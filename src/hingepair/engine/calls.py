@@ -158,7 +158,7 @@ class Call:
     def llvm(self) -> str:
         """The LLVM module of the kernel of float64."""
         program, constants = self._program(False)
-        return program.kernel(self._layout(bool(constants)), "d").ir
+        return program.llvm_ir(self._layout(bool(constants)), "d")
 
     def _ufunc(self, char: str, shared: bool) -> Ufunc | None:
         """Return the ufunc for a dtype; None if LLVM cannot compile it and the backend is "auto"."""
@@ -189,7 +189,7 @@ class Call:
         loop = self.loop
         if self._limits:
             outputs = {name: tail for name, tail in loop.outputs if name in self.outputs}
-            loop = Loop(loop.name, loop.function, dict(loop.inputs), outputs, labels=loop.labels)
+            loop = Loop(loop.name, loop.function, dict(loop.inputs), outputs, labels=loop.labels, form=loop.form)
         call = Call(loop, self.argument_shapes, self._constant_inputs, None, shape=self._shape)
         if not call._has_rows:
             raise ArgumentError("ufunc", "a call of single arrays of at least one number each", quoted(self.outputs))

@@ -12,7 +12,6 @@ loads them (`native`).
 from __future__ import annotations
 
 import ctypes
-import json
 import mmap
 import platform
 import struct
@@ -101,7 +100,8 @@ def link(elf: bytes) -> bytes:
                 absolute.append(at)
             struct.pack_into(_FORMATS.get(kind, "<i"), image, at, to + addend - (0 if kind == _ABSOLUTE else at))
     functions = {s.name: places[s.section] + s.value for s in symbols if not s.is_local and s.section in places}
-    head = json.dumps({"imports": imports, "functions": functions, "absolute": absolute}).encode()
+    lines = imports, [f"{name}:{at}" for name, at in functions.items()], map(str, absolute)
+    head = "\n".join(" ".join(line) for line in lines).encode()  # names of LLVM's symbols have no spaces here
     return struct.pack("<I", len(head)) + head + image
 
 
@@ -131,16 +131,16 @@ class Image:
 
     def __init__(self, linked: bytes, import_address: Callable[[str], int]) -> None:
         (head_size,) = struct.unpack_from("<I", linked)
-        head = json.loads(linked[4 : 4 + head_size])
+        imports, functions, absolute = (line.split() for line in linked[4 : 4 + head_size].decode().split("\n"))
         code = linked[4 + head_size :]
-        self._functions: dict[str, int] = head["functions"]
+        self._functions = {name: int(at) for name, _, at in (one.rpartition(":") for one in functions)}
         self._memory = mmap.mmap(
             -1, len(code), mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, mmap.PROT_READ | mmap.PROT_WRITE
         )
         self._memory[:] = code
         self._start = ctypes.addressof(ctypes.c_char.from_buffer(self._memory))
-        struct.pack_into(f"<{len(head['imports'])}Q", self._memory, 0, *map(import_address, head["imports"]))
-        for at in head["absolute"]:
+        struct.pack_into(f"<{len(imports)}Q", self._memory, 0, *map(import_address, imports))
+        for at in map(int, absolute):
             (offset,) = struct.unpack_from("<Q", self._memory, at)
             struct.pack_into("<Q", self._memory, at, self._start + offset)
         protect = ctypes.CDLL(None, use_errno=True).mprotect

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine import python_source
+from hingepair.engine import object_cache, python_source
 from hingepair.engine.backend import Execution, compiler_lock, kernel_pays
 from hingepair.engine.binding import (
     ArrayShape,
@@ -80,6 +80,9 @@ class Loop:
         carry: makes the loop a scan: for each carried input, the result that becomes its value at the next sample.
             The value given for a carried input is the start of each chain.
         labels: names of the components of inputs in generated code; by default the input's name and a number.
+        form: what the function is made of, if that and the sources of `object_cache.TRACED_PACKAGES` decide what it
+            computes: numbers, texts and tuples, whose `repr` says all. Then a process that finds the kernel on disk
+            need not trace the function.
     """
 
     def __init__(
@@ -92,6 +95,7 @@ class Loop:
         exact: bool = False,
         carry: Mapping[str, str] | None = None,
         labels: Mapping[str, Sequence[str]] | None = None,
+        form: object = None,
     ) -> None:
         self.name = name
         self.function = function
@@ -100,6 +104,7 @@ class Loop:
         self.exact = exact
         self.carry = dict(carry or {})
         self.labels = dict(labels or {})
+        self.form = form
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
     def run(
@@ -303,21 +308,37 @@ class Program:
         kernel = self._kernels.get((layout, char))
         if kernel is None:
             with compiler_lock:  # a second thread waits, and takes the kernel of the first
-                from hingepair.engine.native import Kernel, can_fuse
+                from hingepair.engine.native import Kernel
 
                 kernel = self._kernels.get((layout, char))
                 if kernel is None:
-                    ir = self.llvm_ir(layout, char, fuse=can_fuse() and not self.loop.exact)
-                    kernel = self._kernels[layout, char] = Kernel(self.loop.name, ir, float_type_name(char == "f"))
+                    ir = functools.partial(self.llvm_ir, layout, char)
+                    form = self._form("kernel", layout, char, self.fuses)
+                    kernel = Kernel(self.loop.name, ir, float_type_name(char == "f"), form)
+                    self._kernels[layout, char] = kernel
         return kernel
 
-    def llvm_ir(self, layout: Layout, char: str, fuse: bool) -> str:
+    def _form(self, *parts: object) -> str:
+        """Return a text that decides, without a trace, what these parts of the program are, or an empty text."""
+        loop = self.loop
+        sources = object_cache.source_digest() if loop.form is not None else None
+        if sources is None:
+            return ""
+        return repr((sources, loop.form, loop.inputs, loop.outputs, loop.carry, self.pattern, *parts))
+
+    @property
+    def fuses(self) -> bool:
+        """Whether a product and a sum become one instruction of kernels (FMA)."""
+        from hingepair.engine.native import can_fuse
+
+        return can_fuse() and not self.loop.exact
+
+    def llvm_ir(self, layout: Layout, char: str) -> str:
         """Return the LLVM module, as text, of a kernel and of the loop by which a ufunc calls it.
 
         Args:
             layout: arrays of the ufunc.
             char: character of the dtype, "d" or "f".
-            fuse: whether a product and a sum become one instruction (FMA).
         """
         traced = self._traced
         inputs = [ComponentGroup(traced.constants, False)] if traced.constants else []
@@ -329,7 +350,7 @@ class Program:
         if self.loop.carry:
             after = [value for name in self.loop.carry.values() for value in components(traced.results[name])]
             carry = Carry(tuple(start), tuple(after))
-        kernel = kernel_ir(inputs, outputs, single=char == "f", fuse=fuse, carry=carry)
+        kernel = kernel_ir(inputs, outputs, single=char == "f", fuse=self.fuses, carry=carry)
         return f"{kernel}\n{loop_ir(layout, float_type_name(char == 'f'))}"
 
     def _run_numpy(
@@ -409,13 +430,21 @@ class Program:
     @lock_free_cached_property
     def weighted_operations(self) -> int:
         """Number of operations of the program, in which a sine or square root counts as several operations;
-        cached.
+        cached, on disk too.
         """
-        return sum(
+        form = self._form("operations")
+        key = object_cache.cache_key(form)
+        kept = object_cache.read_object(key) if form else None
+        if kept is not None:
+            return int(kept)
+        count = sum(
             (_WEIGHT_OF_NON_ARITHMETIC_OPERATION if value.operation in NON_ARITHMETIC_OPERATION_NAMES else 1)
             for value in self._needed_values
             if value.operation != "input"
         )
+        if form:
+            object_cache.write_object(key, b"%d" % count)
+        return count
 
     def count_operations(self, unfolded: Program) -> OperationCounts:
         """Return the `OperationCounts` of this program. `unfolded` is the program of the same loop for which no input

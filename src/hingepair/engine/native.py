@@ -8,7 +8,7 @@ import importlib.util
 import itertools
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,28 +24,26 @@ class Kernel:
 
     Args:
         name: name of the kernel in messages.
-        ir: the kernel's LLVM module.
+        ir: function that returns the kernel's LLVM module as text; it is called where the disk has no code.
         float_type: type of the numbers it computes with, "double" or "float".
-
-    Attributes:
-        ir: the kernel's LLVM module.
+        form: text that decides, with the sources of this package, what `ir` returns, so that it need not be called
+            to look on the disk; empty where only the module itself says what it is.
 
     Raises:
         MissingDependencyError: llvmlite is not installed.
         CompilationError: LLVM does not compile the code; the error says why.
     """
 
-    def __init__(self, name: str, ir: str, float_type: str = "double") -> None:
-        self.ir = ir
+    def __init__(self, name: str, ir: Callable[[], str], float_type: str = "double", form: str = "") -> None:
         with compiler_lock:
-            self._code = _compile_module(name, ir, _shared_functions(float_type))
+            self._code = _compile_module(name, ir, form, _shared_functions(float_type))
 
     def address(self, symbol: str) -> int:
         """Return the address of a function that the module defines."""
         return self._code.address(symbol)
 
 
-_OBJECT_KIND = "image 1" if images.CAN_LINK else "object 1"
+_OBJECT_KIND = "image 2" if images.CAN_LINK else "object 1"
 # Functions of the C library that compiled code calls.
 _C_LIBRARY_FUNCTION_NAMES = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")
 
@@ -81,14 +79,17 @@ class _JitCode:
 _unused_engines: list[Any] = []
 
 
-def _compile_module(name: str, ir: str, shared: Mapping[str, int] | None = None) -> _Code:
-    """Compile an LLVM module, given as text (`ir`), or take its machine code from the disk, and load it.
+def _compile_module(
+    name: str, ir: Callable[[], str], form: str = "", shared: Mapping[str, int] | None = None
+) -> _Code:
+    """Compile an LLVM module, or take its machine code from the disk, and load it.
 
     LLVM's optimiser is not run: the trace has been folded already.
 
     Args:
         name: name of the module in messages.
-        ir: the module.
+        ir: function that returns the module as text.
+        form: text that decides what `ir` returns; empty where the module itself is to be looked for.
         shared: addresses of functions that the module calls, beside those of C and Python.
 
     Raises:
@@ -97,11 +98,14 @@ def _compile_module(name: str, ir: str, shared: Mapping[str, int] | None = None)
     """
     with compiler_lock:
         processor = host_processor()
-        key = object_cache.cache_key(_OBJECT_KIND, _llvmlite_build(), *processor, ir)
+        text = "" if form else ir()
+        key = object_cache.cache_key(_OBJECT_KIND, _llvmlite_build(), *processor, form, text)
+        code = object_cache.read_object(key)
+        if code is None and form:
+            text = ir()
         try:
-            code = object_cache.read_object(key)
             if code is None:
-                code = _compile(ir)
+                code = _compile(text)
                 object_cache.write_object(key, code)
             if images.CAN_LINK:
                 return images.Image(code, functools.partial(_import_address, shared or {}))
@@ -158,7 +162,7 @@ def _shared_functions(float_type: str) -> Mapping[str, int]:
 @functools.cache
 def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
     """Return the shared functions, which are loaded once for each processor, and their addresses by symbol."""
-    code = _compile_module("shared functions", shared_ir(float_type))
+    code = _compile_module("shared functions", functools.partial(shared_ir, float_type))
     return code, {symbol: code.address(symbol) for symbol in shared_symbols(float_type)}
 
 

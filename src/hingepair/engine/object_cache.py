@@ -22,6 +22,9 @@ from uuid import uuid4
 MAX_BYTES: Final = 256 * 2**20
 """Size of the folder; past it the objects that were not used for the longest time are deleted."""
 
+TRACED_PACKAGES: Final = ("engine", "equations", "numeric", "plans", "rotations")
+"""Packages whose code writes programs; they import no others."""
+
 _BYTES_AFTER_TRIM: Final = MAX_BYTES * 3 // 4
 _MAGIC: Final = b"hingepair object 1\n"
 _DIGEST_BYTES: Final = 32
@@ -38,7 +41,7 @@ _looked = False
 class CacheFile(NamedTuple):
     """A file of the cache: its path, size [bytes] and time of last use [s]."""
 
-    path: Path
+    path: str
     size: int
     used: float
 
@@ -67,6 +70,19 @@ def cache_key(*parts: str) -> str:
         digest.update(b"%d:" % len(encoded))
         digest.update(encoded)
     return digest.hexdigest()
+
+
+@functools.cache
+def source_digest() -> str | None:
+    """Return the digest of the sources that decide what a form of a program computes, so that it need not be traced
+    to be found; None where there are no sources. They are read, since times of files do not tell every edit.
+    """
+    digest, found = hashlib.sha256(), False
+    for name in TRACED_PACKAGES:
+        for path in sorted((Path(__file__).parents[1] / name).glob("*.py")):
+            found = True
+            digest.update(b"%d:" % path.stat().st_size + path.read_bytes())
+    return digest.hexdigest() if found else None
 
 
 def read_object(key: str) -> bytes | None:
@@ -130,7 +146,7 @@ def cache_files(folder: Path) -> list[CacheFile]:
             if entry.name.startswith(_PREFIX) and entry.name.endswith((_SUFFIX, _UNFINISHED)):
                 with contextlib.suppress(OSError):
                     status = entry.stat(follow_symlinks=False)
-                    found.append(CacheFile(Path(entry.path), status.st_size, status.st_mtime))
+                    found.append(CacheFile(entry.path, status.st_size, status.st_mtime))
     return sorted(found, key=lambda file: file.used)
 
 
@@ -152,15 +168,15 @@ def _trim(folder: Path, written: int) -> None:
     size = sum(file.size for file in files)
     limit = _BYTES_AFTER_TRIM if size > MAX_BYTES else MAX_BYTES
     for file in files:
-        left = file.path.suffix == _UNFINISHED
+        left = file.path.endswith(_UNFINISHED)
         if (now - file.used > _MAX_WRITE_SECONDS if left else size > limit) and _delete(file.path):
             size -= file.size
 
 
-def _delete(path: Path) -> bool:
+def _delete(path: str) -> bool:
     """Delete a file, and return whether that was possible."""
     try:
-        path.unlink()
+        os.unlink(path)
     except OSError:
         return False
     return True

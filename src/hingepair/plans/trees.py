@@ -776,4 +776,5 @@ def request_loop(form: Form, request: Request) -> Loop:
         for name in ("q", "qd", "qdd", "tau")
     }
     inputs = input_shapes(form, request)
-    return Loop("robot", functools.partial(compute_request, form, request), inputs, outputs, labels=labels)
+    function = functools.partial(compute_request, form, request)
+    return Loop("robot", function, inputs, outputs, labels=labels, form=(form, request))
