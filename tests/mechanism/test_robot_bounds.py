@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 
 import hingepair as hp
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from support import states
+from support.reference import DIGITS
 from support.robot_reference import RobotReference, errors
-from support.trees import Robot
+from support.trees import Robot, with_mimics
 
 GRAVITY = (1.5, -2.0, -9.0)
 LINKS = ("tip", "middle")
@@ -20,16 +22,16 @@ def one_of(rng, *values):
     return values[rng.integers(len(values))]
 
 
-def random_robot(rng):
+def random_robot(rng, count, base, heavy=False):
     """A chain with axes along and across the body's, placements turned by Euler angles, and masses on the axes."""
-    joints, count = [], int(rng.integers(1, 7))
+    joints = []
     for k in range(count):
         n = one_of(rng, np.eye(3)[rng.integers(3)], states.rotations(rng, 1)[0][0], np.ones(3) / np.sqrt(3))
         turn = one_of(rng, (0, 0, 0), rng.uniform(-3, 3, 3), (0, 0, rng.uniform(-3, 3)))
         u = one_of(rng, rng.uniform(-1, 1, 3), np.array((0, 0, rng.uniform())), np.zeros(3))
-        mass = one_of(rng, rng.uniform(0.1, 3), rng.uniform(0.1, 3), 1e-6, 1e3, 0.0)
+        mass = rng.uniform(0.1, 3) if heavy else one_of(rng, *rng.uniform(0.1, 3, 2), 1e-6, 1e3, 0.0)
         A = rng.normal(size=(3, 3)) * 0.3
-        inertia = one_of(rng, A @ A.T, np.eye(3) * 0.2, np.zeros((3, 3)))
+        inertia = one_of(rng, A @ A.T, np.eye(3) * 0.2, np.eye(3) * heavy)
         centre = one_of(rng, rng.normal(size=3) * 0.3, n * 0.5, np.zeros(3))
         zero = mass == 0
         body = MassProperties(mass, centre * (not zero), (inertia + inertia.T) / 2 * (not zero))
@@ -37,8 +39,8 @@ def random_robot(rng):
         joints.append(Joint(f"joint_{k}", kind, k, u, np.array(hp.euler_to_matrix(turn)), n, body))
     turn = np.array(hp.euler_to_matrix(rng.uniform(-3, 3, 3)))
     links = {"tip": Frame(count, rng.normal(size=3), turn), "middle": Frame(count // 2, np.zeros(3), np.eye(3))}
-    base = MassProperties(2.0, rng.normal(size=3), np.eye(3))
-    return Robot(Tree("robot", tuple(joints), base, links, {}, ("tip",)), one_of(rng, "fixed", "free"))
+    base_body = MassProperties(2.0, rng.normal(size=3), np.eye(3))
+    return Robot(Tree("robot", tuple(joints), base_body, links, {}, ("tip",)), base)
 
 
 def check_robot(robot, coordinates, backend):
@@ -62,7 +64,7 @@ def check_robot(robot, coordinates, backend):
 
 def check_random(seed, backend):
     rng = states.generator(810, seed)
-    robot = random_robot(rng)
+    robot = random_robot(rng, int(rng.integers(1, 7)), one_of(rng, "fixed", "free"))
     size = 10.0 ** one_of(rng, 0.0, 0.0, rng.uniform(-4, 4))
     check_robot(robot, [rng.normal(size=(2, robot.dof)) * own for own in (2, size, size)], backend)
 
@@ -95,3 +97,45 @@ def test_integers_above_2_to_the_53_are_off_by_their_rounding():
     assert pair.error_bounds(np.array([large, 0, 0, 0, 0, 0, 0]))["R2"] >= 1
     assert robot.error_bounds(np.array([large]))["R"].max() >= 1
     assert robot.error_bounds(np.array([large - 1]))["R"].max() == 0
+
+
+def exact_accelerations(robot, q, qd, tau):
+    """Solve for q'' of a fixed base in 60 digits: M column by column, and what acts less what the rates take."""
+    count, dof = q.shape
+    still, turn = np.zeros((count, 3)), np.stack([np.eye(3)] * count)
+
+    def takes(qd, qdd, gravity):
+        truth = RobotReference(robot.tree, [still, turn, still, still, still, still], q, qd, qdd, gravity)
+        return truth.forces(base_counts=False)[2]
+
+    with mpmath.workdps(DIGITS):
+        matrix = np.stack([takes(0 * q, 0 * q + np.eye(dof)[k], (0, 0, 0)) for k in range(dof)], axis=-1)
+        left = tau.astype(object) - takes(qd, 0 * q, GRAVITY)
+        return np.array(
+            [list(mpmath.lu_solve(mpmath.matrix(M.tolist()), list(f))) for M, f in zip(matrix, left, strict=True)]
+        )
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_bounds_of_accelerations_hold_and_are_finite(seed):
+    """Of a chain of eight joints too, whose mass matrix is what its elimination leaves joint by joint."""
+    rng = states.generator(811, seed)
+    robot = random_robot(rng, 8, "fixed", heavy=True)
+    q, qd, tau = rng.normal(size=(3, 2, 8))
+    bound = robot.error_bounds(q, qd, tau=tau, outputs=("qdd",), gravity=GRAVITY)["qdd"]
+    exact = exact_accelerations(robot, q, qd, tau)
+    for backend in ("numpy", "compiled"):
+        found = robot.forward_dynamics(q, qd, tau, gravity=GRAVITY, backend=backend).qdd
+        assert (errors(found, exact, 1) <= bound).all()
+    assert (bound <= 1e-6 * abs(found).max(axis=1)).all()
+
+
+def test_accelerations_of_a_follower_with_a_tip_without_mass_have_a_bound():
+    body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
+    hinges = [
+        hp.HingePair((0, 0, 0.3), (0, 0, 0), (0, 1, 0), name=f"joint_{k}", body2=own)
+        for k, own in enumerate((body, body, None))
+    ]
+    tree = with_mimics(hp.Mechanism(hinges).tree, {"joint_2": ("joint_0", 0.5, 0.1)})
+    bound = Robot(tree).error_bounds([0.3, 0.2], [0.3, 0.2], tau=[1.0, 2.0], outputs=("qdd",))["qdd"]
+    assert 0 < bound < 1e-10

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hingepair.engine.backend import Execution
+from hingepair.engine.results import Results
+from hingepair.errors import CompilationError, MissingDependencyError
 from hingepair.mechanism.arguments import InputValues
 from hingepair.mechanism.constants import frame_numbers, number_bounds, program_numbers
 from hingepair.mechanism.evaluate import RobotComputation
@@ -16,8 +20,11 @@ from hingepair.mechanism.states import FRAME_MOTION_OUTPUT_NAMES
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.bounded import Bounded, bounded_class, conversion_error
+from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF, Bounded, bounded_class, conversion_error
 from hingepair.plans.trees import compute_request
+
+_ACCELERATIONS = ("a1", "alpha1", "qdd")  # outputs of forward dynamics
+_DOUBLE = np.dtype(np.float64)
 
 
 def error_bounds(
@@ -27,43 +34,157 @@ def error_bounds(
     gravity vector [m/s^2], and return a dict of arrays by output name. At every sample, an output has one bound for
     its largest component; an output of motion has one such bound for each frame, along the last axis.
     """
-    form, request, constants = computation.form, computation.request, computation.constants
-    complete = computation.complete(values, gravity)
-    components = [c for name in values.value_by_input for c in _as_tuple(values.value_by_input[name])]
-    kind = bounded_class(result_dtype(components))
-    frame_count = len(request.frames)
-    numbers = program_numbers(constants)
-    numbers += [number for frame in computation.frames for number in frame_numbers(constants, frame)]
-    pairs = [*zip(numbers, number_bounds(constants, computation.frames), strict=True)]
-    # Only an exact number folds: in a program, one may be 0 that would be 1e-17.
-    known = tuple(number if bound == 0 and number in {0.0, 1.0, -1.0} else None for number, bound in pairs)
-    form, request = form._replace(known=known[: len(form.known)]), request._replace(known=known[len(form.known) :])
-    parameters = [kind.rounded(*pair) for pair, folded in zip(pairs, known, strict=True) if folded is None]
+    names = computation.request.outputs
+    solved = tuple(name for name in names if name in _ACCELERATIONS)
+    carried = tuple(name for name in names if name not in solved)
+    bounds = _carried_bounds(computation, carried, values, gravity) if carried else {}
+    if solved:
+        bounds |= _acceleration_bounds(computation, solved, values, gravity)
+    return {name: bounds[name] for name in names}
 
-    def block_bounds(block_inputs: Named) -> Mapping[str, Any]:
-        """Return a dict of the error bounds of all outputs by name, for one block of samples. `block_inputs` is a
-        dict of tuples of components by input name.
-        """
-        bounded_inputs: dict[str, Any] = {
-            name: tuple(map(kind.rounded, block_inputs[name], block_inputs[f"{name} error"])) for name in groups
+
+class _BoundedProgram:
+    """Outputs of a robot, computed with numbers that carry a bound.
+
+    Args:
+        computation: the robot and its frames.
+        outputs: names of the outputs.
+        values: arguments, whose dtype is the precision that is bounded.
+    """
+
+    def __init__(self, computation: RobotComputation, outputs: tuple[str, ...], values: InputValues) -> None:
+        components = [c for name in values.value_by_input for c in _as_tuple(values.value_by_input[name])]
+        self._kind = bounded_class(result_dtype(components))
+        constants, frames = computation.constants, computation.frames
+        numbers = program_numbers(constants)
+        numbers += [number for frame in frames for number in frame_numbers(constants, frame)]
+        pairs = [*zip(numbers, number_bounds(constants, frames), strict=True)]
+        # Only an exact number folds: in a program, one may be 0 that would be 1e-17.
+        known = tuple(number if bound == 0 and number in {0.0, 1.0, -1.0} else None for number, bound in pairs)
+        count = len(computation.form.known)
+        self._form = computation.form._replace(known=known[:count])
+        self._request = computation.request._replace(outputs=outputs, known=known[count:])
+        self._constants = tuple(
+            self._kind.rounded(*pair) for pair, folded in zip(pairs, known, strict=True) if folded is None
+        )
+
+    def run(self, block: Named, names: Iterable[str]) -> dict[str, Any]:
+        """Return the outputs for a block of the inputs `names`, as `with_conversion_errors` returns them."""
+        inputs: dict[str, Any] = {
+            name: tuple(map(self._kind.rounded, block[name], block[f"{name} error"])) for name in names
         }
-        bounded_inputs["constants"] = tuple(parameters)
-        results = compute_request(form, request, bounded_inputs)
+        return compute_request(self._form, self._request, inputs | {"constants": self._constants})
+
+
+def _carried_bounds(
+    computation: RobotComputation, names: tuple[str, ...], values: InputValues, gravity: tuple[float, ...]
+) -> dict[str, Float64Array]:
+    """Return the bounds that the numbers of the named outputs carry."""
+    program, frame_count = _BoundedProgram(computation, names, values), len(computation.frames)
+    groups = _input_groups(computation, computation.complete(values, gravity))
+
+    def block_bounds(block: Named) -> Mapping[str, Any]:
+        """Return the largest bound of each output and frame."""
+        results = program.run(block, groups)
         return {
             name: _largest_bounds(results[name], frame_count if name in FRAME_MOTION_OUTPUT_NAMES else 0)
-            for name in request.outputs
+            for name in names
         }
 
-    groups = {
-        name: _input_components(complete[name], sample_shape)
+    shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUT_NAMES else () for name in names}
+    samples = broadcast_shape(values.shape_by_argument)
+    return tabulate(block_bounds, _with_conversion_errors(groups), shapes, samples, _DOUBLE)
+
+
+def _acceleration_bounds(
+    computation: RobotComputation, names: tuple[str, ...], values: InputValues, gravity: tuple[float, ...]
+) -> dict[str, Float64Array]:
+    """Return bounds of the accelerations x that both backends give, from what x leaves in the inverse dynamics.
+
+    Carried through the elimination of joints (T5), bounds grow tenfold with each joint.
+    """
+    constants, free, dof = computation.constants, computation.request.free, computation.form.dof
+    unknown, loads = (_ACCELERATIONS, ("force1", "torque1", "tau")) if free else (("qdd",), ("tau",))
+    solver = RobotComputation(constants, unknown, free, (), (), Results)
+    inverse = RobotComputation(constants, (*loads, "mass_matrix"), free, (), (), None)
+    program = _BoundedProgram(inverse, inverse.request.outputs, values)
+    complete, samples = solver.complete(values, gravity), broadcast_shape(values.shape_by_argument)
+    given = _input_groups(solver, {name: complete[name] for name in loads})
+    worst = dict.fromkeys(names, np.zeros(samples))
+    for backend in ("numpy", "compiled"):
+        try:
+            found = solver.run(values, gravity, None, Execution(backend, 1))
+        except (CompilationError, MissingDependencyError):
+            continue  # then no other backend computes either
+        groups = _input_groups(inverse, complete | {name: np.asarray(found[name]) for name in unknown})
+
+        def block_bounds(block: Named, inputs: Iterable[str] = tuple(groups)) -> Mapping[str, Any]:
+            """Return the largest bound of each output."""
+            results = program.run(block, inputs)
+            left = [
+                np.abs(got.value - load) + got.error + error
+                for name in loads
+                for got, load, error in zip(
+                    results[name], block[f"{name} given"], block[f"{name} given error"], strict=True
+                )
+            ]
+            errors = _solution_errors(left, results["mass_matrix"])
+            parts = {"a1": errors[:3], "alpha1": errors[3:6], "qdd": errors[len(errors) - dof :]}
+            return {name: functools.reduce(np.maximum, parts[name]) for name in names}
+
+        groups |= {f"{name} given": group for name, group in given.items()}
+        bounds = tabulate(block_bounds, _with_conversion_errors(groups), dict.fromkeys(names, ()), samples, _DOUBLE)
+        worst = {name: np.maximum(worst[name], bound) for name, bound in bounds.items()}
+    return worst
+
+
+def _solution_errors(left: Sequence[Any], matrix: Sequence[Any]) -> list[NDArray[np.float64]]:
+    """Return bounds on the errors of the components of x, where M x leaves at most `left`, component by component.
+
+    `matrix` holds the bounded entries of M, row by row. With X next to the inverse of M and |I - X M| <= E, the
+    errors e are at most |X| left + E e, hence e <= w / (1 - c) for every w >= |X| left with E w <= c w.
+    """
+    size = len(left)
+    values = [c.value if isinstance(c, Bounded) else c for c in matrix]
+    errors = [c.error if isinstance(c, Bounded) else 0.0 for c in matrix]
+    columns = np.stack(np.broadcast_arrays(*left, *values, *errors), axis=-1)
+    r, M, off = np.split(columns, (size, size + size * size), axis=-1)
+    M, off = (part.reshape(*part.shape[:-1], size, size) for part in (M, off))
+    # Coordinates in which the diagonal is 1; powers of two, which round nothing.
+    scale = np.exp2(-np.round(np.log2(np.abs(np.diagonal(M, axis1=-2, axis2=-1))) / 2))
+    both = scale[..., None] * scale[..., None, :]
+    known = np.isfinite(r * scale).all(axis=-1) & np.isfinite(M * both).all(axis=(-2, -1))
+    M, off = np.where(known[..., None, None], M * both, np.eye(size)), off * both
+    X = _inverse(M)
+    rounding = (2 * size + 8) * FLOAT64_UNIT_ROUNDOFF * (np.abs(X) @ np.abs(M))
+    E = np.abs(np.eye(size) - X @ M) + rounding + np.abs(X) @ off
+    w = (np.abs(X) @ (r * scale)[..., None])[..., 0] * (1 + 2.0**-30)
+    w = w + w.max(axis=-1, keepdims=True) / 1024 + np.finfo(np.float64).tiny
+    c = ((E @ w[..., None])[..., 0] / w).max(axis=-1)
+    found = np.where((known & (c < 1))[..., None], w / (1 - c)[..., None] * scale, np.inf)
+    return list(np.moveaxis(found, -1, 0))
+
+
+def _inverse(M: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inverses of matrices, NaN of singular ones."""
+    try:
+        return np.asarray(np.linalg.inv(M))
+    except np.linalg.LinAlgError:
+        return np.full_like(M, np.nan) if M.ndim == 2 else np.stack([_inverse(one) for one in M])
+
+
+def _input_groups(computation: RobotComputation, values: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+    """Return the components of those values that are inputs of a computation, without the constants."""
+    return {
+        name: _input_components(values[name], sample_shape)
         for name, sample_shape in computation.inputs.items()
-        if name != "constants"
+        if name in values and name != "constants"
     }
-    errors = {f"{name} error": tuple(map(conversion_error, group)) for name, group in groups.items()}
-    bound_shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUT_NAMES else () for name in request.outputs}
-    return tabulate(
-        block_bounds, groups | errors, bound_shapes, broadcast_shape(values.shape_by_argument), np.dtype(np.float64)
-    )
+
+
+def _with_conversion_errors(groups: Mapping[str, tuple[Any, ...]]) -> Named:
+    """Return the groups and, by "NAME error", what converting each component to float64 changes."""
+    return {**groups, **{f"{name} error": tuple(map(conversion_error, group)) for name, group in groups.items()}}
 
 
 def _as_tuple(value: Any) -> tuple[Any, ...]:

@@ -266,8 +266,9 @@ class MechanismMethods(Shown):
 
         The error is the difference between the computed result and the exact result of the equations. The given
         arguments are taken as exact, and so are the dimensions and mass properties of the robot as they are stored in
-        floating-point numbers. The bounds are rigorous for the backends "numpy" and "compiled" if sines and cosines
-        are accurate to 1.5 units in the last place.
+        floating-point numbers; an attitude stands for the rotation next to it. The bounds are rigorous for the
+        backends "numpy" and "compiled" if sines are as accurate as the page on accuracy says. Those of qdd, a1 and
+        alpha1 are computed from the results of both backends for these arguments.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
