@@ -506,3 +506,73 @@ def test_products_that_overflow_are_refused_where_masses_are_used():
 def test_the_base_of_a_robot_is_not_replaced(robot):
     with pytest.raises(ValueError, match="base"):
         dataclasses.replace(robot, base="free")
+
+
+def link(name, mass, moments, centre=(0, 0, 0)):
+    """A link of URDF; a mass of 0 is none."""
+    origin, (xx, yy, zz) = " ".join(map(str, centre)), moments
+    inertia = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/>'
+    inner = f'<inertial><origin xyz="{origin}"/><mass value="{mass}"/>{inertia}</inertial>' if mass else ""
+    return f'<link name="{name}">{inner}</link>'
+
+
+def free(base, arm="", kind="continuous", origin='xyz="0.3 0.2 0.1" rpy="0.3 0.4 0.5"', mimics=False):
+    """A robot on a free base, of one or two links, and a joint that follows where it is asked for."""
+    end = '<child link="arm"/><axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+    joint = f'<joint name="j" type="{kind}"><origin {origin}/><parent link="base"/>{end}' if arm else ""
+    text = f"{link('base', *base)}{link('arm', *arm) if arm else ''}{joint}"
+    if mimics:
+        joint = joint.replace('name="j"', 'name="k"').replace('"arm"', '"hand"').replace('"base"', '"arm"')
+        text += link("hand", 1, (1, 1, 1)) + joint.replace("</joint>", '<mimic joint="j"/></joint>')
+    return hp.Mechanism.from_urdf(f'<robot name="r">{text}</robot>', base="free")
+
+
+POINT, BALL, NOTHING = (3, (0, 0, 0), (1, 2, 3)), (2, (1, 1, 1), (1, 0, 0)), (0, (0, 0, 0))
+SINGULAR = {
+    "no mass": lambda: free(NOTHING, NOTHING),
+    "one link without mass": lambda: free(NOTHING),
+    "one point": lambda: free(POINT),
+    "two points": lambda: free(POINT, (2, (0, 0, 0), (1, 0, 0))),
+    "two points of which one is the base": lambda: free((3, (0, 0, 0)), (2, (0, 0, 0), (1, 0.25, 0))),
+    "base without mass": lambda: free(NOTHING, BALL),
+    "mass at the last of two coupled joints": lambda: free(NOTHING, NOTHING, mimics=True),
+}
+
+
+@pytest.mark.filterwarnings("ignore:.*no rigid body has")
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+@pytest.mark.parametrize("case", SINGULAR)
+def test_accelerations_of_a_base_that_nothing_resists_are_nan(case, backend):
+    robot = SINGULAR[case]()
+    q = np.random.default_rng(5).normal(size=(4, robot.dof))
+    step = robot.prepare("forward_dynamics", backend=backend)
+    for call in (lambda *given: robot.forward_dynamics(*given, backend=backend), step):
+        for given, where in ((q, "at 4 of 4 samples"), (q[0], "here")):
+            with pytest.warns(hp.DynamicsWarning, match=f"no mass resists .*{where}; accelerations are NaN there"):
+                found = call(given, given, given)
+            assert np.isnan(np.concatenate((found.qdd, found.a1, found.alpha1), axis=-1)).all()
+    assert np.isinf(robot.error_bounds(q, q, tau=q, outputs=("a1",))["a1"]).all()
+
+
+@pytest.mark.filterwarnings("ignore:.*no rigid body has")
+def test_a_base_is_named_at_the_samples_where_nothing_resists_it():
+    """A rod along x, and a point that a slider holds on its axis or beside it."""
+    robot = free((3, (0, 1, 1)), (2, (0, 0, 0)), "prismatic", "")
+    q = np.array([[0.0], [1.0], [0.0], [-0.5]])
+    with pytest.warns(hp.DynamicsWarning, match="no mass resists the base at 2 of 4 samples"):
+        found = robot.forward_dynamics(q, q, q)
+    assert np.isnan(found.alpha1).any(axis=-1).tolist() == [True, False, True, False]
+
+
+@pytest.mark.filterwarnings("ignore:.*no rigid body has")
+@pytest.mark.parametrize("base", [BALL, (3, (0, 0, 0)), (3, (1e-5, 1e-5, 1e-5))], ids=["ball", "point", "small"])
+def test_a_base_that_something_resists_accelerates(base):
+    robot = free(base, BALL)
+    q = np.random.default_rng(6).normal(size=(5, 1))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*no mass resists")
+        found = robot.forward_dynamics(q, q, q, force1=(1, 2, 3), torque1=(4, 5, 6))
+    M = np.concatenate((found.a1, found.alpha1, found.qdd), axis=-1)[..., None]
+    left = (robot.mass_matrix(q) @ M)[..., 0] + robot.bias_forces(q, q)
+    expected = np.concatenate((np.broadcast_to((1, 2, 3, 4, 5, 6), (5, 6)), q), axis=-1)
+    np.testing.assert_allclose(left, expected, rtol=0, atol=1e-11 * np.abs(found.qdd).max())

@@ -16,6 +16,7 @@ D8  P = sum m_i v_ci, L = sum R_ci x m_i v_ci + I_i omega_i                     
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 from hingepair.equations.derivatives import Entries
@@ -149,24 +150,33 @@ def angular_accelerations(
     return (ax, ay, az), psidd, pivot_ratios
 
 
-def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
-    """Solve A x = b by the factorisation A = L D L^T, and return the tuple x and the tuple of pivots D. A is
-    symmetric and positive definite, given by the entries on and below its diagonal, row by row.
+def factor_symmetric(A: Entries) -> tuple[list[list[Scalar]], Entries]:
+    """Return the entries of L below its diagonal, row by row, and the tuple of pivots D of A = L D L^T. A is
+    symmetric and positive definite, given by the entries on and below its diagonal, row by row. A pivot that is known
+    to be 0 is NaN.
     """
-    size = len(b)
     lower: list[list[Scalar]] = []
     pivots: list[Scalar] = []
-    for i in range(size):
-        row = list(A[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2])
-        for j in range(i):
+    while len(row := list(A[len(lower) * (len(lower) + 1) // 2 :][: len(lower) + 1])) > len(lower):
+        size = len(lower)
+        for j in range(size):
             for k in range(j):
                 row[j] = row[j] - row[k] * lower[j][k]
-        scaled = [row[j] / pivots[j] for j in range(i)]
-        pivot = row[i]
-        for j in range(i):
+        scaled = [row[j] / pivots[j] for j in range(size)]
+        pivot = row[size]
+        for j in range(size):
             pivot = pivot - row[j] * scaled[j]
         lower.append(scaled)
-        pivots.append(pivot)
+        pivots.append(math.nan if type(pivot) is float and pivot == 0 else pivot)
+    return lower, tuple(pivots)
+
+
+def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
+    """Solve A x = b by the factorisation A = L D L^T, and return the tuple x and the tuple of pivots D; A is as for
+    `factor_symmetric`.
+    """
+    lower, pivots = factor_symmetric(A)
+    size = len(b)
     x = list(b)
     for i in range(size):
         for j in range(i):
@@ -175,7 +185,7 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
     for i in reversed(range(size)):
         for j in range(i + 1, size):
             x[i] = x[i] - lower[j][i] * x[j]
-    return tuple(x), tuple(pivots)
+    return tuple(x), pivots
 
 
 def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matrix) -> Scalar:

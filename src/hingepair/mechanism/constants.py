@@ -24,6 +24,7 @@ from hingepair.plans.trees import Form
 Exact: TypeAlias = list[Any]
 """Fractions, or `Ball`s around fractions."""
 
+_ROUNDING_OF_PIVOTS: Final = 64 * 2.0**-53  # a pivot below this share of all inertia beyond the joint is rounding
 _FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
 # The axes x, y and z of a program in the body's axes, by the components' sizes of a joint axis along x, y or z.
 _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
@@ -45,6 +46,7 @@ class RobotConstants:
         numbers: the constants that are parameters of programs, in order.
         pivot_thresholds: for each coordinate, the size below which a pivot D is rounding (T5); 0 if D is never that
             small.
+        base_pivot_thresholds: the same for the six pivots of a free base; shape (6,). 0 for any other base.
         axes: for each body, the base first, the rotation from the program's axes to the body's own axes.
         cache: objects made once for the robot, by key.
     """
@@ -55,13 +57,14 @@ class RobotConstants:
     names: tuple[str, ...]
     numbers: tuple[float, ...]
     pivot_thresholds: NDArray[np.float64]
+    base_pivot_thresholds: NDArray[np.float64]
     axes: tuple[NDArray[np.float64], ...]
     cache: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
     def may_be_singular(self) -> bool:
-        """Whether the mass matrix may be singular: some joint may move without any inertia that resists."""
-        return bool(self.pivot_thresholds.any())
+        """Whether the mass matrix may be singular: a joint or the base may move without any inertia that resists."""
+        return bool(self.pivot_thresholds.any() or self.base_pivot_thresholds.any())
 
     @property
     def overflows(self) -> bool:
@@ -77,12 +80,14 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
     poses = _poses_in_program_axes(tree, axes)
     moments = _mass_moments(tree, free, [_exact(P) for P in axes], [(_exact(S), _exact(u)) for S, u in poses])
     with np.errstate(all="ignore"):  # what overflows is refused where masses are used
-        thresholds = _pivot_thresholds(tree, axes)
+        thresholds, base_thresholds = _pivot_thresholds(tree, axes)
+        base_thresholds = base_thresholds if free else (0.0, 0.0)
     numbers = _rounded_numbers(moments[0])
     for k, (joint, (S, u)) in enumerate(zip(tree.joints, poses, strict=True), 1):
         multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
         numbers += [*S.ravel().tolist(), *u.tolist(), *_rounded_numbers(moments[k])]
         numbers += [joint.armature, multiplier, offset, thresholds[k]]
+    numbers += base_thresholds
     folded, parameters = split_numbers(numbers)
     form = Form(
         _identifiers(joint.name for joint in tree.joints),
@@ -95,8 +100,16 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
     for joint, column, value in zip(tree.joints, form.columns, thresholds[1:], strict=True):
         ratio = 1.0 if joint.mimic is None else joint.mimic.multiplier
         by_column[column] += value * ratio * ratio
-    names = tuple(joint.name for joint in tree.coordinates)
-    return RobotConstants(tree, free, form, names, parameters, read_only(by_column), tuple(map(read_only, axes)))
+    return RobotConstants(
+        tree,
+        free,
+        form,
+        tuple(joint.name for joint in tree.coordinates),
+        parameters,
+        read_only(by_column),
+        read_only(np.repeat(base_thresholds, 3)),
+        tuple(map(read_only, axes)),
+    )
 
 
 def program_numbers(constants: RobotConstants) -> list[float]:
@@ -125,6 +138,7 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
     for (S, u), moments in zip(poses, masses[1:], strict=True):
         given = stored[len(exact) + 22 : len(exact) + 26]  # armature, multiplier, offset, threshold
         exact += [*S, *u, *_ten_numbers(moments), *given]
+    exact += stored[len(exact) :]  # the smallest pivots of the base
     for frame in frames:
         stored += frame_numbers(constants, frame)
         back = backs[frame.body]
@@ -371,7 +385,7 @@ def _padded_mass_numbers(moments: Sequence[_MassMoments]) -> Exact:
     before = [Fraction(0)] * 12  # in the place of S and u
     behind = [Fraction(0)] * 4  # in the place of armature, multiplier, offset and pivot threshold
     joints = (part for body_moments in moments[1:] for part in (*before, *_ten_numbers(body_moments), *behind))
-    return [*_ten_numbers(moments[0]), *joints]
+    return [*_ten_numbers(moments[0]), *joints, Fraction(0), Fraction(0)]  # the last two: pivots of the base
 
 
 def _exact(array: NDArray[np.float64]) -> Exact:
@@ -405,11 +419,11 @@ def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
     return sum((a * b for a, b in pairs if a and b), Fraction(0))
 
 
-def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[float]:
-    """Return a list of numbers, the first for the base (0) and one for every joint of a Tree. A joint's number is the
-    size below which its pivot in forward dynamics (D in equation T5) is only rounding error, or 0 if the pivot cannot
-    be that small. `axes` holds, for each body, the rotation from the axes in which the generated programs compute to
-    the body's own axes.
+def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[list[float], tuple[float, float]]:
+    """Return a list of numbers, the first for the base (0) and one for every joint of a Tree, and two numbers for the
+    pivots of a free base, of forces and of torques. A number is the size below which the pivot in forward dynamics (D
+    in equation T5) is only rounding error, or 0 if the pivot cannot be that small. `axes` holds, for each body, the
+    rotation from the axes in which the generated programs compute to the body's own axes.
 
     The inertia that resists a joint is at most that of all bodies beyond it, stretched out, and at least that of its
     own body and rotor.
@@ -428,15 +442,21 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[f
         reach = float(np.abs(joint.u).sum())
         if slides and np.isfinite(joint.position_limits).all():
             reach += float(np.abs(joint.position_limits).max())
-        # A pivot below this share of the inertia of all bodies beyond the joint is rounding.
-        smallest = 64 * 2.0**-53 * (mass[k] if slides else spread[k])
+        smallest = _ROUNDING_OF_PIVOTS * (mass[k] if slides else spread[k])
         own_inertia = joint.body.mass if slides else _inertia_about_axis(joint.body, axes[k][:, 2])
         # The threshold of a joint that carries no mass is 1e-300, since 0 stands for a pivot that is never small.
         thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, 1e-300)
         mass[p] += mass[k]
         moment[p] += moment[k] + mass[k] * reach
         spread[p] += spread[k] + 2 * reach * moment[k] + mass[k] * reach * reach
-    return thresholds
+    smallest_force, smallest_torque = (_ROUNDING_OF_PIVOTS * size for size in (mass[0], spread[0]))
+    is_regular = False
+    if tree.base.mass > 0:
+        c, least = tree.base.center_of_mass, float(np.linalg.eigvalsh(tree.base.inertia)[0])
+        # A force may also turn the base about its centre of mass, which resists it least.
+        is_regular = least > smallest_torque and 1 / (1 / tree.base.mass + float(c @ c) / least) > smallest_force
+    lowest = (0.0, 0.0) if is_regular else (max(smallest_force, 1e-300), max(smallest_torque, 1e-300))
+    return thresholds, lowest
 
 
 def _inertia_about_axis(body: MassProperties, n: NDArray[np.float64]) -> float:

@@ -18,7 +18,7 @@ from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import Coordinates, coordinate_columns, read_arguments, read_wrenches
 from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
-from hingepair.mechanism.prepare import PreparedMechanism, checked_given
+from hingepair.mechanism.prepare import PreparedMechanism, WatchedPreparedMechanism, checked_given
 from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,
     JointResults,
@@ -45,9 +45,10 @@ _OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a
 _MOTION_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
 _SINGLE_FRAME_OUTPUT_NAMES: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
 _INVERSE_DYNAMICS_OUTPUT_NAMES = ("tau", "force1", "torque1")  # of inverse dynamics
+_ACCELERATION_OUTPUT_NAMES = ("qdd", "a1", "alpha1")  # of forward dynamics
 _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME: Final[Mapping[str, type[JointResults]]] = {
     **dict.fromkeys(_INVERSE_DYNAMICS_OUTPUT_NAMES, MechanismForces),
-    **dict.fromkeys(("qdd", "a1", "alpha1"), MechanismAccelerations),
+    **dict.fromkeys(_ACCELERATION_OUTPUT_NAMES, MechanismAccelerations),
 }
 """Classes of the results, by the first output; results of motion are a MechanismState."""
 _PREPARABLE_BARE_ARRAY_OUTPUT_NAMES: Final = (
@@ -457,7 +458,7 @@ class MechanismMethods(Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        names = _checked_outputs(outputs, out, ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",))
+        names = _checked_outputs(outputs, out, _ACCELERATION_OUTPUT_NAMES if self.base == "free" else ("qdd",))
         labelled_loads, frames = self._wrench_inputs(wrenches)
         labelled_loads |= self._loads_on_base(force1, torque1)
         coordinates = {"q": q, "qd": qd, "tau": tau}
@@ -465,7 +466,8 @@ class MechanismMethods(Shown):
         result: MechanismAccelerations = self._run(
             computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
         )
-        self._warn_where_singular(result, q, base_motion)
+        if self._constants.may_be_singular:
+            self._warn_where_singular(result, q)
         return result
 
     def mass_matrix(
@@ -777,9 +779,10 @@ class MechanismMethods(Shown):
             workers=workers, backend=backend,
         )  # fmt: skip
         joints = self._constants.names
-        return PreparedMechanism(
-            computation, joints, names, _checked_gravity(gravity), execution_of(backend, workers), remade
-        )
+        arguments = computation, joints, names, _checked_gravity(gravity), execution_of(backend, workers), remade
+        if self._constants.may_be_singular and {*output_names} & {*_ACCELERATION_OUTPUT_NAMES}:
+            return WatchedPreparedMechanism(self._warn_where_singular, *arguments)
+        return PreparedMechanism(*arguments)
 
     def count_operations(
         self,
@@ -835,7 +838,7 @@ class MechanismMethods(Shown):
         the outputs that the prepared call computes. `given` is the argument `given` of `prepare`, and
         `argument_names` are the names of the call's arguments. Raise an ArgumentError for an unknown output.
         """
-        acceleration_outputs = ("qdd", "a1", "alpha1") if self.base == "free" else ("qdd",)
+        acceleration_outputs = _ACCELERATION_OUTPUT_NAMES if self.base == "free" else ("qdd",)
         if isinstance(given, str):
             outputs_by_name: dict[str, tuple[str, ...]] = {
                 "inverse_dynamics": _INVERSE_DYNAMICS_OUTPUT_NAMES,
@@ -1139,30 +1142,30 @@ class MechanismMethods(Shown):
             for note in self.tree.notes:
                 warn_of_dynamics(f"{self.tree.name}: {note}")
 
-    def _warn_where_singular(
-        self, result: MechanismAccelerations, q: Coordinates, base_motion: BodyMotion | None
-    ) -> None:
+    def _warn_where_singular(self, result: Results, q: Coordinates) -> None:
         """Issue a DynamicsWarning if accelerations in `result` are NaN at any sample because the mass matrix is
-        singular there. The warning names a joint whose motion no inertia resists. The matrix is checked for the
-        coordinates q and the BodyMotion `base_motion`, which may be None.
+        singular there. The warning names a joint, or the base, whose motion no inertia resists.
         """
-        if not self._constants.may_be_singular or not isinstance(result.qdd, np.ndarray):
-            return
-        bad = np.asarray(np.isnan(result.qdd).any(axis=-1))
+        arrays = result.arrays()
+        found = [arrays[name] for name in _ACCELERATION_OUTPUT_NAMES if isinstance(arrays.get(name), np.ndarray)]
+        bad = np.asarray(np.logical_or.reduce([np.isnan(array).any(axis=-1) for array in found] or [np.False_]))
         if not bad.any():
             return
-        computation = self._computation(("pivots",))
-        pivots = np.asarray(self._run(computation, {"q": q}, base_motion, None, 1, "numpy")["pivots"])
-        smallest = self._constants.pivot_thresholds
-        low = ~(np.abs(pivots) > smallest) & (smallest > 0) & bad[..., None]
+        names = ("pivots", "base_pivots") if self.base == "free" else ("pivots",)
+        pivots = self._run(self._computation(names), {"q": q}, None, None, 1, "numpy").arrays()
+        constants = self._constants
+        thresholds = {"pivots": constants.pivot_thresholds, "base_pivots": constants.base_pivot_thresholds}
+        labels = [*(f"joint {name!r}" for name in constants.names), *["the base"] * 6]
+        smallest = np.concatenate([thresholds[name] for name in names])
+        values = np.concatenate([np.asarray(pivots[name]) for name in names], axis=-1)
+        low = ~(np.abs(values) > smallest) & (smallest > 0) & bad[..., None]
         if low.any():
             first = low.reshape(-1, low.shape[-1])[int(np.argmax(low.any(axis=-1)))]
-            joint = self._constants.names[int(np.flatnonzero(first)[-1])]
             count = int(low.any(axis=-1).sum())
             where = f"at {count} of {bad.size} samples" if bad.shape else "here"
-            warn_of_dynamics(
-                f"{self.tree.name}: no mass resists joint {joint!r} {where}; accelerations are NaN there"
-            )
+            of_joints = np.flatnonzero(first[: len(constants.names)])
+            which = labels[int(of_joints[-1]) if of_joints.size else -1]
+            warn_of_dynamics(f"{self.tree.name}: no mass resists {which} {where}; accelerations are NaN there")
 
 
 def _checked_outputs(

@@ -152,6 +152,20 @@ class PreparedMechanism:
         )
 
 
+class WatchedPreparedMechanism(PreparedMechanism):
+    """Prepared call whose accelerations may be NaN because the mass matrix is singular, of which `watch` warns."""
+
+    def __init__(self, watch: Callable[[Any, Any], None], *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._watch = watch
+
+    def __call__(self, *given: Any, out: Any = None) -> Any:
+        """Compute as a PreparedMechanism does, and warn of a singular mass matrix."""
+        result = super().__call__(*given, out=out)
+        self._watch(result, given[self.given.index("q")])
+        return result
+
+
 def _call_factory(function: Callable[[], Any]) -> Any:
     """Call a function without arguments, and return its result; pickles of prepared calls are rebuilt by it."""
     return function()

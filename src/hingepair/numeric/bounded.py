@@ -98,13 +98,14 @@ class Bounded:
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Self) -> Self:
-        ratio = self.value / other.value
-        size = np.abs(other.value)
-        near = size - other.bound
-        exact = np.abs(ratio) + self.bound / near + np.abs(ratio) * (other.bound / near)
-        least = size - 2 * other.bound  # of the denominator of any evaluation
-        carried = np.where(least > 0, self.bound / least + exact * (other.bound / least), np.inf)
+    def __truediv__(self, other: Self | float) -> Self:
+        y = self._as_bounded(other)
+        ratio = self.value / y.value
+        size = np.abs(y.value)
+        near = size - y.bound
+        exact = np.abs(ratio) + self.bound / near + np.abs(ratio) * (y.bound / near)
+        least = size - 2 * y.bound  # of the denominator of any evaluation
+        carried = np.where(least > 0, self.bound / least + exact * (y.bound / least), np.inf)
         return type(self)(ratio, carried + self._rounding_error(ratio, carried) + 4 * self.smallest)
 
     def __rtruediv__(self, other: float) -> Self:

@@ -15,7 +15,7 @@ from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import name_components, where_less
 from hingepair.equations import trees as eq
-from hingepair.equations.dynamics import solve_symmetric
+from hingepair.equations.dynamics import factor_symmetric, solve_symmetric
 from hingepair.equations.spatial import (
     ZERO_VECTOR,
     Matrix,
@@ -45,9 +45,10 @@ SHAPE_BY_JOINT_CONSTANT_NAME: Final = {
     "offset": (),
     "min_pivot": (),
 }
+SHAPE_BY_BASE_PIVOT_NAME: Final = {"min_force_pivot": (), "min_torque_pivot": ()}
 SHAPE_BY_FRAME_CONSTANT_NAME: Final = {"R": (3,), "S": (9,)}
 """Shapes of the constants of each frame. The vector of constants holds those of the base, then those of each joint,
-then those of each frame, in the order of these three dictionaries."""
+then the smallest pivots of the base, then those of each frame, in the order of these four dictionaries."""
 
 
 class Form(NamedTuple):
@@ -149,6 +150,8 @@ class Computation:
             eq.Link(parent, slides, **joint)
             for parent, slides, joint in zip(form.parents, form.slides, joints, strict=True)
         ]
+        lowest = _take_numbers(parts, SHAPE_BY_BASE_PIVOT_NAME)
+        self.base_min_pivots = [lowest["min_force_pivot"]] * 3 + [lowest["min_torque_pivot"]] * 3
         self.frames = [(body, _take_numbers(parts, SHAPE_BY_FRAME_CONSTANT_NAME)) for body in request.frames]
 
     # ---- coordinates of joints, and what acts along them
@@ -432,6 +435,15 @@ class Computation:
         """Pair of the list of the eliminations of all joints and the articulated inertia of the base (T5)."""
         return eq.eliminate_joints(self.base, self.links, self.placements, _reciprocal)
 
+    @property
+    def articulated_base(self) -> tuple[Scalar, ...]:
+        """Entries on and below the diagonal of the articulated inertia of the base, for (a, alpha) in base axes."""
+        J, H, M = self.articulated[1]
+        return (
+            M[0], M[1], M[3], M[2], M[4], M[5],
+            H[0], H[1], H[2], J[0], H[3], H[4], H[5], J[1], J[3], H[6], H[7], H[8], J[2], J[4], J[5],
+        )  # fmt: skip
+
     @lock_free_cached_property
     def solved(self) -> tuple[tuple[Scalar, ...], ...]:
         """Solution of forward dynamics as three tuples: a1 and alpha1 of a free base in world axes, which are
@@ -443,7 +455,7 @@ class Computation:
         """Solve forward dynamics by the articulated-body algorithm (T5), and return the tuples (a1, alpha1, q''). The
         first two are meaningless unless the base is free. All are NaN if the mass matrix M is singular.
         """
-        steps, base = self.articulated
+        steps, _ = self.articulated
         left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, self.motor_loads)
         a = alpha = ZERO_VECTOR
         if self.request.free:
@@ -453,12 +465,7 @@ class Computation:
                 *subtract(rotate(back, values["force1"]), add(f, force)),
                 *subtract(rotate(back, values["torque1"]), add(t, torque)),
             )
-            H, J, M = base.H, base.J, base.M
-            lower = (
-                M[0], M[1], M[3], M[2], M[4], M[5],
-                H[0], H[1], H[2], J[0], H[3], H[4], H[5], J[1], J[3], H[6], H[7], H[8], J[2], J[4], J[5],
-            )  # fmt: skip
-            accelerations, _ = solve_symmetric(lower, loads)
+            accelerations, _ = solve_symmetric(self.articulated_base, loads)
             a, alpha = accelerations[:3], accelerations[3:]
         qdd = eq.joint_accelerations(self.links, self.placements, steps, left, alpha, a)
         return self._nan_where_singular(rotate(self.values["S1"], a), rotate(self.values["S1"], alpha), tuple(qdd))
@@ -469,8 +476,25 @@ class Computation:
         rounding errors, if the matrix is singular.
         """
         if self.form.mimics:
-            return self._solve_mass_matrix((0.0,) * velocity_count(self.form, self.request))[1]
+            return factor_symmetric(self._mass_entries)[1][::-1][6 * self.request.free :]
         return tuple(step.pivot for step in self.articulated[0])
+
+    @lock_free_cached_property
+    def base_pivots(self) -> tuple[Scalar, ...]:
+        """Tuple of the six further pivots for (a1, alpha1) of a free base, each divided by the growth of rounding
+        errors up to it; empty for any other base.
+        """
+        if not self.request.free:
+            return ()
+        lower, pivots = factor_symmetric(self._mass_entries if self.form.mimics else self.articulated_base)
+        growths: list[Scalar] = []
+        for row in lower:  # a pivot has the errors of those before it, times the squares of the entries of L
+            growth: Scalar = 1.0
+            for entry, before in zip(row, growths, strict=True):
+                growth = growth + entry * entry * before
+            growths.append(growth)
+        ratios = [pivot / growth for pivot, growth in zip(pivots, growths, strict=True)][-6:]
+        return tuple(ratios[::-1] if self.form.mimics else ratios)
 
     def _nan_where_singular(
         self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
@@ -481,8 +505,11 @@ class Computation:
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), limit in zip(self.form.columns, self.ratios, self.min_pivots, strict=True):
             limits[column] = limits[column] + limit * ratio * ratio
+        pivots = self.pivots
+        if self.request.free and any(type(limit) is not float or limit for limit in self.base_min_pivots):
+            limits, pivots = [*limits, *self.base_min_pivots], (*pivots, *self.base_pivots)
         doubt: Scalar = 0.0
-        for limit, pivot in zip(limits, self.pivots, strict=True):
+        for limit, pivot in zip(limits, pivots, strict=True):
             if not (type(limit) is float and limit == 0):
                 doubt = doubt + where_less(limit * limit, pivot * pivot, 0.0, math.nan)
         groups = (add(a, self.values["gravity"]), alpha, qdd)
@@ -500,18 +527,16 @@ class Computation:
         if shift:
             f, t = (rotate(values["S1"], part) for part in self.transmitted_bias_wrenches[0])
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
-        accelerations, _ = self._solve_mass_matrix(loads)
+        accelerations = solve_symmetric(self._mass_entries, tuple(loads[::-1]))[0][::-1]
         a, alpha = (accelerations[:3], accelerations[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
         return self._nan_where_singular(a, alpha, accelerations[shift:])
 
-    def _solve_mass_matrix(self, loads: Sequence[Scalar]) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """Solve M x = loads for the mass matrix M. Return the tuple x and a tuple of the pivots of M for the
-        coordinates, without the six pivots of a free base.
-        """
-        rows, order = [*map(_diagonal_not_0, self.mass_rows)], range(len(loads) - 1, -1, -1)
-        lower = tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
-        solution, pivots = solve_symmetric(lower, tuple(loads[i] for i in order))
-        return solution[::-1], pivots[::-1][6 * self.request.free :]
+    @property
+    def _mass_entries(self) -> tuple[Scalar, ...]:
+        """Entries on and below the diagonal of M, row by row, with the last coordinate first."""
+        rows = self.mass_rows
+        order = range(len(rows) - 1, -1, -1)
+        return tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
 
     # ---- centre of mass, energy, momentum
 
@@ -602,11 +627,6 @@ class Computation:
 def _reciprocal(x: Scalar) -> Scalar:
     """Return 1 / x; for a number x that is known to be 0, return infinity."""
     return math.inf if type(x) is float and x == 0 else 1.0 / x
-
-
-def _diagonal_not_0(row: list[Scalar]) -> list[Scalar]:
-    """Return a row of M up to its diagonal entry; a diagonal entry that is known to be 0 is replaced by NaN."""
-    return [*row[:-1], math.nan] if type(row[-1]) is float and row[-1] == 0 else row
 
 
 def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, Any]:
@@ -710,6 +730,7 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
     "a1": Output(_fixed_shape(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[0]),
     "alpha1": Output(_fixed_shape(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[1]),
     "pivots": Output(_dof_shape, _POSE_INPUT_NAMES, lambda c: c.pivots),
+    "base_pivots": Output(_fixed_shape(6), _POSE_INPUT_NAMES, lambda c: c.base_pivots),
     "centre_of_mass": Output(_fixed_shape(3), ("q", "R1", "S1"), Computation.centre_of_mass),
     "centre_of_mass_jacobian": Output(_velocities_shape(3), _POSE_INPUT_NAMES, Computation.centre_of_mass_jacobian),
     "centre_of_mass_bias": Output(
