@@ -130,6 +130,15 @@ def test_a_gap_at_an_end_is_shaded_to_the_end(tmp_path, lost, ends):
     assert (patch.get_x(), patch.get_x() + patch.get_width()) == pytest.approx(ends)
 
 
+def test_no_line_crosses_rows_that_are_absent(tmp_path):
+    rows = [(i / 10, i, i / 10) for i in (*range(20), *range(50, 70))]
+    axes, lines = lines_of(hp.plot(log_scene(tmp_path, rows)), "position of body 2, R2")
+    assert np.isnan(lines[0]).sum() == 1
+    assert np.isnan(lines[0][20])
+    (patch,) = axes.patches
+    assert (patch.get_x(), patch.get_x() + patch.get_width()) == pytest.approx((1.9, 5.0))
+
+
 def test_angles_go_on_after_a_gap(tmp_path):
     """One attitude that is not known does not take those after it away."""
     rows = [(i / 10, i, "nan" if i == 3 else i) for i in range(9)]

@@ -145,6 +145,34 @@ def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
     return [f"{message} ms (10 to 90 %); rates are as good as the stamps"]
 
 
+def rows_after_gaps(t: Float64Array) -> NDArray[np.intp]:
+    """Return the indices of the samples that follow a gap: a step of more than five usual ones.
+
+    >>> rows_after_gaps(np.array([0, 1, 2, 3, 13, 14]))
+    array([4])
+    """
+    steps = np.diff(t)
+    return np.flatnonzero(steps > 5 * np.median(steps)) + 1 if steps.size else np.arange(0)
+
+
+def gap_sentences(name: str, t: Float64Array) -> list[str]:
+    """Return a list with one sentence, which begins with `name`, if samples are missing between the instants t [s] of
+    a recording; an empty list otherwise.
+
+    >>> gap_sentences("t", np.array([0, 1, 2, 3, 13, 14]))
+    ['t has no samples from 3 to 13 s']
+    """
+    rows = rows_after_gaps(t)
+    if not rows.size:
+        return []
+    lengths = t[rows] - t[rows - 1]
+    first = f"{name} has no samples from {t[rows[0] - 1]:.6g} to {t[rows[0]]:.6g} s"
+    if rows.size == 1:
+        return [first]
+    more = f"{rows.size - 1} more gap{'s' * (rows.size > 2)}"
+    return [f"{first}, nor in {more} of up to {lengths[1:].max():.3g} s"]
+
+
 def checked_gaps(gaps: object) -> float:
     """Return the argument `gaps`, the longest time between samples that does not count as a gap [s], as a float.
     Raise ArgumentError unless it is a positive number.

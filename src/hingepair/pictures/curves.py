@@ -14,6 +14,7 @@ import numpy as np
 
 from hingepair.errors import MissingDependencyError
 from hingepair.integration.trajectory import unwrap_euler_angles
+from hingepair.numeric.instants import rows_after_gaps
 from hingepair.pictures.motion_samples import Array
 from hingepair.rotations.euler import matrix_to_euler
 
@@ -180,7 +181,7 @@ def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
     """Draw the components of a curve over time into Matplotlib axes, with a title, a unit and shaded gaps. Add a
     legend to the figure if it has none and the curve has several components.
     """
-    t, values = curve
+    t, values = _break_at_gaps(*curve)
     shade_gaps(axes, t, values)
     axes.set(title=title, ylabel=unit, xlabel="t [s]")
     axes.tick_params(labelbottom=True)
@@ -194,6 +195,13 @@ def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
     if not axes.figure.legends:
         handles, letters = axes.get_legend_handles_labels()
         axes.figure.legend(handles, letters, fontsize=8, ncols=3, loc="outside upper right")
+
+
+def _break_at_gaps(t: Array, values: Array) -> tuple[Array, Array]:
+    """Return the samples of a curve with NaN in each gap that is wide enough to be seen: no line crosses it."""
+    rows = rows_after_gaps(t)
+    rows = rows[t[rows] - t[rows - 1] > np.ptp(t) / 200] if rows.size else rows  # thinned curves have smaller steps
+    return np.insert(t, rows, (t[rows - 1] + t[rows]) / 2), np.insert(values, rows, np.nan, axis=0)
 
 
 def shade_gaps(axes: Axes, t: Array, values: Array) -> None:

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import choices, nearest
+from hingepair.errors import SceneError, choices, nearest
 from hingepair.integration.integrate import RATE_FRAME_NAMES
 from hingepair.integration.signals import SampledSignal
 from hingepair.integration.trajectory import rotate_to_world
@@ -24,7 +24,7 @@ from hingepair.measured.smooth import smooth
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import ColumnRequest, csv_column, read_columns
 from hingepair.numeric.finite_differences import differentiate
-from hingepair.numeric.instants import MeasurementWarning, instants_of
+from hingepair.numeric.instants import MeasurementWarning, gap_sentences, instants_of
 from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
@@ -63,13 +63,15 @@ Part: TypeAlias = dict[str, Float64Array]
 
 class LogLayout(NamedTuple):
     """Column names that a log may have: `arrays` groups them by array, `columns` lists all, and `angle_names` has the
-    arrays and columns that hold angles. `result_prefixes` are the beginnings of names of results, which a log must
-    not have. `writing_hint`, a clause for messages, says which command writes such a log.
+    arrays and columns that hold angles. `judged` names the arrays and columns whose unit is judged, with their
+    quantity in `hingepair.numeric.suspicions`. `result_prefixes` are the beginnings of names of results, which a log
+    must not have. `writing_hint`, a clause for messages, says which command writes such a log.
 
     Attributes:
         arrays: names of the columns of each array, by the name of the array.
         columns: names of all columns.
         angle_names: names of the arrays and columns that hold angles.
+        judged: quantity of each array or column whose unit is judged.
         result_prefixes: beginnings (up to the first `_`) of the names of columns that hold results.
         writing_hint: clause for messages with the command that writes such a log.
     """
@@ -77,6 +79,7 @@ class LogLayout(NamedTuple):
     arrays: Mapping[str, tuple[str, ...]]
     columns: tuple[str, ...]
     angle_names: frozenset[str]
+    judged: Mapping[str, str]
     result_prefixes: frozenset[str]
     writing_hint: str
 
@@ -91,6 +94,12 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
     COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME,
     PAIR_LOG_COLUMN_NAMES,
     frozenset({"phi", "psi"}),
+    {
+        **dict.fromkeys(("phi_x", "phi_y", "phi_z", "psi"), "angle"),
+        "qx": "quaternion x",
+        "omega1": "gyroscope",
+        "psid": "rate",
+    },
     frozenset({*SPATIAL_MOTION_KIND.levels, *PLANAR_MOTION_KIND.levels}),
     "run --outputs q,qd,qdd --out FILE writes what is read here",
 )
@@ -188,6 +197,7 @@ class Log(NamedSource):
         derived: names of the derivatives that were computed by finite differences.
         noise_shares: noise of each of these derivatives, by name, as a fraction of its rms.
         notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
+        angle_doubts: those of them on angles that are probably in degrees.
     """
 
     def __init__(
@@ -202,6 +212,7 @@ class Log(NamedSource):
         self.derived: list[str] = []
         self.noise_shares: dict[str, float] = {}
         self.notes: list[str] = []
+        self.angle_doubts: list[str] = []
         kind = path.suffix.lower()
         known_names = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
         wanted = ColumnRequest(
@@ -221,6 +232,15 @@ class Log(NamedSource):
             unit = "" if stamps.dtype.kind in "mM" else " ns"
             self.notes.append(f"t is counted from the first stamp of the log, {stamps[0]}{unit}")
         self.notes += suspicions("instants", "t", t)
+        self.notes += gap_sentences("t", t)
+        for name, quantity in layout.judged.items():
+            if all(column in self.columns for column in layout.columns_of(name)):
+                columns = [self.columns[column] for column in layout.columns_of(name)]
+                if quantity == "angle" and is_wrapped(columns[0], 360.0):
+                    self.refuse(name, "angles in radians", "jumps by nearly 360, as of degrees")
+                doubts = suspicions(quantity, name, np.stack(columns, axis=-1) if len(columns) > 1 else columns[0])
+                self.notes += doubts
+                self.angle_doubts += doubts if quantity == "angle" else []
         self.t = np.asarray(read_only(t))
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
@@ -401,8 +421,6 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
         )
     }
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
-    for name in (*_euler_angle_column_names(attitude), "psi"):
-        log.notes += suspicions("angle", name, log.columns[name])
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     source: PairMotionSource
     if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER:
@@ -468,14 +486,18 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
-    for name in _euler_angle_column_names(attitude):
-        log.notes += suspicions("angle", name, log.columns[name])
-    with warnings.catch_warnings(record=True) as caught, log.naming():
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeasurementWarning)
-        body = smooth(log.since, BodyMotion(R=R1, S=S1))
-        texts = [str(warning.message) for warning in caught]
-        caught.clear()
-        angle = smooth(log.since, psi)
+        try:
+            with log.naming():
+                body = smooth(log.since, BodyMotion(R=R1, S=S1))
+                texts = [str(warning.message) for warning in caught]
+                caught.clear()
+                angle = smooth(log.since, psi)
+        except SceneError as error:
+            if not log.angle_doubts:
+                raise
+            raise SceneError(error.name, "angles in radians", f"probably degrees: {log.angle_doubts[0]}") from None
         texts += [re.sub(r"\bbody\b", "psi", str(warning.message)) for warning in caught]
     for name, samples, result in (("position", R1, body.R), ("attitude", S1, body.S), ("psi", psi, angle.psi)):
         log.notes += _missing_log_sample_sentences(name, log.t, samples, result)
@@ -489,7 +511,8 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         "psi": (angle.noise["psi"], "rad"),
     }
     noise = ", ".join(f"{size:.2g} {unit} of {name}" for name, (size, unit) in deviations.items())
-    notes = (*log.notes, f"smoothed: noise of {noise} (standard deviation of a component)", *dict.fromkeys(texts))
+    texts = [f"smoothed: noise of {noise} (standard deviation of a component)", *texts]
+    notes = tuple(dict.fromkeys((*log.notes, *texts)))
     return Motion(
         log.t,
         motion_by_body1(arrays),
@@ -501,14 +524,6 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
         notes=notes,
         deviations=deviations_by_name,
     )
-
-
-def _euler_angle_column_names(attitude_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the columns with the Euler angles of body 1; an empty tuple if the attitude is given by
-    quaternions. `attitude_names` are the names of the attitude and its derivatives, from `_attitude_names`.
-    """
-    is_euler = attitude_names is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER
-    return COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["phi"] if is_euler else ()
 
 
 def _missing_log_sample_sentences(

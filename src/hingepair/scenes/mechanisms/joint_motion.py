@@ -14,7 +14,6 @@ import numpy as np
 from hingepair.errors import choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.plan import ACCELERATION
@@ -377,8 +376,6 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
             parts[joint] = [part[name] for name in names if name in part]
             if names[2] in part and names[1] not in part:
                 log.refuse(names[1], f"a column, since the log has {names[2]}", "no such column")
-            if joint in log.layout.angle_names:
-                log.notes += suspicions("angle", joint, parts[joint][0])
     if not parts:
         log.refuse(robot.names[0] if robot.names else "t", "a column for each joint that moves", "none of them")
     level = max(map(len, parts.values())) - 1
@@ -415,7 +412,8 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
     arrays = {name: group for name, group in arrays.items() if name not in columns}  # a joint may be called q
     angle_names = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")
     writing_hint = "run --outputs q,qd,qdd --out FILE writes what is read here"
-    return LogLayout(arrays, columns, angle_names, _RESULT_PREFIXES, writing_hint)
+    judged = dict.fromkeys(sorted(angle_names), "angle")
+    return LogLayout(arrays, columns, angle_names, judged, _RESULT_PREFIXES, writing_hint)
 
 
 def _float_if_constant(column: Float64Array) -> float | Float64Array:
