@@ -440,12 +440,15 @@ def test_doubts_of_a_log_are_said_once_and_first(tmp_path, how):
 
 
 @pytest.mark.parametrize(
-    ("rate", "said"),
-    [(400, "angles in radians, got probably degrees: phi_x spans"), (7000, "jumps by nearly 360, as of degrees")],
+    ("angle", "said"),
+    [
+        (lambda t: 100 * np.sin(8 * t), "angles in radians, got probably degrees: phi_x spans"),
+        (lambda t: np.mod(700 * t, 360), "jumps by nearly 360, as of degrees"),
+    ],
 )
-def test_a_log_in_degrees_that_cannot_be_smoothed_is_said_to_be_in_degrees(tmp_path, rate, said):
+def test_a_log_in_degrees_that_cannot_be_smoothed_is_said_to_be_in_degrees(tmp_path, angle, said):
     t = np.arange(160) * 0.01
-    columns = {"t": t, **dict.fromkeys(EULER, 0 * t), "phi_x": np.mod(rate * t, 360) if rate > 1000 else rate * t}
+    columns = {"t": t, **dict.fromkeys(EULER, 0 * t), "phi_x": angle(t)}
     with pytest.raises(hp.SceneError, match=said):
         scene_of(tmp_path, columns, "smooth = true\n")
 
