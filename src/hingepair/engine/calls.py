@@ -101,6 +101,8 @@ class Call:
         )
         self._shared = shared and backend == "auto"
         self._ufuncs: dict[tuple[str, bool], Ufunc] = {}
+        self._ones: dict[tuple[str, bool], Callable[..., Any]] = {}
+        self._names = [name for name, _ in loop.outputs]
         self.rows: Callable[..., Any] = self._any_rows if self._has_rows else _no_rows
         if backend == "compiled":
             self.compile()
@@ -174,8 +176,9 @@ class Call:
                 return None
             loops = [(char, kernel.address("loop"), np.array(constants, char) if constants else None)]
             ufunc = self._ufuncs[char, shared] = Ufunc(self.loop.name, layout, loops, kernel)
+            self._ones[char, shared] = one = self._make_one(ufunc, np.dtype(char))
             if char == "d" and shared == self._shared:
-                self.rows = self._make_one(ufunc)
+                self.rows = one
         return ufunc
 
     @lock_free_cached_property
@@ -210,53 +213,56 @@ class Call:
         read = self._read(arguments)
         if read is None or (out is not None and not (type(out) is dict and out.keys() <= {*self.outputs})):
             return None
-        arrays, lead, dtype = read
-        ufunc = self._ufunc(dtype.char, self._shared and math.prod(lead) < _FEW_SAMPLES)
+        arrays, lead, dtype, alike = read
+        size = math.prod(lead)
+        ufunc = self._ufunc(dtype.char, self._shared and size < _FEW_SAMPLES)
         if ufunc is None:
             return None
-        names = [name for name, _ in self.loop.outputs]
         if out is None and not lead:
+            arrays = [one if one.dtype is dtype else one.astype(dtype) for one in arrays]
+            return self._ones[dtype.char, self._shared](*arrays)
+        if out is None and alike and size < _FEW_SAMPLES and workers == 1:
             found = ufunc.call(*arrays, dtype=dtype)
-            outputs = dict(zip(names, found if type(found) is tuple else (found,), strict=True))
-            if self.result is None:
-                outputs = {name: np.asarray(one) for name, one in outputs.items()}
+            outputs = dict(zip(self._names, found if type(found) is tuple else (found,), strict=True))
         else:
             outputs = self._buffers(lead, dtype, out, dict(zip(self.argument_shapes, arrays, strict=True)))
             self._run_ufunc(ufunc, arrays, outputs, lead, workers)
-        self._check_limits(outputs, dict(zip(self.argument_shapes, arguments, strict=True)), out)
+        if self._limits:
+            self._check_limits(outputs, dict(zip(self.argument_shapes, arguments, strict=True)), out)
         return self._make_result(outputs, lead)
 
-    def _read(self, arguments: Sequence[Any]) -> tuple[list[NDArray[Any]], ArrayShape, np.dtype[Any]] | None:
-        """Return the arguments as arrays, the shape of the samples, and the dtype to compute in; None where one of
-        them is something else, or has another shape or dtype.
+    def _read(self, arguments: Sequence[Any]) -> tuple[list[NDArray[Any]], ArrayShape, np.dtype[Any], bool] | None:
+        """Return the arguments as arrays, the shape of the samples, the dtype to compute in, and whether one stride
+        leads through the samples of each array; None where an argument is something else, or has another shape or
+        dtype.
         """
         if len(arguments) != len(self._sample_shapes):
             return None
-        arrays, leads, chars = [], [], set()
+        arrays, leads, chars, alike = [], [], set(), True
         for value, sample_shape in zip(arguments, self._sample_shapes, strict=True):
             array = value if type(value) is np.ndarray else _state_array(value, sample_shape)
             if array is None:
                 return None
-            char, axes = array.dtype.char, array.ndim - len(sample_shape)
-            if (
-                char not in _READ_CHARACTERS
-                or axes < 0
-                or array.ndim > MAX_AXES
-                or array.shape[axes:] != sample_shape
-            ):
+            shape, char = array.shape, array.dtype.char
+            axes = len(shape) - len(sample_shape)
+            if shape != sample_shape:
+                if axes < 0 or shape[axes:] != sample_shape or len(shape) > MAX_AXES:
+                    return None
+                leads.append(shape[:axes])
+                alike = alike and (axes == 1 or array.flags.c_contiguous)
+            if char not in _READ_CHARACTERS:
                 return None
             arrays.append(array)
-            if axes:
-                leads.append(array.shape[:axes])
             if type(value) is not float:
                 chars.add(char)
         lead = leads[0] if leads else ()
         if any(one != lead for one in leads):
+            alike = False
             try:
                 lead = np.broadcast_shapes(*leads)
             except ValueError:
                 return None
-        return None if 0 in lead else (arrays, lead, _FLOAT32 if chars == {"f"} else _FLOAT64)
+        return None if 0 in lead else (arrays, lead, _FLOAT32 if chars == {"f"} else _FLOAT64, alike)
 
     def _run_ufunc(
         self,
@@ -272,51 +278,66 @@ class Call:
         operations = self.program.weighted_operations if workers > 1 else 1
         run_slices(ufunc.call, arrays, targets, ranks, lead, operations=operations, workers=workers)
 
-    def _make_one(self, ufunc: Ufunc) -> Callable[..., Any]:
-        """Return a generated function that is `rows` without detours for one state of float64."""
+    def _make_one(self, ufunc: Ufunc, dtype: np.dtype[Any]) -> Callable[..., Any]:
+        """Return a generated function that is `rows` without detours for one state of this dtype."""
+        vectors = [k for k, tail in enumerate(self._sample_shapes) if tail]
         arguments = ", ".join(f"in{k}" for k in range(len(self.argument_shapes)))
-        fits = []
-        for k, sample_shape in enumerate(self._sample_shapes):
-            array = f"type(in{k}) is ndarray and in{k}.dtype is float64 and in{k}.shape == {sample_shape}"
-            fits.append(array if sample_shape else f"(type(in{k}) is float or {array})")
-        names = [name for name, _ in self.loop.outputs]
-        outs = ", ".join(f"out{k}" for k in range(len(names)))
+        number = " or type(in{0}) is float" if dtype == _FLOAT64 else ""
+        fits = [
+            f"(type(in{k}) is ndarray and in{k}.dtype is dtype and in{k}.shape == {tail}"
+            f"{'' if tail else number.format(k)})"
+            for k, tail in enumerate(self._sample_shapes)
+        ]
+        outs = "".join(f"out{k}, " for k in range(len(self._names)))
+        target = outs if len(self._names) > 1 else "out0"
+        other = f"return any_rows({arguments}, out=out, workers=workers)"
         source = [
             f"def one({arguments}, out=None, workers=1):",
             f"    if not ({' and '.join(fits)}):",
-            f"        return any_rows({arguments}, out=out, workers=workers)",
+            f"        {other}",
             "    if out is None:",
-            f"        {outs} = ufunc({arguments})",
-            *self._result_lines(arguments),
+            f"        {target} = ufunc({arguments})",
+            *self._result_lines(arguments, dtype),
+            "    if type(out) is not dict or workers != 1:",
+            f"        {other}",
+            *(f"    owner{k} = in{k}.base" for k in vectors),
+            f"    seen = {{{', '.join(f'id(in{k} if owner{k} is None else owner{k})' for k in vectors)}}}"
+            if vectors
+            else "    seen = set()",
+            "    found = len(seen)",
+            *(
+                f"    if owner{k} is not None and (type(owner{k}) is not ndarray or owner{k}.base is not None):"
+                f"\n        {other}"
+                for k in vectors
+            ),
         ]
-        inputs = "".join(f"in{k}, " for k, tail in enumerate(self._sample_shapes) if tail)
-        other = f"return any_rows({arguments}, out=out, workers=workers)"
-        given = ", ".join(f"given{k}" for k in range(len(names))) + ("," if len(names) == 1 else "")
-        source += ["    if type(out) is not dict or workers != 1:", f"        {other}", "    found = 0"]
         for k, (name, tail) in enumerate(self.loop.outputs):
-            source += [f"    given{k} = {f'out.get({name!r})' if name in self.outputs else None}"]
+            source += [f"    out{k} = {f'out.get({name!r})' if name in self.outputs else None}"]
             if name in self.outputs:
-                unfit = f"given{k}.dtype is not float64 or given{k}.shape != {tail}"
                 source += [
-                    f"    if given{k} is not None:",
-                    f"        if type(given{k}) is not ndarray or {unfit}:",
+                    f"    if out{k} is not None:",
+                    f"        if type(out{k}) is not ndarray or out{k}.dtype is not dtype or out{k}.shape != {tail}:",
                     f"            {other}",
-                    "        found += 1",
+                    f"        owner = out{k}.base",
+                    "        if owner is None:",
+                    f"            seen.add(id(out{k}))",
+                    f"        elif type(owner) is ndarray and owner.base is None and out{k}.flags.c_contiguous:",
+                    "            seen.add(id(owner))",
                 ]
         source += [
-            f"    if not found or found != len(out) or not separate(list(out.values()), ({inputs})):",
+            "    if not out or len(seen) != found + len(out):  # all memory is of its own",
             f"        {other}",
             "    try:",
-            f"        {outs} = ufunc({arguments}, out=({given}))",
+            f"        {target} = ufunc({arguments}, out=({outs}))",
             "    except ValueError:",
             f"        {other}",
-            *(line.removeprefix("    ") for line in self._result_lines(arguments, writes=True)),
+            *(line.removeprefix("    ") for line in self._result_lines(arguments, dtype, writes=True)),
         ]
         result = self.result or Results
         slots = {f"set_{n}": result.__dict__[n].__set__ for n in self.outputs if n in result.__slots__}
         scope: dict[str, Any] = {
-            "ndarray": np.ndarray, "float64": _FLOAT64, "array": np.array, "ufunc": ufunc.call, "owner": ufunc,
-            "any_rows": self._any_rows, "separate": _separate, "freeze": np.ndarray.setflags,
+            "ndarray": np.ndarray, "dtype": dtype, "array": np.array, "ufunc": ufunc.call, "owner": ufunc,
+            "any_rows": self._any_rows, "freeze": np.ndarray.setflags,
             "new": result.__new__, "Result": result, "set_content": Results.__dict__["_content"].__set__,
             "names": self.outputs, "refuse": self._refuse, **slots,
         }  # fmt: skip
@@ -324,14 +345,14 @@ class Call:
         function: Callable[..., Any] = scope["one"]
         return function
 
-    def _result_lines(self, arguments: str, writes: bool = False) -> list[str]:
+    def _result_lines(self, arguments: str, dtype: np.dtype[Any], writes: bool = False) -> list[str]:
         """Return the lines of generated source that check the limits, and return the result of one state. Arrays of
         the user (`writes`) stay writable: results show read-only views of them.
         """
         lines, visible = [], []
         for k, (name, sample_shape) in enumerate(self.loop.outputs):
             if name in self._limits:
-                excess = f"(out{k} > {self._limits[name][8]!r}).any()"
+                excess = f"(out{k} > {self._limits[name][dtype.itemsize]!r}).any()"
                 lines += [f"        if {excess}:", f"            refuse(({arguments},), {writes})"]
             else:
                 visible.append((k, name, sample_shape))
@@ -596,16 +617,12 @@ def _separate(outputs: Sequence[NDArray[Any]], inputs: Sequence[NDArray[Any]]) -
     owners = {id(one) if one.base is None else id(one.base) for one in outputs}
     if len(owners) < len(outputs):
         return False
-    for one in outputs:
-        if one.base is not None and (type(one.base) is not np.ndarray or not (one.flags.forc or _steps_apart(one))):
+    for one in (*outputs, *inputs):
+        if one.base is not None and (type(one.base) is not np.ndarray or one.base.base is not None):
             return False
-    for one in inputs:
-        if one.base is None:
-            if id(one) in owners:
-                return False
-        elif id(one.base) in owners or type(one.base) is not np.ndarray:
-            return False
-    return True
+    if not owners.isdisjoint(id(one) if one.base is None else id(one.base) for one in inputs):
+        return False
+    return all(one.base is None or one.flags.forc or _steps_apart(one) for one in outputs)
 
 
 def _steps_apart(array: NDArray[Any]) -> bool:

@@ -209,10 +209,11 @@ def from_coordinates(
     if type(outputs) is list:
         outputs = tuple(outputs)
     complete = qd is not None or qdd is None
-    writes = out is None or (type(outputs) is tuple and type(out) is dict and out.keys() <= {*outputs})
+    writes = out is None or type(out) is dict
+    added = None if outputs is not None or out is None or not writes else tuple(out)  # outputs that `out` asks for
     key = None
     if execution.workers == 1 and complete and writes and (outputs is None or type(outputs) is tuple):
-        key = outputs, sequence, execution.backend, len(rows)
+        key = outputs, added, sequence, execution.backend, len(rows)
         try:
             call: Call | None = pair.prepared.get(key)
         except TypeError:  # outputs that are not hashable, for which an error is raised below
