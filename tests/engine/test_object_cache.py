@@ -333,3 +333,15 @@ def test_the_folder_is_the_users_unless_one_is_named(monkeypatch, tmp_path):
     assert sys.platform != "linux" or folder == tmp_path / "hingepair"
     monkeypatch.setenv("HINGEPAIR_CACHE", "~/one")
     assert object_cache.cache_folder() == Path.home() / "one"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="users without a home, as containers have them")
+def test_a_user_without_a_home_has_no_folder(monkeypatch):
+    for name in ("HOME", "XDG_CACHE_HOME", "HINGEPAIR_CACHE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os, "getuid", lambda: 4_000_000)
+    object_cache._user_folder.cache_clear()
+    found = object_cache.cache_folder()
+    monkeypatch.undo()
+    object_cache._user_folder.cache_clear()
+    assert found is None

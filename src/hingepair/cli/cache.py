@@ -38,7 +38,7 @@ def cache_command(
         print(json_text(report))
         return
     if folder is None:
-        lines = ["off (HINGEPAIR_CACHE)"]
+        lines = ["off: HINGEPAIR_CACHE says so, or the user has no home"]
     else:
         lines = [str(folder), f"{len(files)} files, {size / 2**20:.1f} of at most {MAX_BYTES / 2**20:.0f} MiB"]
         if not report["writable"]:

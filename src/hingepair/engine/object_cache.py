@@ -47,19 +47,25 @@ class CacheFile(NamedTuple):
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of compiled code, which may not exist yet; None where the cache is turned off."""
+    """Return the folder of compiled code, which may not exist yet; None where the cache is turned off, or where the
+    user has no home.
+    """
     given = os.environ.get("HINGEPAIR_CACHE", "")
     if given.lower() in _OFF:
         return None
-    return Path(given).expanduser().absolute() if given else _user_folder()
+    folder = os.path.expanduser(given or _user_folder())
+    return None if folder.startswith("~") else Path(folder).absolute()
 
 
 @functools.cache
-def _user_folder() -> Path:
-    """Return this user's folder of compiled code."""
+def _user_folder() -> str:
+    """Return this user's folder of compiled code; "~" without a home."""
     import platformdirs
 
-    return platformdirs.user_cache_path("hingepair", appauthor=False)
+    try:
+        return platformdirs.user_cache_dir("hingepair", appauthor=False)
+    except RuntimeError:
+        return "~"
 
 
 def cache_key(*parts: str) -> str:
