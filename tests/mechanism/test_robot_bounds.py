@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.mechanism.constants import exact_mass_numbers
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from support import states
 from support.reference import DIGITS
@@ -139,3 +140,10 @@ def test_accelerations_of_a_follower_with_a_tip_without_mass_have_a_bound():
     tree = with_mimics(hp.Mechanism(hinges).tree, {"joint_2": ("joint_0", 0.5, 0.1)})
     bound = Robot(tree).error_bounds([0.3, 0.2], [0.3, 0.2], tau=[1.0, 2.0], outputs=("qdd",))["qdd"]
     assert 0 < bound < 1e-10
+
+
+def test_exact_masses_of_long_chains_have_a_bounded_number_of_digits():
+    """Each joint multiplies what its masses hand to the parent: digits would add up, and the first call with them."""
+    robot = random_robot(states.generator(812), 100, "fixed", heavy=True)
+    numbers = exact_mass_numbers(robot.tree, False)
+    assert max(number.denominator.bit_length() for number in numbers) < 5000

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hingepair.mechanism.tree import Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
-from hingepair.numeric.balls import axes_balls, error_bound, rotation_balls
+from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
 from hingepair.plans.trees import Form
 
 Exact: TypeAlias = list[Any]
@@ -286,6 +286,20 @@ class _MassMoments:
         self.h = [x + y for x, y in zip(self.h, h, strict=True)]
         self.N = [x + y for x, y in zip(self.N, N, strict=True)]
 
+    def shorten(self) -> None:
+        """Round numbers of many more digits than doubles have, in place: each joint of a chain adds digits."""
+        self.m, self.h, self.N = _shortened(self.m), [*map(_shortened, self.h)], [*map(_shortened, self.N)]
+
+
+def _shortened(number: Any) -> Any:
+    """Return a fraction, or a ball around one, with at most 512 bits if it has more than 2,000."""
+    if isinstance(number, Ball):
+        return Ball(_shortened(number.value), number.radius)
+    if number.denominator.bit_length() <= 2000:
+        return number
+    shift = 512 + number.denominator.bit_length() - number.numerator.bit_length()
+    return Fraction((number.numerator << shift) // number.denominator, 1 << shift)
+
 
 def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
     """Return the exact `_MassMoments` of a body in the axes of the program; `axes` is the rotation from these to the
@@ -340,6 +354,7 @@ def _shift_to_parents(
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments, (S, u) = tree.joints[k - 1], moments[k], poses[k - 1]
         parent = moments[joint.parent]
+        body_moments.shorten()
         if joint.kind == "slider":
             parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, body_moments.N))
             body_moments.N = [Fraction(0)] * 9
