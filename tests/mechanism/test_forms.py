@@ -501,6 +501,10 @@ def test_products_that_overflow_are_refused_where_masses_are_used():
             robot.gravity_forces([0, 0])
     with pytest.raises(hp.ArgumentError, match="robot 'huge'"):
         robot.prepare("mass_matrix")
+    with pytest.raises(hp.ArgumentError, match="robot 'huge'"):
+        robot.error_bounds([0, 0], outputs=("mass_matrix",))
+    with pytest.raises(hp.ArgumentError, match="mass properties of 'body', 'payload': expected numbers whose sum"):
+        robot.with_payload("a", hp.Body(1e308)).with_payload("a", hp.Body(1e308))
 
 
 def test_the_base_of_a_robot_is_not_replaced(robot):
@@ -576,3 +580,19 @@ def test_a_base_that_something_resists_accelerates(base):
     left = (robot.mass_matrix(q) @ M)[..., 0] + robot.bias_forces(q, q)
     expected = np.concatenate((np.broadcast_to((1, 2, 3, 4, 5, 6), (5, 6)), q), axis=-1)
     np.testing.assert_allclose(left, expected, rtol=0, atol=1e-11 * np.abs(found.qdd).max())
+
+
+def test_tiny_numbers_do_not_raise_what_numpy_is_told_to_raise():
+    tiny = 1e-170
+    body = hp.Body(1e-200, (tiny, 0, 0), (tiny, tiny, tiny))
+    pair = hp.HingePair(
+        (tiny, 0, 1), (0, tiny, 1), (1, tiny, 0), home=hp.rodrigues((tiny, 1, 0), 0.4), body2=body, name="x"
+    )
+    text, one = hp.to_urdf(hp.Mechanism([pair])), [tiny]
+    with np.errstate(all="raise"):
+        robot = hp.Mechanism.from_urdf(text)
+        robot.inverse_dynamics(one, one, one)
+        robot.error_bounds(one, one, one, outputs=("R", "tau"))
+        robot.with_frame("tool", "x", R=(tiny, tiny, tiny)).with_payload("tool", body)
+        hp.from_urdf(text, "x")
+        hp.cross_validate(robot, one, one, one)

@@ -105,11 +105,13 @@ def hinge_pair(
     frame1 = _pose_of_frame(poses1, hinge.parent, body1_frame, "body1_frame")
     frame2 = _pose_of_frame(poses2, hinge.child, body2_frame, "body2_frame")
     home, u1 = frame1.seen(hinge.pose)
+    with np.errstate(under="ignore"):
+        n, home = home @ (np.array(hinge.axis) / max(map(abs, hinge.axis))), home @ frame2.rotation
     return HingePair(
         u1=u1 + 0.0,
-        u2=0.0 - frame2.rotation.T @ frame2.origin,
-        n=home @ (np.array(hinge.axis) / max(map(abs, hinge.axis))) + 0.0,
-        home=home @ frame2.rotation + 0.0,
+        u2=frame2.seen(IDENTITY_POSE).origin + 0.0,
+        n=n + 0.0,
+        home=home + 0.0,
         name=name,
         limits=hinge.limits,
         torque_limit=hinge.effort,

@@ -125,7 +125,8 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
         raise ArgumentError("body", "a Body", quoted(body))
     masses = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
     payload = body_inertia(body).placed(FramePose(frame.S, frame.R))
-    total = mass_properties({"body": Inertia(masses.mass, masses.center_of_mass, masses.inertia), "payload": payload})
+    own = Inertia(masses.mass, masses.center_of_mass, masses.inertia)
+    total = mass_properties({"body": own, "payload": payload})
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)

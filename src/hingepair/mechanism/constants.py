@@ -76,12 +76,12 @@ def robot_constants(tree: Tree, free: bool) -> RobotConstants:
     """Compute the constants of a robot's generated programs from its Tree, and return them as RobotConstants. The
     mass of the base counts only if `free` is True, that is, if the base is free.
     """
-    axes = _axes_of_bodies(tree)
-    poses = _poses_in_program_axes(tree, axes)
-    moments = _mass_moments(tree, free, [_exact(P) for P in axes], [(_exact(S), _exact(u)) for S, u in poses])
     with np.errstate(all="ignore"):  # what overflows is refused where masses are used
+        axes = _axes_of_bodies(tree)
+        poses = _poses_in_program_axes(tree, axes)
         thresholds, base_thresholds = _pivot_thresholds(tree, axes)
-        base_thresholds = base_thresholds if free else (0.0, 0.0)
+    base_thresholds = base_thresholds if free else (0.0, 0.0)
+    moments = _mass_moments(tree, free, [_exact(P) for P in axes], [(_exact(S), _exact(u)) for S, u in poses])
     numbers = _rounded_numbers(moments[0])
     for k, (joint, (S, u)) in enumerate(zip(tree.joints, poses, strict=True), 1):
         multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
@@ -263,7 +263,8 @@ def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[n
     """
     if B.ndim == 1:
         return _matrix_product(A, B[:, None])[:, 0]
-    product = A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:] * B[2:]
+    with np.errstate(all="ignore"):
+        product = A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:] * B[2:]
     return np.asarray(product + 0.0)
 
 

@@ -330,6 +330,8 @@ class MechanismMethods(Shown):
         names = self._requested_outputs(outputs, level, None, accepted_names)
         computation = self._computation(names, self._named_frames("frames", frames))
         self._check_needed_inputs(computation, coordinates, names)
+        if computation.needs_masses:
+            self._check_masses()
         values = read_arguments(
             self._constants.names, coordinates or {"q": q}, base_motion, computation.inputs, labelled_loads
         )
@@ -1126,6 +1128,12 @@ class MechanismMethods(Shown):
         result: FloatArray = self._run(computation, coordinates, base_motion, arrays, workers, backend, gravity)
         return result
 
+    def _check_masses(self) -> None:
+        """Raise an ArgumentError if a mass times the square of a length overflows."""
+        if self._constants.overflows:
+            expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
+            raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")
+
     def _warn_of_masses(self) -> None:
         """Issue a DynamicsWarning for each of the tree's notes on masses that are assumed, or that no rigid body can
         have. Only the first call for a robot issues them.
@@ -1135,9 +1143,7 @@ class MechanismMethods(Shown):
         """
         prepared = self._constants.cache
         if "doubts" not in prepared:
-            if self._constants.overflows:
-                expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
-                raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")
+            self._check_masses()
             prepared["doubts"] = True
             for note in self.tree.notes:
                 warn_of_dynamics(f"{self.tree.name}: {note}")

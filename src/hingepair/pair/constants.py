@@ -144,13 +144,14 @@ def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> N
     e1_in_2, e2_in_2 and n_in_2 in the axes of body 2. `n` is the unit hinge axis (..., 3). `home` is the rotation
     matrix from body-2 to body-1 axes at psi = 0 as an array (..., 9), or None for the identity.
     """
-    first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
-    first = first - n * (n * first).sum(axis=-1, keepdims=True)
-    first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
-    in_body1 = in_body2 = {"e1": first, "e2": np.cross(n, first), "n": n}
-    if home is not None:
-        home_inverse = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
-        in_body2 = {name: (home_inverse @ vector[..., None])[..., 0] for name, vector in in_body1.items()}
+    with np.errstate(under="ignore"):
+        first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+        first = first - n * (n * first).sum(axis=-1, keepdims=True)
+        first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
+        in_body1 = in_body2 = {"e1": first, "e2": np.cross(n, first), "n": n}
+        if home is not None:
+            home_inverse = np.linalg.inv(home.reshape(*home.shape[:-1], 3, 3))
+            in_body2 = {name: (home_inverse @ vector[..., None])[..., 0] for name, vector in in_body1.items()}
     named = {**in_body1, **{f"{name}_in_2": vector for name, vector in in_body2.items()}}
     return {name: numbers(vector) for name, vector in named.items()}
 

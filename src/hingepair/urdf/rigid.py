@@ -1,4 +1,7 @@
-"""Poses of frames, and masses of what is rigidly joined."""
+"""Poses of frames, and masses of what is rigidly joined.
+
+Products may underflow or overflow, whatever the caller's `numpy.errstate` is; users of the results check them.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +23,15 @@ class FramePose(NamedTuple):
         """Return the FramePose `inner` in the axes in which this frame is given. `inner` is given in the axes of this
         frame.
         """
-        return FramePose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
+        with np.errstate(all="ignore"):
+            return FramePose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
 
     def seen(self, other: FramePose) -> FramePose:
         """Return the FramePose `other` in the axes of this frame. `other` is given in the axes in which this frame is
         given.
         """
-        return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
+        with np.errstate(all="ignore"):
+            return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 
 
 _QUARTER_TURN_ERROR = 2.0**-50  # of an entry that quaternions gave, which err by at most 2^-52
@@ -64,20 +69,22 @@ class Inertia(NamedTuple):
         that other frame.
         """
         axes, centre = pose.placed(FramePose(np.eye(3), self.centre))
-        return Inertia(self.mass, centre, axes @ self.tensor @ axes.T)
+        with np.errstate(all="ignore"):
+            return Inertia(self.mass, centre, axes @ self.tensor @ axes.T)
 
 
 def combined_inertia(inertias: Collection[Inertia]) -> Inertia:
     """Return the mass properties of several rigidly joined bodies as one Inertia, in the frame in which all of them
     are given. If the masses add up to zero, the centre of mass is the origin of the frame.
     """
-    total = sum(part.mass for part in inertias)
-    middle = np.zeros(3)
-    if total:
-        middle = np.sum([part.mass / total * part.centre for part in inertias], axis=0)
-    tensor = np.zeros((3, 3))
-    for mass, centre, part_tensor in inertias:
-        arm = centre - middle
-        tensor += part_tensor
-        tensor += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return Inertia(total, middle + 0.0, tensor + 0.0)
+    with np.errstate(all="ignore"):
+        total = sum(part.mass for part in inertias)
+        middle = np.zeros(3)
+        if total:
+            middle = np.sum([part.mass / total * part.centre for part in inertias], axis=0)
+        tensor = np.zeros((3, 3))
+        for mass, centre, part_tensor in inertias:
+            arm = centre - middle
+            tensor += part_tensor
+            tensor += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        return Inertia(total, middle + 0.0, tensor + 0.0)

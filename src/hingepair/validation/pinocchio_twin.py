@@ -226,7 +226,8 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
     )
     home = np.array(pair.home)
     model.addFrame(pin.Frame("body1", root, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    placement = pin.SE3(home, -(home @ pair.u2))
+    with np.errstate(under="ignore"):
+        placement = pin.SE3(home, -(home @ pair.u2))
     body2 = model.addFrame(pin.Frame("body2", hinge, placement, pin.FrameType.OP_FRAME))
     for joint, body, frame in ((root, pair.body1, pin.SE3.Identity()), (hinge, pair.body2, placement)):
         if body is not None:
