@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import subprocess
@@ -310,6 +311,15 @@ def test_without_a_folder_code_is_compiled_all_the_same(value, monkeypatch):
     object_cache.write_object("0a", b"code")
     assert object_cache.read_object("0a") is None
     assert native.Kernel("one", lambda: IR.format(factor=3)).address("kernel")
+
+
+def test_a_disk_that_is_full_is_no_error_and_nothing_stays(folder, monkeypatch):
+    def replace(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", replace)
+    object_cache.write_object("0a", b"code")
+    assert [*folder.iterdir()] == []
 
 
 def test_code_of_another_processor_is_not_taken(folder, monkeypatch):

@@ -162,7 +162,9 @@ def _shared_functions(float_type: str) -> Mapping[str, int]:
 @functools.cache
 def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
     """Return the shared functions, which are loaded once for each processor, and their addresses by symbol."""
-    code = _compile_module("shared functions", functools.partial(shared_ir, float_type))
+    sources = object_cache.source_digest()
+    form = f"shared functions {float_type} {sources}" if sources else ""
+    code = _compile_module("shared functions", functools.partial(shared_ir, float_type), form)
     return code, {symbol: code.address(symbol) for symbol in shared_symbols(float_type)}
 
 
