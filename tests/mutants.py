@@ -140,7 +140,7 @@ def noticed(mutant: Mutant, tree: Path, number: int) -> str:
 
 def fails(tree: Path, arguments: list[str]) -> bool:
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *arguments]
-    environment = os.environ | {"PYTHONPATH": str(tree / "src")}
+    environment = os.environ | {"PYTHONPATH": str(tree / "src"), "PYTHONDONTWRITEBYTECODE": ""}
     with (
         (tree / "output.txt").open("w") as output,
         subprocess.Popen(

@@ -80,6 +80,7 @@ def test_an_error_never_stands_on_standard_output():
 INTERRUPTED = """
 import os, signal, sys
 import hingepair.__main__ as program
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs in the background
 
 class Interrupt:
     def find_spec(self, name, *_):
