@@ -11,6 +11,7 @@ import tempfile
 import pytest
 
 import hingepair
+from hingepair.engine import native
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 
 
@@ -44,7 +45,16 @@ class Ledger:
             terminalreporter.write_line(way.ljust(width) + "".join(cell.rjust(8) for cell in shown))
 
 
+PROCESSORS = {"haswell": "+fma", "x86-64": ""}  # with AVX2 and without AVX: LLVM's names and features
+
+
+def pytest_addoption(parser):
+    parser.addoption("--processor", choices=PROCESSORS, help="compile kernels for a processor with fewer features")
+
+
 def pytest_configure(config):
+    if processor := config.getoption("--processor"):
+        native.host_processor = lambda: (processor, PROCESSORS[processor])
     config.pluginmanager.register(Ledger())
     gc.disable()
     if "HINGEPAIR_CACHE" not in os.environ:  # one for all workers, and for what they run

@@ -114,7 +114,7 @@ def test_each_hinge_moves_as_in_the_whole_robot(robot):
     assert not late_outputs(robot, whole)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.filterwarnings("ignore:inertia:hingepair.DynamicsWarning")  # of romeo_laas_small
 def test_every_hinge_of_every_robot():
     """All revolute and continuous joints of all robots that Pinocchio loads; those it refuses are listed."""

@@ -70,7 +70,7 @@ def in_mujoco(text, body1, hinge):
 
 COUNTS = [
     pytest.param(range(20), id="20"),
-    pytest.param(range(20, 1000), id="1000", marks=pytest.mark.slow(5)),
+    pytest.param(range(20, 150), id="150", marks=pytest.mark.slow(2)),
 ]
 
 
@@ -98,16 +98,16 @@ def test_an_axis_a_hair_off_a_coordinate_axis_is_not_rounded_to_it(aside):
 
 
 @pytest.mark.slow
-def test_pinocchio_moves_body2_as_a_thousand_pairs_do():
-    for k in range(1000):
+def test_pinocchio_moves_body2_as_many_pairs_do():
+    for k in range(150):
         pair, (body1, hinge) = corner_pair(k), motion_of(k)
         ratios = ratios_of(pair, body1, hinge, pinocchio_of_urdf(pair, body1, *hinge))
         assert max(ratios.values()) <= 16, (k, ratios)
 
 
 @pytest.mark.slow
-def test_a_thousand_pairs_are_read_back():
-    for k in range(1000):
+def test_many_pairs_are_read_back():
+    for k in range(150):
         pair = corner_pair(k, limits=(-1, k / 7))
         back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME, body2_frame=BODY2_LINK_NAME)
         assert np.array_equal(back.u1, pair.u1)

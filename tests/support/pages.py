@@ -6,13 +6,12 @@ import contextlib
 import io
 import re
 import shlex
-import subprocess
-import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from support.work import HANG
+from support.commands import run_command
 
 _FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _FILE_NAME = re.compile(r"Save this as `([^`\n]+)`:\n\n\Z")
@@ -74,17 +73,10 @@ def run_page(page: Path) -> Iterator[tuple[Step, str]]:
                 exec(compile(source, str(page), "exec"), namespace)
             yield step, printed.getvalue()
         else:
-            arguments = shlex.split(step.code)[1:]
-            done = subprocess.run(
-                [sys.executable, "-m", "hingepair", *arguments],
-                capture_output=True,
-                text=True,
-                check=False,
-                timeout=HANG,
-            )
-            if done.returncode != 0:
-                raise AssertionError(f"line {step.line}: {step.code}\n{done.stdout}{done.stderr}")
-            yield step, _shortened(done.stdout, step.expected)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # lines of standard error, which pages do not show
+                printed = run_command(*shlex.split(step.code)[1:]).stdout
+            yield step, _shortened(printed, step.expected)
 
 
 def _shortened(printed: str, expected: str) -> str:

@@ -28,7 +28,7 @@ from hingepair.cli.output import (
 from hingepair.cli.pairs import GravityOption, load_named_robot, load_named_scene, parse_gravity
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
-from hingepair.numeric.tables import instant_text, json_text, unit_of
+from hingepair.numeric.tables import instant_text, json_text, number_texts, unit_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import RESULT_FILE_SUFFIXES, check_ending, column_names, result_file
 from hingepair.scenes.mechanisms.forces import joint_load_table_rows
@@ -248,8 +248,9 @@ def _component_rows(
         *(["by noise"] if with_noise else []),
     )
     lines: list[tuple[str, ...]] = [headings]
-    for name, (*sizes, t, noises) in ((name, _component_cells(row)) for name, row in ranges_by_component.items()):
-        numbers = (f"{value + 0.0:.5g}" for value in sizes)
+    cells = [_component_cells(row) for row in ranges_by_component.values()]
+    texts = number_texts([*ranges_by_component], [sizes for *sizes, _, _ in cells], digits=5)
+    for name, numbers, (*_, t, noises) in zip(ranges_by_component, texts, cells, strict=True):
         lines.append((name, unit_of(name), *numbers, instant_text(t), *(f"{value:.2g}" for value in noises)))
     return lines
 

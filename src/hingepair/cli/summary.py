@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.tables import instant_text
+from hingepair.numeric.tables import instant_text, number_texts
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.evaluate import compute_arrays
@@ -111,12 +111,10 @@ class RunSummary:
         """Return the rows of a table as tuples of strings, headings first: for each component its unit, its values at
         the first, middle and last instant, and its smallest and largest value. Leave out the `coincident_frames`.
         """
-        columns = [
-            [f"{cell + 0.0:.6g}" for cell in values]
-            for values in (*self._values_at_instants, self._smallest, self._largest)
-        ]
+        numbers = np.stack([*self._values_at_instants, self._smallest, self._largest], axis=1).tolist()
         heading = ("", "unit", *(f"t = {instant_text(t)}" for t in self._t), "smallest", "largest")
-        rows = zip(self._names, map(self._scene.unit, self._names), *columns, strict=True)
+        texts = number_texts(self._names, numbers)
+        rows = [(name, self._scene.unit(name), *row) for name, row in zip(self._names, texts, strict=True)]
         hidden = {f"{quantity}_{frame}" for frame in self.coincident_frames for quantity in FRAME_QUANTITY_NAMES}
         return [heading, *(row for row in rows if row[0].rpartition("_")[0] not in hidden)]
 

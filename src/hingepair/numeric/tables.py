@@ -92,6 +92,31 @@ def instant_text(t: float) -> str:
     return f"{t:.6g}" if abs(t) < 1e5 else repr(float(t))
 
 
+def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: int = 6) -> list[list[str]]:
+    """Return the numbers of components as text with `digits` significant digits. A number is shown as 0 if it is
+    below half a unit of the last digit of the largest in its row, or of the size of rounding errors beside the
+    largest of its vector: the digits of such numbers differ from processor to processor.
+
+    Args:
+        names: of the components; those of a vector have one name before the last underscore, as R2_x and R2_y.
+        rows: numbers of each component.
+        digits: number of significant digits.
+
+    >>> number_texts(["a_x", "a_y"], [[-3e-7, 1.5], [2e-16, 1e-15]])
+    [['0', '1.5'], ['0', '0']]
+    """
+    largest_in_rows = [max((abs(value) for value in row if math.isfinite(value)), default=0.0) for row in rows]
+    vectors = [name.rpartition("_")[0] or name for name in names]
+    largest_in_vectors: dict[str, float] = {}
+    for vector, largest in zip(vectors, largest_in_rows, strict=True):
+        largest_in_vectors[vector] = max(largest, largest_in_vectors.get(vector, 0.0))
+    texts = []
+    for vector, largest, row in zip(vectors, largest_in_rows, rows, strict=True):
+        least = max(0.5 * 10.0 ** (1 - digits) * largest, 64 * 2.0**-53 * largest_in_vectors[vector])
+        texts.append(["0" if abs(value) < least else f"{value + 0.0:.{digits}g}" for value in row])
+    return texts
+
+
 def finite_or_none(number: float) -> float | None:
     """Return the number, or None if it is infinite or NaN, which JSON cannot represent."""
     return number if math.isfinite(number) else None
