@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -147,6 +148,18 @@ def test_a_nested_tuple_of_states_is_rows_or_refused(count, kind):
         assert np.array_equal(FLAT.forward_kinematics(flat).R2, FLAT.forward_kinematics(rows[:, :4]).R2)
         with pytest.raises(hp.ShapeError, match=r"q: expected an array of states .* could be either"):
             FLAT.forward_kinematics(flat[:4])
+
+
+def test_a_list_of_as_many_arrays_as_numbers_is_refused():
+    """[x, y, ..., psi] with seven samples was read as seven states."""
+    arm = hp.Mechanism([dataclasses.replace(PAIR, name=name) for name in "abc"])
+    for compute, count in ((PAIR.forward_kinematics, 7), (FLAT.forward_kinematics, 4), (arm.forward_kinematics, 3)):
+        rows = list(generator(64).normal(size=(count, count)))
+        with pytest.raises(hp.ShapeError, match=r"^q: expected an array of states .* could be either"):
+            compute(rows)
+        compute(np.array(rows))
+        compute([row.tolist() for row in rows])
+        compute([*rows, rows[0]])
 
 
 @pytest.mark.parametrize("value", [["numpy"], {"a": 1}, {1}, None, 1, np.zeros(2), "numbers", b"numpy"])

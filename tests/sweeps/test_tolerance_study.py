@@ -98,6 +98,22 @@ def test_an_instant_without_a_pose_is_left_out_and_said(scene_path):
     assert "motion: expected a pose at some instant" in refusal("tolerance", path)
 
 
+@pytest.mark.parametrize(
+    ("std", "said"),
+    [
+        ({"u1_std": 0.2}, ["u1_std is 0.2 m, beside levers of 0.548 m: is it in metres?"]),
+        ({"u2_std": [0, 0.1, 0], "u1_std": 0}, ["u2_std is 0.1 m"]),
+        ({"axis_std": 0.5}, ["axis_std: 0.5 is taken for radians; degrees become radians by deg(0.5)."]),
+        ({"u1_std": 0.002, "axis_std": 0.01, "home_std": [0.01, 0, 0.02]}, []),
+    ],
+)
+def test_tolerances_in_millimetres_or_degrees_are_doubted(scene_path, std, said):
+    scene_path.write_text(SCENE)
+    notes = study_tolerances(hp.load_scene(scene_path), 100, **std).notes
+    assert len(notes) == len(said)
+    assert all(note.startswith(words) for note, words in zip(notes, said, strict=True))
+
+
 def test_large_tolerances_are_seen_by_the_samples_only(scene_path):
     study = study_tolerances(hp.load_scene(scene_path), SAMPLES, u1_std=0.0, axis_std=1.0)
     assert np.abs(study.sampled_std[1:] / study.std[1:] - 1).max() > 0.1  # psi is 0 at first

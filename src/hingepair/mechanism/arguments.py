@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.numeric.array_libraries import Library, check_sample_shape, is_foreign, library_of
-from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, is_zero, vectors
+from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_square_list, is_table, is_zero, vectors
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.forward_kinematics import read_component
 
@@ -141,8 +141,12 @@ def read_coordinates(
     if library is not None and is_foreign(value):
         check_sample_shape(name, value, len(joint_names))
         return tuple(value[..., k] for k in range(len(joint_names))), tuple(value.shape[:-1])
+    count = len(joint_names)
+    if count > 1 and is_square_list(value, count):
+        expected = "an array of states (numpy.array(...)), or a dict of arrays by the joints' names"
+        raise ShapeError(name, expected, f"{count} arrays of {count} numbers, which could be either")
     try:
-        array = vectors(name, value, len(joint_names))
+        array = vectors(name, value, count)
     except ShapeError as error:
         expected = f"{error.expected}, a column for each of {_joint_list(joint_names)}"
         if isinstance(value, tuple | list) and len(value) == len(joint_names):

@@ -53,6 +53,15 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     raise DtypeError(name, "real numbers (float64, float32 or integers)", _describe(array))
 
 
+def is_square_list(value: object, count: int) -> bool:
+    """Return whether a list or tuple holds `count` NumPy arrays of `count` numbers: as many samples as components."""
+    return (
+        isinstance(value, list | tuple)
+        and len(value) == count
+        and all(isinstance(part, np.ndarray) and part.shape == (count,) for part in value)
+    )
+
+
 def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
     """Return the value as a NumPy array whose last axes have the shape that the further arguments give, such as 3, 3.
     From a data frame, take the columns whose names end in x, y, z (for a quaternion also w). Raise ShapeError, which

@@ -12,7 +12,7 @@ from hingepair.engine.backend import Execution
 from hingepair.engine.calls import Call, Out
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign, library_of
-from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_table, real_array, vectors
+from hingepair.numeric.arrays import broadcast_shape, columns_by_name, is_square_list, is_table, real_array, vectors
 from hingepair.numeric.blocks import Components, Named
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
@@ -103,10 +103,13 @@ def _read_coordinates(name: str, value: Any, coordinate_names: tuple[str, ...]) 
     """
     count = len(coordinate_names)
     several = f"{_NUMBER_WORD_BY_COORDINATE_COUNT[count]} coordinates"
-    if isinstance(value, tuple) and len(value) == count:
-        if all(isinstance(part, list | tuple) and len(part) == count for part in value):
-            expected = f"an array of states (numpy.array(...)), or a tuple of arrays of {several}"
-            raise ShapeError(name, expected, f"{count} sequences of {count} numbers, which could be either")
+    is_tuple = isinstance(value, tuple) and len(value) == count
+    if (is_tuple and all(isinstance(part, list | tuple) and len(part) == count for part in value)) or (
+        isinstance(value, list) and is_square_list(value, count)
+    ):
+        expected = f"an array of states (numpy.array(...)), or a tuple of arrays of {several}"
+        raise ShapeError(name, expected, f"{count} sequences of {count} numbers, which could be either")
+    if is_tuple:
         return tuple(read_component(f"{name}[{i}]", part) for i, part in enumerate(value))
     if is_table(value):
         columns = _coordinate_columns(name, value, coordinate_names)

@@ -27,7 +27,6 @@ _KIND_BY_KEY: Final[Mapping[str, str]] = {
     ),
     **dict.fromkeys(("omega1", "psi_dot", "omega1_0", "psid_0", "rate_limit", "friction_rate"), _RATES),
     **dict.fromkeys(("u1", "u2", "center_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS),
-    **dict.fromkeys(("axis_std", "home_std"), "std of angle"),
 }
 """Quantities of the keys of a scene, wherever they stand."""
 _KIND_OF_FUNCTION: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import MissingDependencyError, SceneError
 from hingepair.numeric.arrays import Float64Array, Frozen
+from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import Sheet, Shown, instant_text, json_text
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.tolerances import STANDARD_DEVIATION_ARGUMENT_NAMES, sample_pairs
@@ -78,7 +80,7 @@ class ToleranceStudy(Frozen, Shown):
         contributions: variances that each dimension causes alone, to first order, by name of the dimension; (N, 6).
         samples: number of sampled pairs.
         tolerances: standard deviations of the geometry, by argument of `sample_pairs`.
-        notes: sentences on instants that are left out.
+        notes: sentences on standard deviations in doubtful units, and on instants that are left out.
     """
 
     title: str
@@ -250,7 +252,14 @@ def study_tolerances(
     if not known.any():
         raise SceneError(f"{scene.path}: motion", "a pose at some instant", f"none at {len(t)} instants")
     lost = len(t) - int(known.sum())
-    notes = (f"{lost} of {len(t)} instants have no pose and are left out",) if lost else ()
+    lever = max(float(np.linalg.norm(pair.u1)), float(np.linalg.norm(pair.u2)))
+    doubts = [
+        suspicions("std of angle", name, value, radians="deg")
+        if name in {"axis_std", "home_std"}
+        else suspicions("std of length", name, [np.max(value), lever])
+        for name, value in tolerances.items()
+    ]
+    notes = (*itertools.chain(*doubts), *[f"{lost} of {len(t)} instants have no pose and are left out"] * bool(lost))
     t, psi, body1 = t[known], psi[known], BodyMotion(R=R[known], S=S[known])
     linear = pair.propagate_covariance(body1, psi, **tolerances)
     sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)
