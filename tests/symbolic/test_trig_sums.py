@@ -8,6 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hingepair.symbolic.trig_sums import MAX_TRIG_SUM_TERMS, cosine_expression, sine_expression, trig_sum
+from support.work import bounded_calls
 
 t, a, u = sympy.symbols("t a u", real=True)
 POINT = {t: sympy.Rational(7, 5), a: sympy.Rational(-4, 3), u: sympy.Rational(5, 7)}
@@ -91,3 +92,10 @@ def test_sums_are_bounded():
 def test_what_vanishes_on_the_way_is_never_multiplied():
     one = sympy.Mul(*(cosine_expression(k * t) ** 2 + sine_expression(k * t) ** 2 for k in range(1, 20)))
     assert trig_sum(one) == 1
+
+
+def test_sines_of_long_angles_stay_products():
+    angle = sympy.Add(*(t**i / i for i in range(1, 300)))
+    product = sympy.sin(angle, evaluate=False) * sympy.cos(angle + t, evaluate=False)
+    with bounded_calls(100_000):
+        assert trig_sum(product) is None

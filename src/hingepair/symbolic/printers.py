@@ -41,7 +41,7 @@ Writer: TypeAlias = Callable[[Expr], str]
 
 def join_terms(terms: Iterable[Expr], write: Writer) -> str:
     """Return the text of a sum of terms in the given order. Each term is formatted by `write`, a function from an
-    expression to its text. Derivatives of functions x(t) are written x' and x''.
+    expression to its text.
     """
     text = " ".join(signed_terms(terms, write))
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
@@ -51,8 +51,7 @@ def signed_terms(terms: Iterable[Expr], write: Writer) -> list[str]:
     """Return a list of the texts of the terms of a sum in the given order, each after its sign: `+ x'`, `- 2 sin t`.
     `write` is a function from an expression to its text.
     """
-    symbolic_terms = with_symbols(terms, "'")
-    return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in symbolic_terms]
+    return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in terms]
 
 
 def with_symbols(exprs: Iterable[Expr], derivative_mark: str) -> list[Expr]:
@@ -336,6 +335,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return text if whole or power else f"({text})"
 
 
+@functools.lru_cache(maxsize=4096)  # long forms repeat their parts
 def with_short_constants(expr: Expr) -> Expr:
     """Return an expression in which each constant part is a single number: its exact form or, if this form is too
     long, the rational number that the shortest decimal of its float shows.
@@ -344,14 +344,20 @@ def with_short_constants(expr: Expr) -> Expr:
     >>> to_text(with_short_constants(sympy.sqrt(3) / 4 + x * (sympy.cos(1) ** 2 + sympy.sin(2) / 5)))
     '1/4 √3 + 0.4737860670915651 x'
     """
-    if not expr.free_symbols:
+    if not _has_symbols(expr):
         return _short_constant(expr)
     if not expr.args:
         return expr
-    constants = [part for part in expr.args if not part.free_symbols] if expr.is_Add or expr.is_Mul else []
+    constants = [part for part in expr.args if not _has_symbols(part)] if expr.is_Add or expr.is_Mul else []
     parts = [_short_constant(expr.func(*constants))] if constants else []
     parts += [with_short_constants(part) for part in expr.args if part not in constants]
     return expr if set(parts) == {*expr.args} else expr.func(*parts)
+
+
+@functools.lru_cache(maxsize=4096)
+def _has_symbols(expr: Expr) -> bool:
+    """Return whether an expression has free symbols; SymPy goes through the whole expression at each question."""
+    return any(map(_has_symbols, expr.args)) if expr.args else bool(expr.free_symbols)
 
 
 def _short_constant(constant: Expr) -> Expr:

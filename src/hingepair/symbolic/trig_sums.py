@@ -21,6 +21,10 @@ MAX_TRIG_SUM_TERMS: Final = 200
 MAX_TERM_PAIRS_IN_PRODUCT_OF_TRIG_SUMS: Final = 10_000
 """Largest number of pairs of terms in one multiplication."""
 
+_MAX_ANGLE_NODES: Final = (
+    24  # of one sine; sums of longer angles are no easier to read than products, and take minutes
+)
+
 
 class _TrigTerm(NamedTuple):
     """Term of a sum without its rational coefficient: rest * sin(angle) if `is_sine` is True, otherwise rest *
@@ -36,7 +40,7 @@ _TrigTerms: TypeAlias = dict[_TrigTerm, Fraction]  # coefficients; a term withou
 
 
 class _TooManyTermsError(ArithmeticError):
-    """A sum would exceed the largest number of terms."""
+    """A sum would exceed the largest number of terms, or the angle of a sine is too long."""
 
 
 def trig_sum(expr: Expr) -> Expr | None:
@@ -112,6 +116,8 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
     if expr.is_Pow and expr.exp.is_Integer and 1 < expr.exp <= MAX_TRIG_SUM_TERMS and expr.free_symbols:
         return functools.reduce(_multiply_sums, [_expand_terms(expr.base)] * int(expr.exp))
     if isinstance(expr, sympy.sin | sympy.cos) and expr.free_symbols:
+        if sum(1 for _ in sympy.preorder_traversal(expr.args[0])) > _MAX_ANGLE_NODES:
+            raise _TooManyTermsError
         return dict(_normalise_trig(expr.args[0], isinstance(expr, sympy.sin)))
     coefficient, rest = _split_rational(expr)
     return {_TrigTerm(rest, sympy.S.Zero, False): coefficient} if coefficient else {}
