@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -139,11 +141,11 @@ def test_errors_of_the_point_are_those_of_the_covariance(moving: float, given: b
 
 @pytest.mark.slow
 def test_the_covariance_is_in_the_gauge_of_the_values() -> None:
-    """u1 is across n1, so it has no variance along n1; u2 has."""
+    """u1 is across n1, so along n1 it has only the variance that the axis has; u2 has its own."""
     _, found = anchor_scores(True, 1)
     along1, along2 = (np.concatenate(parts) for parts in ((N1, np.zeros(3)), (np.zeros(3), N2)))
     assert abs(found.u1 @ N1) < 1e-15
-    assert np.abs(found.covariance @ along1).max() < 1e-12 * found.covariance.max()
+    assert np.abs(found.covariance @ along1).max() < 0.02 * found.covariance.max()
     assert along2 @ found.covariance @ along2 > 0.1 * found.covariance.max()
     assert np.abs(found.covariance - found.covariance.T).max() < 1e-12 * found.covariance.max()
 
@@ -351,11 +353,15 @@ def test_the_angle_of_biased_gyroscopes_does_not_drift(moving: float) -> None:
 
 
 @pytest.mark.slow
-def test_a_bias_of_accelerometers_that_may_be_there_widens_the_angle() -> None:
-    columns, _ = biased(0.0, 0.1, 0, noise=1e-2)
+@pytest.mark.parametrize(("moving", "least", "most"), [(1.0, 5e-4, 3e-3), (0.0, 2e-3, 0.05)], ids=["seen", "unseen"])
+def test_a_bias_of_accelerometers_widens_the_angle_as_far_as_it_is_not_seen(
+    moving: float, least: float, most: float
+) -> None:
+    columns, _ = biased(0.0, 0.1, 0, noise=1e-2, moving=moving)
     found = hp.fit_angle(T, *columns, N1, N2, *POINT, accelerometer_bias=0.1)
-    assert np.abs(found.psi - true_angle(T)).max() < 4 * found.std.max()
-    assert 0.01 < found.std.min() < 0.05
+    assert np.abs(found.psi - true_angle(T)).max() < 5 * found.std.max()
+    assert least < found.std.min()
+    assert found.std.max() < most
 
 
 @pytest.mark.slow
@@ -380,3 +386,77 @@ def test_angles_have_gaps_where_samples_are_missing() -> None:
     assert np.flatnonzero(np.isnan(found.psi)).tolist() == list(range(400, 460))
     good = np.isfinite(found.psi)
     assert np.abs(found.psi - true_angle(T))[good].max() < 0.02
+
+
+def chain(t: np.ndarray, columns: list[np.ndarray]) -> tuple[hp.AxisFit, hp.AnchorFit, hp.AngleFit]:
+    """Axis, point and angle, one after the other."""
+    axis = hp.fit_axis(columns[0], columns[2])
+    point = hp.fit_anchor(t, *columns, axis.n1, axis.n2)
+    return axis, point, hp.fit_angle(t, *columns, axis.n1, axis.n2, point.u1, point.u2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [2, -3])
+def test_clocks_that_differ_are_noticed_by_every_estimate(samples: int) -> None:
+    columns = felt(noise=1e-2)
+    columns = later(columns, samples) if samples > 0 else later([*columns[2:], *columns[:2]], -samples)
+    columns = columns if samples > 0 else [*columns[2:], *columns[:2]]
+    for found in chain(T[: -abs(samples)], columns):
+        assert not found.ok
+        text = " ".join(found.findings)
+        assert re.search(r"recorded [\d.]+ (samples|ms) (later|earlier) than body 1", text), text
+        assert ("later" in text) is (samples > 0)
+        size, unit = re.search(r"recorded ([\d.]+) (samples|ms)", text).groups()
+        assert float(size) == pytest.approx(abs(samples) * (10 if unit == "ms" else 1), rel=0.1)
+        assert str(found).endswith("NOT RELIABLE")
+
+
+@pytest.mark.slow
+def test_a_point_of_a_body_that_hardly_moves_is_as_uncertain_as_its_axis() -> None:
+    scores = []
+    for seed in range(10):
+        columns, _ = biased(0.02, 0.1, seed, noise=1e-2, moving=0.1)
+        axis, point, _ = chain(T, columns)
+        slide = -(U1 @ N1)
+        error = np.concatenate((point.u1 - U1 - slide * N1, point.u2 - U2 - slide * N2))
+        scores.append(error / np.sqrt(np.diagonal(point.covariance)))
+        assert np.isfinite(axis.covariance).all()
+        assert not point.ok or np.abs(scores[-1]).max() < 4.5
+    assert 0.2 < np.median(np.abs(scores)) < 1.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [0.7, 1.9, 3.3])
+def test_a_gap_adds_no_whole_turns(seconds: float) -> None:
+    columns, there = felt(noise=1e-2), (T < 3) | (3 + seconds < T)
+    found = hp.fit_angle(T[there], *(column[there] for column in columns), N1, N2, *POINT)
+    assert found.ok
+    assert "Whole turns during a gap are not seen" in " ".join(found.findings)
+    assert np.abs(found.psi - true_angle(T[there])).max() < 6 * found.std.max()
+
+
+CONTRADICTIONS = {
+    "degrees a second": (lambda o1, f1, o2, f2: (np.degrees(o1), f1, np.degrees(o2), f2), 1.0, 1.0),
+    "multiples of g": (lambda o1, f1, o2, f2: (o1, f1 / 9.80665, o2, f2 / 9.80665), 1.0, 1.0),
+    "milliseconds": (lambda *columns: columns, 1e3, 1.0),
+    "n2 flipped": (lambda *columns: columns, 1.0, -1.0),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moving", [1.0, 0.0], ids=["moving", "body 1 at rest"])
+@pytest.mark.parametrize("name", CONTRADICTIONS)
+def test_an_angle_that_its_records_contradict_is_not_relied_on(name: str, moving: float) -> None:
+    change, seconds, sign = CONTRADICTIONS[name]
+    columns = change(*felt(moving, noise=1e-2))
+    found = hp.fit_angle(seconds * T, *columns, N1, sign * N2, *POINT)
+    assert not found.ok, found
+
+
+@pytest.mark.slow
+def test_every_estimate_prints_a_report() -> None:
+    for found in chain(T, felt(noise=1e-2)):
+        lines = str(found).splitlines()
+        assert lines[0].startswith("hinge ")
+        assert lines[-1] == "ok"
+        assert all(len(line) < 120 for line in lines)

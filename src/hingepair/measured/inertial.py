@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,7 @@ from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import (
     MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS,
     MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH,
+    Finding,
 )
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
 from hingepair.measured.likelihood import score_scatter
@@ -39,6 +41,11 @@ Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 Move = Callable[[Float64Array, Float64Array], Float64Array]
 
 _MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL = 400  # samples that starts are tried with
+_MIN_OFFSET, _MIN_OFFSET_IN_STDS = 0.02, 4.0  # of clocks, in samples; smaller ones are not told
+_MIN_OFFSET_EFFECT = 0.5  # on an axis, in standard deviations
+_LAG_WINDOW = 3  # readings on either side that give a derivative
+_LAG_STEPS = 12
+_MAX_LAG_SAMPLES = 4000
 _NUM_SENSOR_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
 _MAX_ROUNDING_RESIDUAL_NORM_TO_SENSOR_READINGS_NORM = 1e-13  # residuals that rounding explains
 # [rad]: an axis that is known less well is not to be relied on.
@@ -70,6 +77,8 @@ class AxisFit:
         n2: the same vector in body 2's axes; shape (3,). For a HingePair, n2 = home^T n1.
         std: standard deviations of n1 and n2 [rad]; shape (2,). Each is the standard deviation of the angle by which
             the vector deviates in its least certain direction. It is inf if the motion does not determine the vector.
+        covariance: covariance matrix of the six components of n1 and n2, in this order; shape (6, 6). A variance is
+            inf if the motion does not determine the vector.
         bias1: bias of gyroscope 1 in body 1's axes [rad/s]; shape (3,).
         bias2: bias of gyroscope 2 in body 2's axes [rad/s]; shape (3,).
         bias_std: standard deviations of bias1 (first row) and bias2 (second row) [rad/s]; shape (2, 3). In directions
@@ -85,12 +94,20 @@ class AxisFit:
     n1: Float64Array
     n2: Float64Array
     std: Float64Array
+    covariance: Float64Array
     bias1: Float64Array
     bias2: Float64Array
     bias_std: Float64Array
     rms: float
     ok: bool
     findings: tuple[str, ...]
+
+    def __str__(self) -> str:
+        lines = ["hinge axis of two gyroscopes"]
+        for name, vector, std in zip(("n1", "n2"), (self.n1, self.n2), np.degrees(self.std), strict=True):
+            lines.append(f"{name} = ({', '.join(f'{x:.6g}' for x in vector)}), known to {std:.2g} deg")
+        lines.append(f"left: {self.rms:.3g} rad/s rms")
+        return report(lines, self.findings, self.ok)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -105,7 +122,7 @@ class AnchorFit:
         covariance: covariance matrix of the six components of u1 and u2, in this order [m^2]; shape (6, 6). A
             variance is inf if the motion does not determine the component. The position of the hinge point along the
             hinge axis follows from a convention (see `fit_anchor`) and has no uncertainty in the matrix. A hinge axis
-            that was given to `fit_anchor` counts as exact.
+            that was given to `fit_anchor` counts as uncertain as these angular velocities determine it.
         bias1: bias of accelerometer 1 in body 1's axes [m/s^2]; shape (3,).
         bias2: bias of accelerometer 2 in body 2's axes [m/s^2]; shape (3,).
         bias_std: standard deviations of bias1 (first row) and bias2 (second row) [m/s^2]; shape (2, 3). In directions
@@ -128,6 +145,19 @@ class AnchorFit:
     rms: float
     ok: bool
     findings: tuple[str, ...]
+
+    def __str__(self) -> str:
+        lines, std = ["hinge point of two inertial sensors"], np.sqrt(np.diagonal(self.covariance)).reshape(2, 3)
+        for name, vector, deviations in zip(("u1", "u2"), (self.u1, self.u2), std, strict=True):
+            numbers = ", ".join(f"{x:.6g} +- {s:.2g}" for x, s in zip(vector, deviations, strict=True))
+            lines.append(f"{name} = ({numbers}) m")
+        lines.append(f"left: {self.rms:.3g} m/s^2 rms")
+        return report(lines, self.findings, self.ok)
+
+
+def report(lines: list[str], findings: tuple[str, ...], ok: bool) -> str:
+    """Return a report of the lines, the findings and the verdict."""
+    return "\n".join((*lines, *findings, "ok" if ok else "NOT RELIABLE"))
 
 
 def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float = 0.05) -> AxisFit:
@@ -167,22 +197,119 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
     (array([0., 0., 1.]), array([0., 0., 1.]))
     """
     omega1, omega2 = _checked_vectors({"omega1_b1": omega1_b1, "omega2_b2": omega2_b2})
+    found = solve_axes(omega1, omega2, number_not_below_0("gyroscope_bias", gyroscope_bias))
+    n1, n2, bias1, bias2 = found.unknowns
+    findings = [
+        Finding(
+            f"The axis in body {i}'s axes is known to {np.degrees(s):.2g} deg only."
+            if np.isfinite(s)
+            else f"The motion does not show the axis in body {i}'s axes: let body {i} turn across it.",
+            False,
+        )
+        for i, s in enumerate(found.std, start=1)
+        if s > _MAX_RELIABLE_INERTIAL_AXIS_STD_IN_RADIANS
+    ]
+    rms = float(np.sqrt(np.mean(found.residuals**2)))
+    if (
+        rms > _MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * found.rms_rate
+        and _neighbour_correlation(found.residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
+    ):
+        text = (
+            f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
+            "one axis, or the clocks of the sensors differ."
+        )
+        findings.append(Finding(text, False))
+    elif rms > _MAX_HARMLESS_RATE_RESIDUAL_TO_RMS_RATE * found.rms_rate:
+        text = f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms."
+        findings.append(Finding(text, False))
+    if found.sign_correlation < _MIN_TURN_CORRELATION_THAT_SHOWS_HINGE_AXIS_SIGN:
+        text = "The sign of n2 relative to n1 is not determined: the angle does not follow its rate."
+        findings.append(Finding(text, False))
+    findings += found.clock_findings(None)
+    for name, omega in (("omega1_b1", omega1), ("omega2_b2", omega2)):
+        findings += [Finding(text, False) for text in suspicions("gyroscope", name, omega)]
+    return AxisFit(
+        n1=read_only(n1),
+        n2=read_only(n2),
+        std=read_only(found.std),
+        covariance=read_only(found.covariance_of_components()),
+        bias1=read_only(bias1),
+        bias2=read_only(bias2),
+        bias_std=read_only(found.bias_std.reshape(2, 3)),
+        rms=rms,
+        ok=all(finding.harmless for finding in findings),
+        findings=tuple(finding.text for finding in findings),
+    )
+
+
+class Axes(NamedTuple):
+    """The hinge axis in the axes of both bodies, from two gyroscopes."""
+
+    unknowns: Float64Array  # n1, n2, bias1, bias2; (4, 3)
+    covariance: Float64Array  # of two turns of n1 and two of n2 [rad^2]; (4, 4)
+    unseen: NDArray[np.bool_]  # which of these turns the motion does not determine; (4,)
+    bias_std: Float64Array  # (6,)
+    residuals: Float64Array  # [rad/s]; (M,)
+    rms_rate: float  # [rad/s]
+    sign_correlation: float
+    offset: float  # samples by which body 2 was recorded later than body 1 at equal rows
+    offset_std: float
+    offset_effect: float  # on an axis, in standard deviations
+
+    @property
+    def std(self) -> Float64Array:
+        """Return the standard deviations of n1 and n2 in their least certain directions [rad]."""
+        variances = np.where(self.unseen, np.inf, np.diagonal(self.covariance)).reshape(2, 2)
+        return np.asarray(np.sqrt(variances.max(axis=1)))
+
+    def covariance_of_components(self) -> Float64Array:
+        """Return the covariance (6, 6) of the components of n1 and n2, inf where they are not determined."""
+        change = np.zeros((6, 4))
+        for i, n in enumerate(self.unknowns[:2]):
+            change[3 * i : 3 * i + 3, 2 * i : 2 * i + 2] = frame(n)[:, :2]
+        covariance = change @ self.covariance @ change.T
+        hidden = change**2 @ self.unseen > 1e-3
+        covariance[hidden, hidden] = np.inf
+        return np.asarray(covariance)
+
+    def shows_offset(self) -> bool:
+        """Return whether both clocks differ, and by more than the axis allows for."""
+        return (
+            abs(self.offset) > max(_MIN_OFFSET_IN_STDS * self.offset_std, _MIN_OFFSET)
+            and self.offset_effect > _MIN_OFFSET_EFFECT
+        )
+
+    def clock_findings(self, step: float | None) -> list[Finding]:
+        """Return a list with one Finding if the clocks differ. `step` is the time between samples [s]; None: not
+        known.
+        """
+        if not self.shows_offset():
+            return []
+        how = f"{abs(self.offset):.2g} samples" if step is None else f"{1e3 * step * abs(self.offset):.3g} ms"
+        order = "later" if self.offset > 0 else "earlier"
+        text = f"Body 2 was recorded {how} {order} than body 1 at equal rows: the clocks of the sensors differ"
+        return [Finding(f"{text}. fit_imus corrects this.", False)]
+
+
+def solve_axes(omega1: Float64Array, omega2: Float64Array, bias: float, start: Float64Array | None = None) -> Axes:
+    """Return the Axes of angular velocities (N, 3) in the axes of their bodies, NaN where missing. `bias` is the
+    expected size of the biases [rad/s], and `start` (2, 3) a first estimate of n1 and n2. Raise FitError as
+    `fit_axis` does.
+    """
     known = np.isfinite(omega1).all(axis=-1) & np.isfinite(omega2).all(axis=-1)
     size = float(np.sqrt((omega1[known] ** 2).sum() + (omega2[known] ** 2).sum()))
     if known.sum() < MIN_SAMPLES_PER_SMOOTHED_PIECE or size == 0:
-        raise FitError(
-            "omega1_b1, omega2_b2",
-            f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples of bodies that turn",
-            int(known.sum()),
-        )
+        expected = f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples of bodies that turn"
+        raise FitError("omega1_b1, omega2_b2", expected, int(known.sum()))
     w1, w2 = omega1[known], omega2[known]
     step = -(-w1.shape[0] // _MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL)
     thin1, thin2 = w1[::step], w2[::step]
-    starts = _axis_starts(thin1, thin2)
     axes, residuals = _fit_from_starts(
-        _rate_residual_function(thin1, thin2), _rate_residual_function(w1, w2), _step_axes_and_biases, starts
+        _rate_residual_function(thin1, thin2),
+        _rate_residual_function(w1, w2),
+        _step_axes_and_biases,
+        _axis_starts(thin1, thin2) if start is None else [start],
     )
-    bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     unknowns, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
     if bias > 0 and residuals @ residuals > (_MAX_ROUNDING_RESIDUAL_NORM_TO_SENSOR_READINGS_NORM * size) ** 2:
         for _ in range(_NUM_SENSOR_BIAS_FIT_ROUNDS):
@@ -192,12 +319,12 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
             )
             residuals = all_residuals[: w1.shape[0]]
     n1, n2, bias1, bias2 = unknowns
-    sign_correlations = [_sign_correlation(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
+    sign_correlations = [sign_correlation(omega1 - bias1, omega2 - bias2, n1, sign * n2) for sign in (1, -1)]
     if sign_correlations[1] > sign_correlations[0]:
         n2 = -n2
     n1, n2 = sign_of(n1) * n1, sign_of(n1) * n2
-    _, derivatives = _rate_residual_function(w1, w2, prior)(np.stack((n1, n2, bias1, bias2)))
-    rms = float(np.sqrt(residuals @ residuals / residuals.size))
+    unknowns = np.stack((n1, n2, bias1, bias2))
+    _, derivatives = _rate_residual_function(w1, w2, prior)(unknowns)
     sample_derivatives, prior_derivatives, bias_std = _derivatives_without_biases(
         derivatives, 4, residuals, prior, bias
     )
@@ -209,42 +336,102 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         _MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_HINGE_AXIS,
         prior_derivatives,
     )
-    variances = np.where(unseen, np.inf, np.diagonal(covariance)).reshape(2, 2)
-    std = np.sqrt(variances.max(axis=1))
-    findings = [
-        f"The axis in body {i}'s axes is known to {np.degrees(s):.2g} deg only."
-        if np.isfinite(s)
-        else f"The motion does not show the axis in body {i}'s axes: let body {i} turn across it."
-        for i, s in enumerate(std, start=1)
-        if s > _MAX_RELIABLE_INERTIAL_AXIS_STD_IN_RADIANS
-    ]
-    rms_rate = size / np.sqrt(2 * w1.shape[0])
-    if (
-        rms > _MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * rms_rate
+    is_systematic = (
+        np.sqrt(np.mean(residuals**2))
+        > _MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * size / np.sqrt(2 * w1.shape[0])
         and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
-    ):
-        findings.append(
-            f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
-            "one axis, or the clocks of the sensors differ."
-        )
-    elif rms > _MAX_HARMLESS_RATE_RESIDUAL_TO_RMS_RATE * rms_rate:
-        findings.append(f"They do not turn about one axis: the two rates across it differ by {rms:.2g} rad/s rms.")
-    if max(sign_correlations) < _MIN_TURN_CORRELATION_THAT_SHOWS_HINGE_AXIS_SIGN:
-        findings.append("The sign of n2 relative to n1 is not determined: the angle does not follow its rate.")
-    ok = not findings
-    for name, omega in (("omega1_b1", w1), ("omega2_b2", w2)):
-        findings += suspicions("gyroscope", name, omega)
-    return AxisFit(
-        n1=read_only(n1),
-        n2=read_only(n2),
-        std=read_only(std),
-        bias1=read_only(bias1),
-        bias2=read_only(bias2),
-        bias_std=read_only(bias_std.reshape(2, 3)),
-        rms=rms,
-        ok=ok,
-        findings=tuple(findings),
     )
+    lag, lag_std, moved = _fit_lag(omega1, omega2, unknowns, prior, is_systematic)
+    across = np.where(unseen, 0.0, np.diagonal(covariance))
+    turned = np.concatenate([frame(n)[:, :2].T @ m for n, m in zip(unknowns[:2], moved[:2], strict=True)])
+    return Axes(
+        unknowns,
+        covariance,
+        unseen,
+        bias_std,
+        residuals,
+        float(size / np.sqrt(2 * w1.shape[0])),
+        max(sign_correlations),
+        -lag,
+        lag_std,
+        float(np.max(np.abs(turned) / np.sqrt(np.maximum(across, 1e-24)))),
+    )
+
+
+def _fit_lag(
+    omega1: Float64Array, omega2: Float64Array, unknowns: Float64Array, prior: Float64Array, search: bool
+) -> tuple[float, float, Float64Array]:
+    """Return the number of rows by which the record of sensor 2 is to be read later to agree best with that of sensor
+    1, its standard deviation, and the unknowns (4, 3) that go with it. If `search` is True, other lags than those
+    near 0 are tried too.
+
+    A lag within half a row moves a reading along its derivative: the slope of a parabola through seven readings, in
+    which the reading itself has no part, so that its noise makes no bias.
+    """
+    change = np.full_like(omega2, np.nan)
+    if omega2.shape[0] < 4 * _LAG_WINDOW:
+        return 0.0, np.inf, unknowns
+    weights = np.arange(-_LAG_WINDOW, _LAG_WINDOW + 1)
+    windows = np.lib.stride_tricks.sliding_window_view(omega2, weights.size, axis=0)
+    change[_LAG_WINDOW:-_LAG_WINDOW] = windows @ weights / (weights @ weights)
+    stride = -(-omega1.shape[0] // _MAX_LAG_SAMPLES)
+    starts = [0.0]
+    if search:
+        speed, pace = (float(np.sqrt(np.nanmedian((x * x).sum(axis=1)))) for x in (omega2, change))
+        gap = max(1.0, np.rint(0.3 * speed / max(pace, 1e-300)))
+        most = min(omega1.shape[0] // 4, 40 * gap)
+        starts += [sign * lag for lag in np.arange(gap, most, gap) for sign in (1, -1)]
+    found = [
+        _lag_from(omega1, omega2, change, unknowns, prior, start, max(stride, 4 * stride * search))
+        for start in starts
+    ]
+    best = min(found, key=lambda each: each[3])
+    if search:
+        best = _lag_from(omega1, omega2, change, best[2], prior, best[0], stride)
+    return best[:3]
+
+
+def _lag_from(
+    omega1: Float64Array,
+    omega2: Float64Array,
+    change: Float64Array,
+    unknowns: Float64Array,
+    prior: Float64Array,
+    lag: float,
+    stride: int,
+) -> tuple[float, float, Float64Array, float]:
+    """Return the lag that Gauss-Newton steps reach from `lag`, its standard deviation, the unknowns, and the rms
+    residual. `change` (N, 3) is the change of omega2 from row to row; every `stride`-th row is used.
+    """
+    has_biases, start, std, rms = bool(prior.any()), lag, np.inf, np.inf
+    rows = np.arange(0, omega1.shape[0], stride)
+    for _ in range(_LAG_STEPS):
+        place = rows + int(np.rint(lag))
+        inside = (place >= 0) & (place < omega2.shape[0])
+        w1, w2, d = omega1[rows[inside]], omega2[place[inside]], change[place[inside]]
+        known = np.isfinite(w1 + w2 + d).all(axis=1)
+        if known.sum() < 4 * MIN_SAMPLES_PER_SMOOTHED_PIECE:
+            return start, np.inf, unknowns, np.inf
+        w1, w2, d = w1[known], w2[known] + (lag - np.rint(lag)) * d[known], d[known]
+        x = unknowns if has_biases else unknowns[:2]
+        residuals, derivatives = _rate_residual_function(w1, w2, prior if has_biases else None)(x)
+        across = (w2 - x[3] if has_biases else w2) @ frame(x[1])[:, :2]
+        by_lag = np.zeros(residuals.size)
+        by_lag[: w1.shape[0]] = -np.einsum("ni,ni->n", across, d @ frame(x[1])[:, :2]) / np.maximum(
+            np.linalg.norm(across, axis=1), 1e-300
+        )
+        own = by_lag - derivatives @ np.linalg.lstsq(derivatives, by_lag)[0]
+        power = max(float(own @ own), 1e-300)
+        std = float(np.sqrt(score_scatter((own * residuals)[None])[0][0, 0])) / power
+        rms = float(np.sqrt(residuals @ residuals / residuals.size))
+        step = -np.asarray(np.linalg.lstsq(np.column_stack((derivatives, by_lag)), residuals)[0])
+        step *= min(1.0, 0.3 / max(float(np.abs(step[:4]).max()), 1e-300), 3.0 / max(abs(float(step[-1])), 1e-300))
+        moved = _step_axes_and_biases(x, step[:-1])
+        unknowns = moved if has_biases else np.concatenate((moved, unknowns[2:]))
+        lag += float(step[-1])
+        if abs(step[-1]) < 1e-3 * std or abs(step[-1]) < 1e-9:
+            break
+    return lag, std, unknowns, rms
 
 
 def fit_anchor(
@@ -333,21 +520,29 @@ def fit_anchor(
     forces = [force[used] for force in (force1, force2)]
     rates, rate_derivatives = [[each.values[order, used] for each in smooth] for order in range(2)]
     unknowns, residuals, prior = _point_and_biases(forces, rates, rate_derivatives, bias_stds)
+    try:
+        known_axes = (
+            None
+            if n1 is None or n2 is None
+            else np.stack([unit_axis(name, np.asarray(n)) for name, n in (("n1", n1), ("n2", n2))])
+        )
+        axes = solve_axes(omega1, omega2, bias_stds[-1], known_axes)
+    except FitError:
+        axes = None  # the angular velocities show no axis
+    if known_axes is not None:
+        unknowns, residuals = _point_across(forces, rates, rate_derivatives, prior, unknowns, known_axes)
     u = unknowns[:6]
     _, derivatives = _force_residual_function(forces, rates, rate_derivatives, prior)(unknowns)
     sample_derivatives, prior_derivatives, bias_std = _derivatives_without_biases(
         derivatives, 6, residuals, prior, bias_stds
     )
     derivatives = np.concatenate((sample_derivatives, prior_derivatives))
-    if n1 is None or n2 is None:
+    if known_axes is None:
         along = np.linalg.eigh(derivatives.T @ derivatives)[1][:, 0]
-        gauge = np.eye(6) - np.outer(along, along)
+        u = u - along * (along @ u)  # what is along both axes is not seen
+        across = np.linalg.svd(along[None])[2][1:].T
     else:
-        axis1, axis2 = (np.asarray(unit_axis(name, np.asarray(n))) for name, n in (("n1", n1), ("n2", n2)))
-        along = np.concatenate((axis1, axis2))
-        gauge = np.eye(6) - np.outer(along, np.concatenate((axis1, np.zeros(3))))
-    u = gauge @ u  # what is along both axes is not seen
-    across = np.linalg.svd(along[None])[2][1:].T
+        across = np.linalg.svd(np.concatenate((known_axes[0], np.zeros(3)))[None])[2][1:].T
     deviations = [each.deviations[1, used] for each in smooth]
     noise = _lever_noise_matrix(forces, gammas, u, deviations)
     inner, unseen = _covariance(
@@ -358,15 +553,18 @@ def fit_anchor(
         _MIN_SIGNAL_TO_NOISE_POWER_OF_DETERMINED_HINGE_POINT,
         prior_derivatives @ across,
     )
-    covariance = gauge @ across @ inner @ across.T @ gauge.T
-    hidden = (gauge @ across) ** 2 @ unseen > 1e-3
+    covariance = across @ inner @ across.T
+    if known_axes is not None and axes is not None:
+        # an axis that is off moves the point that is closest to sensor 1 along the axis
+        turns = np.where(axes.unseen, 0.0, 1.0) * np.pad(u[:3] @ frame(axes.unknowns[0])[:, :2], (0, 2))
+        covariance += float(turns @ axes.covariance @ turns) * np.outer(known_axes, known_axes)
+    hidden = across**2 @ unseen > 1e-3
     covariance[hidden, hidden] = np.inf
     std = float(np.sqrt(np.diagonal(covariance).max()))
-    reach = max(float(np.linalg.norm(u[:3])), float(np.linalg.norm(u[3:])), _MIN_REFERENCE_LEVER_LENGTH_IN_METRES)
-    findings = _point_sentences(std, reach, residuals, forces)
-    ok = not findings
-    for name, column in named_vectors.items():
-        findings += suspicions("gyroscope" if name.startswith("omega") else "accelerometer", name, column)
+    findings = [Finding(text, False) for text in _point_sentences(std, u, residuals, forces)]
+    if axes is not None:
+        findings += axes.clock_findings(float(np.median(np.diff(time))))
+    findings += recording_suspicions(t, named_vectors)
     return AnchorFit(
         u1=read_only(u[:3]),
         u2=read_only(u[3:]),
@@ -375,19 +573,54 @@ def fit_anchor(
         bias2=read_only(unknowns[9:12]),
         bias_std=read_only(bias_std[:6].reshape(2, 3)),
         rms=float(np.sqrt(residuals @ residuals / used.size)),
-        ok=ok,
-        findings=tuple(findings),
+        ok=all(finding.harmless for finding in findings),
+        findings=tuple(finding.text for finding in findings),
     )
 
 
-def _point_sentences(
-    std: float, lever_length: float, residuals: Float64Array, forces: list[Float64Array]
-) -> list[str]:
+def recording_suspicions(t: ArrayLike, named_vectors: dict[str, ArrayLike]) -> list[Finding]:
+    """Return a list of findings on readings or instants that are probably in another unit than expected."""
+    texts = suspicions("instants", "t", increasing_seconds("t", t)[0])
+    for name, column in named_vectors.items():
+        texts += suspicions("gyroscope" if name.startswith("omega") else "accelerometer", name, column)
+    return [Finding(text, False) for text in texts]
+
+
+def _point_across(
+    forces: list[Float64Array],
+    rates: list[Float64Array],
+    rate_derivatives: list[Float64Array],
+    prior: Float64Array,
+    start: Float64Array,
+    axes: Float64Array,
+) -> tuple[Float64Array, Float64Array]:
+    """Return the unknowns (18,) and the residuals (N,) of the point at which u1 is across n1, from the unknowns
+    `start`; `axes` (2, 3) are n1 and n2. What is along the axis is not seen, so it must not be left to the noise.
+    """
+    along = np.concatenate((axes[0], np.zeros(3)))
+    size = 18 if prior.any() else 6
+    within = np.linalg.svd(np.pad(along, (0, size - 6))[None])[2][1:].T
+    linearise = _force_residual_function(forces, rates, rate_derivatives, prior if prior.any() else None)
+
+    def inner(y: Float64Array) -> tuple[Float64Array, Float64Array]:
+        residuals, derivatives = linearise(within @ y)
+        return residuals, derivatives @ within
+
+    x = start.copy()
+    x[:6] -= (start[:3] @ axes[0]) * axes.ravel()
+    y, residuals = _levenberg_marquardt(inner, np.add, within.T @ x[:size])
+    x[:size] = within @ y
+    return x, residuals[: rates[0].shape[0]]
+
+
+def _point_sentences(std: float, u: Float64Array, residuals: Float64Array, forces: list[Float64Array]) -> list[str]:
     """Return a list of sentences that say why the fitted hinge point is not reliable, empty if it is. `std` is the
-    largest standard deviation of a coordinate [m], `lever_length` the length of the longer lever [m]. `residuals`
+    largest standard deviation of a coordinate [m], `u` are both levers (6,) [m]. `residuals`
     (N,) are the differences of the forces' sizes at the hinge point [m/s^2], and `forces` the pair of measured
     specific forces (N, 3).
     """
+    lengths = np.linalg.norm(u.reshape(2, 3), axis=1)
+    lever_length = max(float(lengths.max()), _MIN_REFERENCE_LEVER_LENGTH_IN_METRES)
     findings = []
     if not std <= MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH * lever_length:
         how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
@@ -637,7 +870,7 @@ def _step_axes_and_biases(axes: Float64Array, step: Float64Array) -> Float64Arra
     return np.concatenate((tilted_axes, axes[2:] + step[4:].reshape(-1, 3)))
 
 
-def _sign_correlation(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
+def sign_correlation(omega1: Float64Array, omega2: Float64Array, n1: Float64Array, n2: Float64Array) -> float:
     """Return the correlation between two estimates of the changes of the hinge angle: one from the angular velocities
     across the axis, the other from the integrated angular velocity about the axis. It is positive if n1 and n2 point
     in the same direction along the axis. `omega1` and `omega2` are the angular velocities (N, 3) in the axes of their

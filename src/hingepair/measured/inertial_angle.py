@@ -15,8 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import FitError
-from hingepair.measured.hinge import Hinge, frame, home_angle, home_of
-from hingepair.measured.inertial import acceleration_matrices, checked_recording
+from hingepair.measured.findings import Finding
+from hingepair.measured.hinge import Hinge, frame, home_angle, home_of, tilt_axis
+from hingepair.measured.inertial import (
+    checked_recording,
+    recording_suspicions,
+    report,
+    sign_correlation,
+    solve_axes,
+)
 from hingepair.measured.likelihood import score_scatter
 from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, inverse_bands, smooth_columns
 from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
@@ -29,6 +36,14 @@ _MAX_RELIABLE_HINGE_ANGLE_STD_IN_RADIANS = 0.2  # [rad]: an angle that is known 
 # Above, a direction counts less.
 _LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_NOISE_VARIANCES = 4.0
 _MAX_RMS_DIRECTION_RESIDUAL_TO_DIRECTION_NOISE = 3.0  # of directions about the most likely angle
+_MAX_CONTRADICTED = 0.2  # share of directions far from the angle
+_MIN_CONTRADICTION = 5.0  # in standard deviations of a direction
+_MAX_FORCE_DIFFERENCE = 0.2  # along the axis, in parts of the force
+_NUM_UNKNOWNS = 22
+_DIFFERENCE_STEP = 1e-5
+_REFINING_STEPS = 3
+_MAX_REFINING_SAMPLES = 4000
+_AXIS_PRIOR, _LEVER_PRIOR = 0.05, 0.1  # [rad], [m]: how far given axes and levers may be off
 _MIN_DIRECTION_NOISE_STD_IN_RADIANS = 1e-9  # [rad]
 _MIN_HINGE_RATE_BIAS_STD_IN_RADIANS_PER_SECOND = 1e-9  # [rad/s]
 # [rad], of an angle, or a change over a gap, that nothing measures.
@@ -51,7 +66,8 @@ class AngleFit:
         psid: rate of psi [rad/s]; shape (N,), NaN where psi is NaN. It is the measured rate minus `drift`. The
             measured rate is the component of body 2's angular velocity along n2, minus the component of body 1's
             angular velocity along n1.
-        std: standard deviation of psi [rad]; shape (N,), NaN where psi is NaN.
+        std: standard deviation of psi [rad]; shape (N,), NaN where psi is NaN. It includes the uncertainty of the
+            axis, of the hinge point and of the biases, as far as these records determine them.
         drift: constant bias of the measured rate [rad/s].
         drift_std: standard deviation of `drift` [rad/s].
         noise: typical standard deviation of a hinge angle that is found at one instant from one vector [rad]. Each
@@ -71,6 +87,16 @@ class AngleFit:
     noise: float
     ok: bool
     findings: tuple[str, ...]
+
+    def __str__(self) -> str:
+        psi, std = (values[np.isfinite(values)] for values in (self.psi, self.std))
+        lines = [
+            f"hinge angle at {psi.size} of {self.psi.size} instants",
+            f"psi from {np.degrees(psi.min()):.4g} to {np.degrees(psi.max()):.4g} deg, known to "
+            f"{np.degrees(np.median(std)):.2g} deg, {np.degrees(std.max()):.2g} deg at worst",
+            f"drift: {self.drift:.3g} +- {self.drift_std:.2g} rad/s",
+        ]
+        return report(lines, self.findings, self.ok)
 
 
 def fit_angle(
@@ -143,8 +169,7 @@ def fit_angle(
     tilting = number_not_below_0("accelerometer_bias", accelerometer_bias)
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
-    longest = checked_gaps(gaps)
-    where = split_at_gaps(time, known, longest, MIN_SAMPLES_PER_SMOOTHED_PIECE)
+    where = split_at_gaps(time, known, checked_gaps(gaps), MIN_SAMPLES_PER_SMOOTHED_PIECE)
     if not where:
         raise FitError(
             ", ".join(named_vectors),
@@ -152,49 +177,170 @@ def fit_angle(
             int(known.sum()),
         )
     used = np.concatenate(where)
-    seen = []
-    for omega, force, lever, axis in zip(columns[::2], columns[1::2], levers, axes, strict=True):
-        smooth = smooth_columns(time, omega, where, None)
-        at_hinge = force[used] + acceleration_matrices(*smooth.values[:2, used]) @ lever
-        seen.append([vector @ frame(axis) for vector in (omega[used], at_hinge)])
-    rate = seen[1][0][:, 2] - seen[0][0][:, 2]
-    (turning, rate_noise), (pulling, _) = (_angles_between(*both) for both in zip(*seen, strict=True))
+    smooth = [smooth_columns(time, omega, where, None).values[:2, used] for omega in columns[::2]]
+    data = _Records([column[used] for column in columns], smooth, Hinge(axes[0], axes[1], levers[0], levers[1]))
+    values, covariance = _refined(data, bias, tilting)
+    seen = data.seen(values)
+    (turning, rate_noise), (pulling, _) = (_angles_between(*both) for both in (seen.turning, seen.pulling))
     angles, variances = (np.stack(both) for both in zip(turning, pulling, strict=True))
     starts = np.cumsum([piece.size for piece in where])[:-1]
-    estimate = _most_likely_angle(time[used], rate, rate_noise, angles, variances, np.sqrt(2) * bias, starts)
-    pull = float(np.sqrt(np.mean(seen[0][1][:, :2] ** 2) * 2))
-    std = np.hypot(estimate.std, min(np.sqrt(2) * tilting / max(pull, 1e-300), np.pi) if tilting else 0.0)
-    hinge = Hinge(axes[0], axes[1], levers[0], levers[1])
-    psi = estimate.psi - home_angle(hinge, home_of(hinge))
-    psi -= 2 * np.pi * np.rint(psi[0] / (2 * np.pi))
-    worst = float(std.max())
-    findings = []
-    if worst > _MAX_RELIABLE_HINGE_ANGLE_STD_IN_RADIANS:
-        findings.append(
-            f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
-            "velocity shows a direction across the axis for long enough."
-        )
-    if estimate.excess > _MAX_RMS_DIRECTION_RESIDUAL_TO_DIRECTION_NOISE:
-        findings.append(
-            f"Directions are {estimate.excess:.2g} times as far from the integrated angle as their noise explains: "
-            "the axis or the point may be wrong."
-        )
+    estimate = _most_likely_angle(
+        time[used],
+        seen.rate,
+        rate_noise,
+        angles - seen.home,
+        variances,
+        np.sqrt(2) * bias,
+        starts,
+        data.derivatives(values),
+        covariance,
+    )
+    std = np.minimum(estimate.std, np.pi)
+    psi = estimate.psi - 2 * np.pi * np.rint(estimate.psi[0] / (2 * np.pi))
+    findings = _angle_findings(estimate, float(std.max()), seen)
+    # rows without readings in every gap, for changes must not reach across it
+    spaced = [np.insert(columns[i][used], np.repeat(starts, 64), np.nan, axis=0) for i in (0, 2)]
+    usual, flipped = (sign_correlation(spaced[0], spaced[1], axes[0], sign * axes[1]) for sign in (1, -1))
+    if flipped > max(usual, 0.2):
+        findings.insert(0, Finding("n2 points the other way than n1: the angle does not follow its rate.", False))
+    try:
+        found = solve_axes(columns[0], columns[2], bias, np.stack(axes))
+        findings += found.clock_findings(float(np.median(np.diff(time))))
+    except FitError:
+        pass  # bodies at rest show no clock offset
+    findings += recording_suspicions(t, named_vectors)
+    if starts.size:
+        text = "Whole turns during a gap are not seen: the angle after it is taken as less than half a turn away."
+        findings.append(Finding(text, True))
     return AngleFit(
         psi=_at_used_indices(psi, used, time.size),
-        psid=_at_used_indices(rate - estimate.drift, used, time.size),
+        psid=_at_used_indices(seen.rate - estimate.drift, used, time.size),
         std=_at_used_indices(std, used, time.size),
         drift=estimate.drift,
         drift_std=estimate.drift_std,
         noise=estimate.noise,
-        ok=not findings,
-        findings=tuple(findings),
+        ok=all(finding.harmless for finding in findings),
+        findings=tuple(finding.text for finding in findings),
     )
+
+
+class _Seen(NamedTuple):
+    """The two vectors that both sensors see, in axes of which the third is the hinge axis, and the hinge rate."""
+
+    turning: tuple[Float64Array, Float64Array]  # angular velocities [rad/s]; (N, 3) each
+    pulling: tuple[Float64Array, Float64Array]  # specific forces at the hinge point [m/s^2]; (N, 3) each
+    home: float  # angle between these axes at psi = 0 [rad]
+    rate: Float64Array  # as measured, with the biases of the gyroscopes [rad/s]; (N,)
+
+    def differences(self) -> Float64Array:
+        """Return what does not depend on psi and is 0 without noise: the differences of the lengths of both vectors
+        across the axis, and of the forces along it; shape (3, N).
+        """
+        lengths = [np.hypot(a[:, 0], a[:, 1]) - np.hypot(b[:, 0], b[:, 1]) for a, b in (self.turning, self.pulling)]
+        return np.stack((*lengths, self.pulling[0][:, 2] - self.pulling[1][:, 2]))
+
+    def angles(self) -> Float64Array:
+        """Return the angles that both vectors tell, and the hinge rate; shape (3, N)."""
+        a, b = ([vector[:, 0] + 1j * vector[:, 1] for vector in both] for both in (self.turning, self.pulling))
+        return np.stack((*(np.angle(x * np.conj(y)) - self.home for x, y in (a, b)), self.rate))
+
+
+class _Records(NamedTuple):
+    """Four records of M usable samples, smoothed angular velocities with their derivatives, and the Hinge. Its 22
+    unknowns are two turns of n1 and of n2, changes of u1 and u2, and the biases of both gyroscopes and of both
+    accelerometers.
+    """
+
+    columns: list[Float64Array]
+    smooth: list[Float64Array]  # (2, M, 3) of each body
+    hinge: Hinge
+
+    def seen(self, x: Float64Array, rows: slice = slice(None)) -> _Seen:
+        """Return the vectors at the unknowns x (22,)."""
+        n, m = tilt_axis(self.hinge.n, x[:2]), tilt_axis(self.hinge.m, x[2:4])
+        vectors = []
+        for i, own in enumerate((self.hinge.u1, self.hinge.u2)):
+            lever, gyroscope, accelerometer = own + x[4 + 3 * i :][:3], x[10 + 3 * i :][:3], x[16 + 3 * i :][:3]
+            omega, alpha = self.smooth[i][0, rows] - gyroscope, self.smooth[i][1, rows]
+            force = self.columns[2 * i + 1][rows] - accelerometer
+            force = force + np.cross(omega, np.cross(omega, lever)) + np.cross(alpha, lever)
+            vectors.append((self.columns[2 * i][rows] - gyroscope, force))
+        first, second = frame(n), frame(m)
+        turning, pulling = ((a @ first, b @ second) for a, b in zip(*vectors, strict=True))
+        hinge = Hinge(n, m, self.hinge.u1, self.hinge.u2)
+        rate = self.columns[2][rows] @ m - self.columns[0][rows] @ n
+        return _Seen(turning, pulling, home_angle(hinge, home_of(hinge)), rate)
+
+    def derivatives(self, x: Float64Array) -> Float64Array:
+        """Return the derivatives of both angles and of the rate by the unknowns; shape (22, 3, M)."""
+        columns = []
+        for step in _DIFFERENCE_STEP * np.eye(_NUM_UNKNOWNS):
+            change = self.seen(x + step).angles() - self.seen(x - step).angles()
+            change[:2] -= 2 * np.pi * np.rint(change[:2] / (2 * np.pi))
+            columns.append(change / (2 * _DIFFERENCE_STEP))
+        return np.stack(columns)
+
+
+def _refined(data: _Records, bias: float, tilting: float) -> tuple[Float64Array, Float64Array]:
+    """Return the most likely unknowns (22,) of the records and their covariance (22, 22), from what does not depend
+    on psi. `bias` and `tilting` are the expected sizes of the biases of gyroscopes and accelerometers.
+    """
+    rows = slice(None, None, -(-data.columns[0].shape[0] // _MAX_REFINING_SAMPLES))
+    prior = 1 / np.repeat((_AXIS_PRIOR, _LEVER_PRIOR, max(bias, 1e-9), max(tilting, 1e-9)), (4, 6, 6, 6)) ** 2
+    x = np.zeros(_NUM_UNKNOWNS)
+    for _ in range(_REFINING_STEPS):
+        left = data.seen(x, rows).differences()
+        columns = [
+            (data.seen(x + step, rows).differences() - data.seen(x - step, rows).differences())
+            / (2 * _DIFFERENCE_STEP)
+            for step in _DIFFERENCE_STEP * np.eye(_NUM_UNKNOWNS)
+        ]
+        variances = np.maximum(np.mean(left * left, axis=1, keepdims=True), 1e-18)
+        # residuals that are correlated in time tell less
+        memory = [max(float(score_scatter(row[None])[0][0, 0] / max(row @ row, 1e-300)), 1.0) for row in left]
+        weights = 1 / (variances * np.array(memory)[:, None])
+        J = np.stack(columns)
+        normal = np.einsum("aki,bki,ki->ab", J, J, np.broadcast_to(weights, left.shape)) + np.diag(prior)
+        scale = 1 / np.sqrt(np.diagonal(normal))
+        covariance = np.linalg.inv(normal * scale * scale[:, None]) * scale * scale[:, None]
+        gradient = np.einsum("aki,ki,ki->a", J, left, np.broadcast_to(weights, left.shape)) + prior * x
+        x = x - covariance @ gradient
+    return x, covariance
+
+
+def _angle_findings(estimate: _AngleEstimate, worst: float, seen: _Seen) -> list[Finding]:
+    """Return a list of findings on the angle, of which `worst` is the largest standard deviation."""
+    findings = []
+    if worst > _MAX_RELIABLE_HINGE_ANGLE_STD_IN_RADIANS:
+        text = (
+            f"The angle is known to {worst:.2g} rad only: neither the force at the hinge point nor the angular "
+            "velocity shows a direction across the axis for long enough."
+        )
+        findings.append(Finding(text, False))
+    if estimate.excess > _MAX_RMS_DIRECTION_RESIDUAL_TO_DIRECTION_NOISE:
+        text = (
+            f"Directions are {estimate.excess:.2g} times as far from the integrated angle as their noise explains: "
+            "the axis or the point may be wrong."
+        )
+        findings.append(Finding(text, False))
+    if estimate.contradicted > _MAX_CONTRADICTED:
+        text = (
+            f"{100 * estimate.contradicted:.2g} % of the directions contradict the integrated rate: units, the sign "
+            "of n2, the axes, the point or the clocks may be wrong."
+        )
+        findings.append(Finding(text, False))
+    along = np.stack([force[:, 2] for force in seen.pulling])
+    off = float(np.sqrt(np.mean((along[0] - along[1]) ** 2)))
+    size = float(np.sqrt(np.mean(seen.pulling[0] ** 2) * 3))
+    if off > _MAX_FORCE_DIFFERENCE * size:
+        text = f"The forces along the axis differ by {off:.2g} m/s^2 rms: the axis, the point or units may be wrong."
+        findings.append(Finding(text, False))
+    return findings
 
 
 class _AngleEstimate(NamedTuple):
     """Estimate of the hinge angle over time (`psi`, `std`) and of the constant bias of its rate (`drift`,
-    `drift_std`), with the noise of a measured direction [rad] and the ratio of the scatter of the directions to their
-    noise (`excess`).
+    `drift_std`), with the noise of a measured direction [rad].
     """
 
     psi: Float64Array  # [rad]; (N,)
@@ -203,6 +349,7 @@ class _AngleEstimate(NamedTuple):
     drift_std: float
     noise: float  # of a direction, the median [rad]
     excess: float  # scatter of the directions, in parts of what their noise explains
+    contradicted: float  # share of directions that are far from the angle
 
 
 def _angles_between(
@@ -233,15 +380,19 @@ def _most_likely_angle(
     variances: Float64Array,
     bias_std: float,
     piece_starts: NDArray[np.intp],
+    derivatives: Float64Array,
+    covariance: Float64Array,
 ) -> _AngleEstimate:
     """Fit the hinge angle to its measured rates (N,), which have a constant bias, and to k measured angles (k, N),
     known up to multiples of 2 pi; return an _AngleEstimate. `rate_noise` and `bias_std` are the standard deviations
     of a rate and of the bias [rad/s], `variances` (k, N) are the variances of the measured angles, inf for a missing
-    angle. `piece_starts` are the indices of samples after gaps.
+    angle. `piece_starts` are the indices of samples after gaps. `derivatives` (j, k + 1, N) are those of the angles
+    and of the rate by j unknowns, and `covariance` (j, j) is that of the unknowns.
     """
     dt = np.diff(t)
     steps_of_angle = (rate[1:] + rate[:-1]) / 2 * dt
     step_weights = 1 / (rate_noise * dt) ** 2
+    steps_of_angle[piece_starts - 1] = 0.0  # nothing is known of a gap
     step_weights[piece_starts - 1] = 1 / _PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS**2
     precision = 1 / variances
     psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(steps_of_angle))), angles, precision)
@@ -250,7 +401,7 @@ def _most_likely_angle(
         near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
         off = (psi - near) * np.sqrt(precision)
         weights = precision / (1 + off**2 / _LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_NOISE_VARIANCES)
-        psi, _, _ = _solve_smoother(dt, steps_of_angle, step_weights, weights, near, bias_std)
+        psi = _Smoother(dt, step_weights, weights, bias_std).solve(steps_of_angle, near)[0]
     near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
     rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
     excess, memory = 0.0, 1.0
@@ -259,10 +410,29 @@ def _most_likely_angle(
             excess = max(excess, float(np.sqrt(np.mean(row * row))))
             memory = max(memory, float(score_scatter(row[None])[0][0, 0] / max(row @ row, 1e-300)))
     scale = max(excess, 1.0) ** 2 * memory
-    psi, std, (drift, drift_std) = _solve_smoother(dt, steps_of_angle, step_weights, weights / scale, near, bias_std)
+    smoother = _Smoother(dt, step_weights, weights / scale, bias_std)
+    psi, drift = smoother.solve(steps_of_angle, near)
+    random_std, drift_std = smoother.std()
+    # what the unknowns change goes through the same smoother
+    changes = []
+    for change in derivatives:
+        steps = (change[-1, 1:] + change[-1, :-1]) / 2 * dt
+        steps[piece_starts - 1] = 0.0
+        changes.append(smoother.solve(steps, change[:-1]))
+    by_unknowns = np.stack([change for change, _ in changes])
+    values, vectors = np.linalg.eigh(covariance)
+    spread = vectors * np.sqrt(np.maximum(values, 0.0))
+    std = np.sqrt(random_std**2 + ((spread.T @ by_unknowns) ** 2).sum(axis=0))
+    drifts = spread.T @ np.array([change for _, change in changes])
     seen = variances[np.isfinite(variances)]
     noise = float(np.sqrt(np.median(seen))) if seen.size else np.inf
-    return _AngleEstimate(psi, std, drift, drift_std, noise, excess)
+    near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
+    off = np.abs(psi - near)[np.isfinite(variances)]
+    # off by many deviations, and by more than half of what chance would leave
+    far = (off > _MIN_CONTRADICTION * np.sqrt(seen)) & (off > 0.2)
+    contradicted = float(far.mean()) if far.size else 0.0
+    drift_std = float(np.sqrt(drift_std**2 + drifts @ drifts))
+    return _AngleEstimate(psi, std, drift, drift_std, noise, excess, contradicted)
 
 
 def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
@@ -279,39 +449,50 @@ def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, preci
     return np.asarray(integrated_rates + np.unwrap(np.angle(mean)))
 
 
-def _solve_smoother(
-    dt: Float64Array,
-    steps_of_angle: Float64Array,
-    step_weights: Float64Array,
-    angle_weights: Float64Array,
-    angles: Float64Array,
-    bias_std: float,
-) -> tuple[Float64Array, Float64Array, tuple[float, float]]:
-    """Return a tuple of the hinge angles (N,) of weighted least squares, their standard deviations (N,), and a pair
-    of the rate's bias and the standard deviation of the bias. `steps_of_angle` (N - 1,) are the measured changes over
-    the times dt between samples, and `angles` (k, N) are the measured angles. `step_weights` and `angle_weights` are
-    inverse variances, and `bias_std` is the standard deviation of the bias before the fit.
+class _Smoother:
+    """Weighted least squares of N angles and of the bias of their rate, factorised once. `step_weights` (N - 1,) and
+    `angle_weights` (k, N) are inverse variances of measured steps, over the times `dt`, and of measured angles;
+    `bias_std` is the standard deviation of the bias before the fit.
     """
-    from scipy.linalg import solveh_banded
 
-    count = steps_of_angle.size + 1
-    right, border, matrix = np.zeros(count), np.zeros(count), np.zeros((2, count))
-    right[1:] += step_weights * steps_of_angle
-    right[:-1] -= step_weights * steps_of_angle
-    border[1:] += step_weights * dt
-    border[:-1] -= step_weights * dt
-    matrix[0, 1:] = -step_weights
-    matrix[1, 1:] += step_weights
-    matrix[1, :-1] += step_weights
-    matrix[1] += angle_weights.sum(axis=0) + 1 / _PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS**2
-    right += (angle_weights * np.where(angle_weights > 0, angles, 0.0)).sum(axis=0)
-    x, y = solveh_banded(matrix, np.stack((right, border), axis=-1)).T
-    drift_precision = (
-        (step_weights * dt) @ dt + 1 / max(bias_std, _MIN_HINGE_RATE_BIAS_STD_IN_RADIANS_PER_SECOND) ** 2 - border @ y
-    )
-    drift = float(((step_weights * steps_of_angle) @ dt - border @ x) / drift_precision)
-    variance = inverse_bands(matrix, 1)[0, :count] + y * y / drift_precision
-    return x - drift * y, np.sqrt(variance), (drift, float(1 / np.sqrt(drift_precision)))
+    def __init__(
+        self, dt: Float64Array, step_weights: Float64Array, angle_weights: Float64Array, bias_std: float
+    ) -> None:
+        from scipy.linalg import cholesky_banded
+
+        count = dt.size + 1
+        self._dt, self._step_weights, self._angle_weights = dt, step_weights, angle_weights
+        border, matrix = np.zeros(count), np.zeros((2, count))
+        border[1:] += step_weights * dt
+        border[:-1] -= step_weights * dt
+        matrix[0, 1:] = -step_weights
+        matrix[1, 1:] += step_weights
+        matrix[1, :-1] += step_weights
+        matrix[1] += angle_weights.sum(axis=0) + 1 / _PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS**2
+        self._matrix, self._factor, self._border = matrix, cholesky_banded(matrix), border
+        self._y = self._solved(border)
+        least = 1 / max(bias_std, _MIN_HINGE_RATE_BIAS_STD_IN_RADIANS_PER_SECOND) ** 2
+        self._precision = max(float((step_weights * dt) @ dt - border @ self._y), 0.0) + least
+
+    def _solved(self, right: Float64Array) -> Float64Array:
+        from scipy.linalg import cho_solve_banded
+
+        return np.asarray(cho_solve_banded((self._factor, False), right))
+
+    def solve(self, steps: Float64Array, angles: Float64Array) -> tuple[Float64Array, float]:
+        """Return the angles (N,) and the bias of the rate, from measured `steps` (N - 1,) and `angles` (k, N)."""
+        weighted = self._step_weights * steps
+        right = (self._angle_weights * np.where(self._angle_weights > 0, angles, 0.0)).sum(axis=0)
+        right[1:] += weighted
+        right[:-1] -= weighted
+        x = self._solved(right)
+        drift = float((weighted @ self._dt - self._border @ x) / self._precision)
+        return x - drift * self._y, drift
+
+    def std(self) -> tuple[Float64Array, float]:
+        """Return the standard deviations of the angles (N,) and of the bias of the rate."""
+        variance = inverse_bands(self._matrix, 1)[0, : self._y.size] + self._y * self._y / self._precision
+        return np.sqrt(np.maximum(variance, 0.0)), float(1 / np.sqrt(self._precision))
 
 
 def _at_used_indices(values: Float64Array, used_indices: NDArray[np.intp], num_samples: int) -> Float64Array:
