@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from hingepair.bench import integrate
 from hingepair.bench.integrate import ROTATION_CASES
 from support.commands import run_command
+from support.drawn import drawn_texts
 from support.spins import REFERENCE
 
 
@@ -57,11 +58,14 @@ def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     monkeypatch.setattr(integrate, "_STEP_COUNTS_OF_HINGEPAIR_METHODS", (500, 1000))
     monkeypatch.setattr(integrate, "_SCIPY_SOLVER_NAMES", ("LSODA",))
     monkeypatch.setattr(integrate, "_SCIPY_TOLERANCES", (1e-2, 1e-4))
-    picture = tmp_path / "i.png"
+    picture = tmp_path / "i.svg"
     options = ("bench", "integrate", "--repeats", 1, "--steps", 3000)
     shown = run_command(*options, "--plot", picture).stdout
     assert all(name in shown for name in (*methods, "SciPy LSODA"))
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert {name for name in (*methods, "SciPy LSODA") if any(name in text for text in drawn_texts(picture))} == {
+        *methods,
+        "SciPy LSODA",
+    }
     found = json.loads(run_command(*options, "--json").stdout, parse_constant=pytest.fail)
     assert len([row for row in found["rows"] if row["case"] == "turned"]) == 2 * 3
     orders = {row["method"]: row["extra_columns"].get("order") for row in found["rows"] if row["case"] == "turned"}

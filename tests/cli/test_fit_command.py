@@ -11,6 +11,7 @@ import pytest
 import hingepair as hp
 from hingepair.pair.results import Record
 from support.commands import refusal, run_command
+from support.drawn import drawn_texts
 from support.recorded import HOME, recording
 
 NOISE = re.compile(r"smoothed: noise of (0\.001|0\.0009\d) m of position, (0\.002|0\.0019) rad of attitude")
@@ -24,6 +25,10 @@ def refused(*arguments):
     return refusal("fit", *arguments)
 
 
+def poses_of(made):
+    return hp.BodyMotion(R=made.R1, S=made.S1), hp.BodyMotion(R=made.R2, S=made.S2)
+
+
 def saved(path, made):
     return str(Record(made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2}).save(path))
 
@@ -31,11 +36,13 @@ def saved(path, made):
 @pytest.mark.slow
 def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
     made = recording(300, 1e-3, 2e-3)
-    file, out, plot = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.png"
+    file, out, plot = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.svg"
     assert "u1 = (" in fit(file, "--out", out, "--plot", plot)
     psi = np.genfromtxt(out, delimiter=",", names=True)["psi"]
     assert np.ptp(psi - made.psi) < 0.05  # home is another than that of the recording
-    assert plot.read_bytes().startswith(b"\x89PNG")
+    labels = {axes.get_ylabel() for axes in hp.fit(*poses_of(made), t=made.t).plot().axes}
+    assert labels
+    assert labels <= drawn_texts(plot)
     told = json.loads(fit(file, "--json", "--loss", "cauchy"))
     assert told["ok"] is True
     assert told["loss"] == "cauchy"

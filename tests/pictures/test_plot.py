@@ -9,6 +9,7 @@ import pytest
 
 import hingepair as hp
 from support.commands import refusal, run_command
+from support.drawn import drawn_texts
 from support.sparse import sparse
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -221,12 +222,14 @@ def test_curves_go_on_from_piece_to_piece(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_picture_that_is_not_blank(tmp_path):
-    scene, out = MODELS / "talos_elbow.toml", tmp_path / "a.png"
+def test_the_command_writes_the_figure_of_the_scene_in_the_format_of_the_name(tmp_path):
+    scene, out = MODELS / "talos_elbow.toml", tmp_path / "a.svg"
     run_command("plot", scene, "--out", out)
-    from matplotlib.image import imread
-
-    assert imread(out).std() > 0.05
+    figure = hp.plot(hp.load_scene(scene))
+    assert {axes.get_title() for axes in figure.axes} - {""} <= drawn_texts(out)
+    assert {axes.get_ylabel() for axes in figure.axes} - {""} <= drawn_texts(out)
+    run_command("plot", scene, "--out", tmp_path / "a.png", "--outputs", "R2")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     assert ".png, .svg, .pdf" in refusal("plot", scene, "--out", tmp_path / "a.doc")
 
 

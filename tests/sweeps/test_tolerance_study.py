@@ -11,6 +11,7 @@ import pytest
 import hingepair as hp
 from hingepair.sweeps.tolerance import study_tolerances
 from support.commands import refusal, run_command
+from support.drawn import drawn_texts
 
 MODELS = Path(__file__).parents[2] / "models"
 SAMPLES = 5_000
@@ -129,12 +130,12 @@ def test_the_figure_has_a_band_for_each_component(scene_path):
 
 @pytest.mark.slow
 def test_the_command_prints_both_and_draws(scene_path, tmp_path):
-    picture = tmp_path / "bands.png"
+    picture = tmp_path / "bands.svg"
     shown = run_command("tolerance", scene_path, "--samples", 100, "--plot", picture).stdout
     assert "100 pairs at 31 instants" in shown
     for word in ("std, first order", "std, sampled", "attitude_z", "axis", "u1_x", "matters most for R2"):
         assert word in shown
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert {"R2_x [mm]", "part of the variance [%]"} <= drawn_texts(picture)
     told = json.loads(run_command("tolerance", scene_path, "--json", "--u1-std", "0,0.002,0").stdout)
     assert told["tolerances"]["u1_std"] == [0, 0.002, 0]
     assert [band["component"] for band in told["bands"]] == [
