@@ -467,6 +467,7 @@ def _warn_of_units(
     """
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = suspicions("written angles", "stops", finite_stops)
+    sentences += suspicions("written angles", "limits", pair.limits or ())
     sentences += suspicions("sampled motion", "t", np.stack((samples.t, samples.motion.psi), axis=-1))
     sentences += suspicions("written angles", "psi_0", start[4])
     sentences += suspicions("written rates", "psid_0", start[5])
