@@ -174,7 +174,7 @@ def interpolated(
 
 def _interpolated_columns(nodes: Float64Array, neighbours: Float64Array) -> Float64Array:
     """Return the values (N, ...) at 0 of the polynomials through `neighbours` (N, k, ...) at `nodes` (N, k)."""
-    return np.asarray(np.einsum("ni,ni...->n...", _lagrange_weights(nodes), neighbours))
+    return np.asarray(np.einsum("ni,ni...->n...", lagrange_weights(nodes), neighbours))
 
 
 def _interpolated_rotations(
@@ -196,12 +196,12 @@ def _interpolated_rotations(
         vector_beside_spin(base, S, omega, dt, in_body)
         for S, dt in zip(np.moveaxis(neighbours, 1, 0), (nodes - start[:, None]).T, strict=True)
     ]
-    x = np.einsum("ni,nij->nj", _lagrange_weights(nodes), np.stack(beside, axis=1))
+    x = np.einsum("ni,nij->nj", lagrange_weights(nodes), np.stack(beside, axis=1))
     spun, turn = rotation_exp(-omega * start[:, None]), rotation_exp(x)
     return np.asarray(np.where(in_body[..., None, None], turn @ spun, spun @ turn) @ base)
 
 
-def _lagrange_weights(nodes: Float64Array) -> Float64Array:
+def lagrange_weights(nodes: Float64Array) -> Float64Array:
     """Return the Lagrange weights (..., k) for interpolation at 0: the polynomial through values at k distinct
     `nodes` has a value at 0 that is the sum of the values with these weights.
     """

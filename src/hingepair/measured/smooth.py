@@ -432,6 +432,11 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
             f"({smoothed.residual_correlation:.2g}): motion that the bandwidth of {smoothed.bandwidth:.3g} Hz leaves "
             f"out, or noise with a long memory; {too_small}."
         )
+    elif smoothed.correlation > 0.72:  # measured: below, standard deviations cover 90 to 99 %
+        sentences.append(
+            f"{name}: the noise of neighbouring samples is correlated ({smoothed.correlation:.2g}), and slow noise "
+            f"passes for motion; {too_small}, perhaps by a factor of two or three."
+        )
     if smoothed.outlier_share > 0 and loss is None and not smoothed.is_limited:
         share = f"{100 * smoothed.outlier_share:.2g} % of the samples are outliers"
         remedy = 'take them out of the recording, or call hingepair.smooth with the loss "cauchy"'

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.measured.likelihood import CHI2_MEDIAN_BY_DOF, Loss
+from hingepair.measured.resample import interpolated, lagrange_weights
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 
@@ -50,7 +51,7 @@ _CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES = np.concatenate(
     (np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97))
 )  # of neighbouring samples
 # In the logarithm of the likelihood, from which noise is taken for correlated.
-_MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE = 12.0
+_MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE = 5.0
 _MIN_FREQUENCY_INDEX_OF_NOISE_SPECTRUM = 4  # of a tapered spectrum: slower ones are of the taper itself
 _MIN_SAMPLES_PER_NOISE_SPECTRUM = 128  # samples of a piece whose spectrum is taken
 # Blackman and Harris's: little of slow motion leaks into fast noise.
@@ -65,7 +66,7 @@ _NUM_ROBUST_REWEIGHTING_ROUNDS = 6  # of samples, by a loss
 _MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES = 100.0
 _MIN_OUTLIER_SQUARED_RESIDUAL_IN_NOISE_VARIANCES = 50.0  # above, a sample is counted as an outlier
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
-_LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 3: 7.81}
+_LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 2: 5.99, 3: 7.81}
 _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING = 1e-6  # of a sample that is far off
 _NUM_PROBE_VECTORS_FOR_DEGREES_OF_FREEDOM = 16  # vectors of signs that the degrees of freedom are estimated with
 _NUM_SAMPLES_PER_STRETCH_OF_LONG_RECORD = 4096  # of a long record
@@ -126,7 +127,11 @@ def smooth_columns(
         wanted = "SciPy (pip install '.[measured]' in the project's folder)"
         raise MissingDependencyError("smooth", wanted, str(error)) from None
     used = np.concatenate(pieces)
-    k, weights, residuals = columns.shape[1], np.ones(used.size), np.zeros((used.size, columns.shape[1]))
+    weights, residuals = np.ones(used.size), np.zeros((used.size, columns.shape[1]))
+    if loss is not None:  # a curve that begins by following an outlier never leaves it
+        starts = [_deviations_of_isolated_outliers(t[piece], columns[piece]) for piece in pieces]
+        residuals = np.concatenate(starts)
+        weights[residuals.any(axis=1)] = _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING
     for iteration in range(1 if loss is None else _NUM_ROBUST_REWEIGHTING_ROUNDS):
         if iteration < 2:
             clean, is_winsorised = columns.copy(), weights < _MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE
@@ -144,25 +149,31 @@ def smooth_columns(
         residuals = columns[used] - spline.fitted(fitted)
         freedom = max(used.size - spline.freedom(), 1.0)
         squares = (residuals * residuals).sum(axis=1)
+        directions = _count_noisy_directions(residuals)
         if loss is None:
             white = spline.whitened(residuals)
-            variance = float((white * white).sum() / (k * freedom))
+            variance = float((white * white).sum() / (directions * freedom))
         else:
-            variance = float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[k] * used.size / freedom
+            white = spline.uncorrelated(residuals)
+            typical = float(np.median((white * white).sum(axis=1)))
+            variance = typical / CHI2_MEDIAN_BY_DOF[directions] * used.size / freedom
             sizes = squares / max(variance, 1e-300)
             weights = np.where(
                 sizes > _MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES,
                 0.0,
-                loss(sizes / _LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT[k])[0],
+                loss(sizes / _LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT[directions])[0],
             )
             weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING)
     white = spline.whitened(residuals)
-    values, deviations = np.full((3, t.size, k), np.nan), np.full((3, t.size), np.nan)
+    values, deviations = np.full((3, t.size, columns.shape[1]), np.nan), np.full((3, t.size), np.nan)
     for i, piece in enumerate(pieces):
         span = slice(piece[0], piece[-1] + 1)
         for order in range(3):
             values[order, span] = spline.evaluate(fitted, i, t[span], order)
             deviations[order, span] = np.sqrt(variance * spline.variances(i, t[span], order))
+            # Measured: near ends, derivatives miss by more than the covariance of the coefficients says.
+            from_end = np.minimum(t[span] - t[span][0], t[span][-1] - t[span])
+            deviations[order, span] *= 1 + 0.25 * order * np.exp(-2 * model.bandwidth * from_end)
     power = (white * white).sum()
     return SmoothedColumns(
         values=values,
@@ -172,8 +183,42 @@ def smooth_columns(
         correlation=model.correlation,
         residual_correlation=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
         is_limited=model.is_limited,
-        outlier_share=_outlier_share(squares, k),
+        outlier_share=_outlier_share(squares, directions),
     )
+
+
+def _count_noisy_directions(residuals: Float64Array) -> int:
+    """Return in how many directions residuals (N, k) vary: in 2 of positions, in 1 of attitudes in a plane."""
+    squares = (residuals * residuals).sum(axis=1)
+    usual = residuals[squares <= 20 * np.median(squares)]
+    variances = np.linalg.eigvalsh(usual.T @ usual)
+    return max(1, int((variances > 1e-4 * variances[-1]).sum()))
+
+
+# Neighbours whose cubics and parabolas predict a sample: most of these sets miss an outlier nearby.
+_PREDICTING_NEIGHBOURS = (
+    *((-2, -1, 1, 2), (-4, -3, 3, 4), (-6, -5, 5, 6)),
+    *((1, 3, 5), (2, 4, 6), (3, 6, 9)),
+    *((-5, -3, -1), (-6, -4, -2), (-9, -6, -3)),
+)
+
+
+def _deviations_of_isolated_outliers(t: Float64Array, columns: Float64Array) -> Float64Array:
+    """Return how far samples (N, k) lie from what their neighbours predict; 0 unless that is far beyond the usual."""
+    from scipy.ndimage import median_filter
+
+    predictions = np.full((len(_PREDICTING_NEIGHBOURS), *columns.shape), np.nan)
+    for prediction, neighbours in zip(predictions, _PREDICTING_NEIGHBOURS, strict=True):
+        rows = np.arange(max(0, -neighbours[0]), t.size - max(0, neighbours[-1]))
+        near = rows[:, None] + np.array(neighbours)
+        prediction[rows] = np.einsum("ni,nij->nj", lagrange_weights(t[near] - t[rows, None]), columns[near])
+    deviations = columns - np.nanmedian(predictions, axis=0)
+    sizes = (deviations * deviations).sum(axis=1)
+    usual = np.maximum(np.median(sizes), median_filter(sizes, min(33, t.size)))
+    is_outlier = sizes > 100 * usual
+    between = interpolated(t, np.where(is_outlier[:, None], np.nan, columns), t, np.inf)
+    # At the ends nothing is interpolated: there the prediction of one side stands.
+    return np.where(is_outlier[:, None], np.where(np.isfinite(between), columns - between, deviations), 0.0)
 
 
 def _outlier_share(squares: Float64Array, column_count: int) -> float:
@@ -303,7 +348,9 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
         noise = (1 - correlation**2) / (1 + correlation**2 - 2 * correlation * cosine)
         shape = noise + motion * (1 + correlation) / (1 - correlation)
         costs.append(float((np.log(shape).sum(axis=1) + f.size * np.log((power / shape).mean(axis=1))).min()))
-    columns = pieces[0].shape[1]
+    columns = _count_noisy_directions(
+        np.concatenate([np.diff(values, 4, axis=0) for values in pieces if len(values) > 4])
+    )
     best = int(np.argmin(costs))
     gain = _INDEPENDENT_FRACTION_OF_TAPERED_SPECTRUM_TERMS * columns * (costs[0] - costs[best])
     return (
@@ -357,6 +404,7 @@ class SmoothingSpline:
             "csr",
         )
         self.whitener = _whitener(times, model.correlation, step, weights)
+        self.correlator = _whitener(times, model.correlation, step, None)
         rows, bands = self.basis, _SPLINE_DEGREE
         if self.whitener is not None:
             rows = self.whitener @ self.basis
@@ -377,6 +425,10 @@ class SmoothingSpline:
     def whitened(self, columns: Float64Array) -> Float64Array:
         """Return columns at the instants of all pieces, whitened for the weights and the correlation of the noise."""
         return columns if self.whitener is None else np.asarray(self.whitener @ columns)
+
+    def uncorrelated(self, columns: Float64Array) -> Float64Array:
+        """Return columns at the instants of all pieces, whitened for the correlation of the noise alone."""
+        return columns if self.correlator is None else np.asarray(self.correlator @ columns)
 
     def solve(self, columns: Float64Array) -> Float64Array:
         """Return the B-spline coefficients of the smooth curves through columns (N, k), which hold the samples of
