@@ -238,3 +238,11 @@ def test_limits_reach_the_simulators():
         assert tuple(joint.range) == pair.limits
     for text in (hp.to_urdf(corner_pair(1)), hp.to_mjcf(corner_pair(1))):
         assert mujoco.MjModel.from_xml_string(text).joint(HINGE_JOINT_NAME).limited == 0
+
+
+def test_equal_limits_are_written_where_a_format_has_them():
+    mujoco, pair = pytest.importorskip("mujoco"), corner_pair(1, limits=(0.5, 0.5))
+    assert hp.from_urdf(hp.to_urdf(pair), joint="hinge").limits == (0.5, 0.5)
+    with pytest.warns(hp.DynamicsWarning, match="MJCF cannot hold equal limits"):
+        text = hp.to_mjcf(pair)
+    assert not mujoco.MjModel.from_xml_string(text).jnt_limited.any()

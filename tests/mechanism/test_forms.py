@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import copy
+import ctypes
 import dataclasses
 import pickle
+import platform
+import sys
 import warnings
 
 import numpy as np
@@ -596,3 +599,29 @@ def test_tiny_numbers_do_not_raise_what_numpy_is_told_to_raise():
         robot.with_frame("tool", "x", R=(tiny, tiny, tiny)).with_payload("tool", body)
         hp.from_urdf(text, "x")
         hp.cross_validate(robot, one, one, one)
+
+
+def test_an_overlap_names_what_the_user_gave(robot, motion):
+    q, force = motion[0, 0], np.zeros((4, 7))
+    wrenches = {"panda_hand": (0, force[:, :3])}
+    with pytest.raises(hp.ArgumentError, match=r"out\['tau'\]: .* overlaps wrenches\['panda_hand'\]\[1\]"):
+        robot.inverse_dynamics(q[:4], q[:4], q[:4], wrenches=wrenches, out={"tau": force}, outputs=("tau",))
+
+
+@pytest.mark.skipif(
+    (sys.platform, platform.machine()) != ("linux", "x86_64"), reason="the number of the mode is glibc's"
+)
+def test_compiled_results_do_not_depend_on_the_rounding_mode_of_the_caller(robot, motion):
+    upward, libm = 0x800, ctypes.CDLL("libm.so.6")
+    q, pair = motion[0, 0], hp.HingePair((0.1, 0.2, 1), (0, 0.3, 1), (1, 2, 3))
+    step = robot.prepare("mass_matrix", backend="compiled")
+    calls = (lambda: step(q[0]), lambda: robot.mass_matrix(q, backend="compiled"))
+    calls += (lambda: pair.forward_kinematics(q, backend="compiled").R2,)
+    expected = [call().copy() for call in calls]
+    libm.fesetround(upward)
+    try:
+        found = [call().copy() for call in calls]
+        assert 1.0 + 1e-30 > 1.0, "the mode is not in force"
+    finally:
+        libm.fesetround(0)
+    assert all(np.array_equal(*both) for both in zip(found, expected, strict=True))

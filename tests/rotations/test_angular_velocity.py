@@ -152,6 +152,7 @@ def test_clock_stamps_are_instants():
 
 T = np.arange(20) / 100
 REFUSED = {
+    "order is a float": ((T, reference(T), 6.0), "order: expected one of 2, 4, 6, 8, got 6.0"),
     "too few": ((T[:6], reference(T[:6])), "t: expected shape"),
     "two axes": ((T[:, None], reference(T)), "t: expected shape"),
     "t stands still": ((np.minimum(T, 0.1), reference(T)), "at index 11"),

@@ -376,6 +376,7 @@ class Call:
         out: Out = None,
         workers: int = 1,
         dtype: np.dtype[Any] | None = None,
+        labels: Mapping[str, str] | None = None,
     ) -> Any:
         """Return the results for checked arguments of one state or of many. An array of `out` whose call is refused
         for the values of an argument may have been written.
@@ -386,13 +387,15 @@ class Call:
             out: arrays to write outputs into, by output name.
             workers: number of threads.
             dtype: dtype to compute in; by default that of the values.
+            labels: names of arguments in messages, where they are not those of the inputs.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
         shape = broadcast_shape({**shapes, self._constants_name: self._shape})
         dtype = dtype or common_dtype(values)
-        arrays = self._buffers(shape, dtype, out, values)
+        named = {labels.get(name, name): value for name, value in values.items()} if out and labels else values
+        arrays = self._buffers(shape, dtype, out, named)
         ufunc = None
         if self._has_rows and 0 not in shape and not any(type(value) is tuple for value in values.values()):
             ufunc = self._ufunc(dtype.char, self._shared and math.prod(shape) < _FEW_SAMPLES)

@@ -49,11 +49,13 @@ class InputValues(NamedTuple):
             arrays).
         shape_by_argument: shape of the samples, by the argument's name.
         library: library of the arrays; None for NumPy arrays and numbers.
+        label_by_input: what users call an input, where it is not its name.
     """
 
     value_by_input: dict[str, Any]
     shape_by_argument: dict[str, tuple[int, ...]]
     library: Library | None
+    label_by_input: Mapping[str, str] | None = None
 
 
 def read_arguments(
@@ -94,7 +96,9 @@ def read_arguments(
         shapes["base_motion"] = base_motion.shape
     for name, (value, label) in labelled_loads.items():
         parts[name], shapes[label] = _read_vector(label, value)
-    return InputValues(parts, shapes, library)
+    labels = {name: f"base_motion.{BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]}" for name in base}
+    labels |= {name: label for name, (_, label) in labelled_loads.items()}
+    return InputValues(parts, shapes, library, labels)
 
 
 def common_library(arguments: Mapping[str, Any]) -> Library | None:

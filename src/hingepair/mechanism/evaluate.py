@@ -145,7 +145,9 @@ class RobotComputation:
             return call.run_foreign(
                 values.value_by_input, values.shape_by_argument, values.library, out, execution.workers
             )
-        return call.run(values.value_by_input, values.shape_by_argument, out, execution.workers)
+        return call.run(
+            values.value_by_input, values.shape_by_argument, out, execution.workers, labels=values.label_by_input
+        )
 
     def _assumed(self, gravity: tuple[float, ...]) -> dict[str, Any]:
         """Return the values of the inputs that a call may leave out, by name."""
