@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -269,3 +270,63 @@ def test_clusters_that_cannot_be_used_are_named() -> None:
 def test_turns_are_written_out_here() -> None:
     """The oracle of this file is the one of the other recordings."""
     assert np.abs(turns(np.pi / 2 * np.array((0.0, 0.0, 1.0))) @ (1, 0, 0) - (0, 1, 0)).max() < 1e-15
+
+
+def marked(markers: int, count: int = 300, noise: float = 1e-3, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Recorded markers (N, M, 3) and their places on the body."""
+    rng = np.random.default_rng(seed)
+    places = np.array([(0.1, 0, 0), (-0.1, 0.05, 0.02), (0, -0.07, 0), (0.03, 0, 0.1), (0.05, 0.08, -0.06)])[:markers]
+    made = recording(count)
+    seen = made.R1[:, None] + np.einsum("nij,mj->nmi", made.S1, places)
+    return seen + noise * rng.standard_normal(seen.shape), places
+
+
+def exchanged(markers: np.ndarray, rows: slice) -> np.ndarray:
+    markers[rows, :2] = markers[rows, 1::-1]
+    return markers
+
+
+def hidden(markers: np.ndarray) -> np.ndarray:
+    markers[100:110, 0] = 0.0
+    return markers
+
+
+def sliding(markers: np.ndarray) -> np.ndarray:
+    markers[:, 0] += np.linspace(0, 0.05, markers.shape[0])[:, None]
+    return markers
+
+
+BAD_CLUSTERS = {
+    "reference in millimetres": (lambda x: x, 1e3, "is it in metres"),
+    "labels unlike the reference": (lambda x: exchanged(x, slice(None)), 1.0, "labels may be exchanged"),
+    "labels exchanged in some samples": (lambda x: exchanged(x, slice(40, 50)), None, "labels may be exchanged"),
+    "hidden at the origin": (hidden, None, "a marker that is not seen is NaN"),
+    "a marker that slides": (sliding, None, "rigid|Marker 0 moved|one of the markers"),
+}
+
+
+@pytest.mark.parametrize("markers", [3, 5])
+@pytest.mark.parametrize("name", BAD_CLUSTERS)
+def test_markers_that_are_not_what_they_are_taken_for_are_said(name: str, markers: int) -> None:
+    change, unit, words = BAD_CLUSTERS[name]
+    seen, places = marked(markers)
+    found = hp.fit_cluster(change(seen), None if unit is None else unit * places)
+    assert not found.ok
+    assert re.search(words, " ".join(found.findings))
+
+
+@pytest.mark.parametrize("markers", [3, 4, 5])
+@pytest.mark.parametrize("given", [True, False], ids=["reference", "no reference"])
+def test_good_clusters_are_passed_with_their_noise(markers: int, given: bool) -> None:
+    for seed in range(5):
+        seen, places = marked(markers, seed=seed)
+        found = hp.fit_cluster(seen, places if given else None)
+        assert found.ok, found.findings
+        assert found.noise == pytest.approx(1e-3, rel=0.12)
+
+
+def test_exchanged_labels_do_not_move_the_places() -> None:
+    seen, _ = marked(5)
+    right = hp.fit_cluster(seen).reference
+    wrong = hp.fit_cluster(exchanged(seen, slice(40, 50))).reference
+    assert np.abs(right - wrong).max() < 2e-4

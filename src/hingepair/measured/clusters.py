@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
+from hingepair.measured.findings import MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
@@ -17,6 +18,10 @@ _MIN_MARKERS_TO_DETERMINE_ATTITUDE = 3
 _MIN_MARKER_CLUSTER_WIDTH_TO_LENGTH = 0.02  # below, the markers are on a line, which shows no attitude
 # Of the fits with and without a marker, from which the marker is said to have moved.
 _MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER = 3.0
+_MIN_OUTLIER_SQUARE = 50.0  # of the residuals of a sample, to the median
+_MAX_REFERENCE_MISFIT = 0.05  # rms, in parts of the size of the cluster
+_MAX_RIGID_CHANGE = 0.02  # of a distance between markers, not at random, in parts of the size
+_MAX_MOVED_MARKER_SAMPLES = 1000
 _ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE = 1e-9  # distances from the places that rounding explains
 
 
@@ -37,10 +42,11 @@ class ClusterFit:
         residuals: distance of each marker from its place at each sample [m]; shape (N, M). It is NaN where the marker
             is not seen, and where R and S are NaN.
         rms: root mean square of each marker's residuals [m]; shape (M,). It is 0 for a marker that is never seen.
-        noise: standard deviation of the measurement noise in each coordinate of a marker's position [m].
-        ok: whether the cluster is rigid, that is, whether no marker moved relative to the others. A cluster of three
-            markers is not checked, and `ok` is True.
-        findings: sentences that say which marker moved relative to the others. If `ok` is True, there are none.
+        noise: standard deviation of the measurement noise in each coordinate of a marker's position [m]. Samples with
+            far larger residuals than most are left out.
+        ok: whether the cluster is rigid, that is, whether no marker moved relative to the others, and the markers are
+            what they are taken for: not exchanged, not hidden at (0, 0, 0), and at the places of `reference`.
+        findings: sentences that say which marker moved, or what else is wrong. If `ok` is True, there are none.
     """
 
     body: BodyMotion
@@ -104,24 +110,74 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     seen_places, is_seen = np.where(seen[..., None], places, 0.0)[is_used], seen[is_used].astype(np.float64)
     cluster = reference_places if reference_places is not None else _first_marker_places(seen_places, is_seen)
     _check_not_on_line(cluster)
-    R, S, distances, cluster = _fit_poses_and_places(seen_places, is_seen, cluster, reference_places is None)
-    size = float(np.sqrt((cluster**2).sum() / cluster.shape[0]))
+    given = reference_places is not None
+    R, S, distances, cluster = _fit_poses_and_places(seen_places, is_seen, cluster, not given)
+    size = float(np.sqrt(((cluster - cluster.mean(axis=0)) ** 2).sum() / cluster.shape[0]))
+    good = ~_is_outlier(distances, is_seen, size)
+    if not given and not good.all() and _markers_determine_attitude(seen_places[good], is_seen[good]).any():
+        *_, cluster = _fit_poses_and_places(seen_places[good], is_seen[good], cluster, True)
+        R, S, distances = _kabsch_poses(seen_places, is_seen, cluster)
     rms = _rms_by_marker(distances, is_seen)
-    findings = _moved_marker_sentences(seen_places, is_seen, cluster, distances, size)
+    findings = [
+        *_recording_sentences(seen_places, is_seen, distances, good),
+        *(_reference_sentences(seen_places[good], is_seen[good], distances[good], size) if given else []),
+        *_moved_marker_sentences(seen_places[good], is_seen[good], cluster, distances[good], size),
+    ]
     whole_R, whole_S = np.full((places.shape[0], 3), np.nan), np.full((places.shape[0], 3, 3), np.nan)
     whole_R[is_used], whole_S[is_used] = R, S
     residuals = np.full(seen.shape, np.nan)
     residuals[is_used] = np.where(is_seen > 0, distances, np.nan)
-    free = 3 * is_seen.sum() - 6 * is_seen.shape[0] - (3 * cluster.shape[0] - 6 if reference_places is None else 0)
+    free = 3 * is_seen[good].sum() - 6 * good.sum() - (0 if given else 3 * cluster.shape[0] - 6)
     return ClusterFit(
         body=motion_of_rotations(R=read_only(whole_R), S=read_only(whole_S)),
         reference=read_only(cluster),
         residuals=read_only(residuals),
         rms=read_only(rms),
-        noise=float(np.sqrt((distances**2).sum() / max(free, 1.0))),
+        noise=float(np.sqrt((distances[good] ** 2).sum() / max(free, 1.0))),
         ok=not findings,
         findings=tuple(findings),
     )
+
+
+def _is_outlier(distances: Float64Array, is_seen: Float64Array, size: float) -> NDArray[np.bool_]:
+    """Return which samples (N,) have far larger residuals than most; `size` is the rms size of the cluster [m]."""
+    squares = (distances**2).sum(axis=1) / np.maximum(3 * is_seen.sum(axis=1) - 6, 1.0)
+    typical = max(float(np.median(squares)), (_ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * size) ** 2)
+    return np.asarray(squares > _MIN_OUTLIER_SQUARE * typical)
+
+
+def _recording_sentences(
+    places: Float64Array, is_seen: Float64Array, distances: Float64Array, good: NDArray[np.bool_]
+) -> list[str]:
+    """Return sentences on markers that are hidden at (0, 0, 0), and on samples that do not agree with most."""
+    sentences = []
+    for marker, count in enumerate(((places == 0).all(axis=2) & (is_seen > 0)).sum(axis=0)):
+        if count > 1:
+            sentences.append(f"Marker {marker} is at (0, 0, 0) in {count} samples: a marker that is not seen is NaN.")
+    if not good.all():
+        worst = float(np.sqrt((distances[~good] ** 2).sum() / is_seen[~good].sum()))
+        share = 100 * np.mean(~good)
+        sentences.append(
+            f"In {share:.2g} % of the samples, markers are off their places by {1e3 * worst:.2g} mm rms, far more "
+            "than in the others: labels may be exchanged, or a reflection taken for a marker."
+        )
+    return sentences
+
+
+def _reference_sentences(
+    places: Float64Array, is_seen: Float64Array, distances: Float64Array, size: float
+) -> list[str]:
+    """Return a list with one sentence if the markers are not at the places that the user gave."""
+    rms = float(np.sqrt((distances**2).sum() / is_seen.sum()))
+    if rms <= _MAX_REFERENCE_MISFIT * size:
+        return []
+    count = is_seen.sum(axis=1)[:, None]
+    centred = is_seen[..., None] * (places - ((is_seen[..., None] * places).sum(axis=1) / count)[:, None])
+    ratio = float(np.sqrt((centred**2).sum() / is_seen.sum())) / size
+    text = f"The markers are off the places of reference by {rms:.2g} m rms, in a cluster of the size {size:.2g} m"
+    if 0.5 < ratio < 2:
+        return [f"{text}: labels may be exchanged."]
+    return [f"{text}; they are {ratio:.3g} times as far apart as reference says: is it in metres?"]
 
 
 def _rms_by_marker(distances: Float64Array, is_seen: Float64Array) -> Float64Array:
@@ -232,11 +288,12 @@ def _moved_marker_sentences(
     the cluster [m].
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
-    if (
-        cluster.shape[0] <= _MIN_MARKERS_TO_DETERMINE_ATTITUDE
-        or rms <= _ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * cluster_size
-    ):
+    if rms <= _ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * cluster_size:
         return []
+    if cluster.shape[0] <= _MIN_MARKERS_TO_DETERMINE_ATTITUDE:
+        return _triangle_sentences(places, is_seen, cluster_size)
+    every = slice(None, None, -(-places.shape[0] // _MAX_MOVED_MARKER_SAMPLES))
+    places, is_seen, distances = places[every], is_seen[every], distances[every]
     noise_without = []
     for marker in range(cluster.shape[0]):
         others = is_seen.copy()
@@ -263,4 +320,25 @@ def _moved_marker_sentences(
     return [
         f"Marker {best} moved against the others: without it they stay in place to "
         f"{1e3 * noise_without[best]:.2g} mm, with it to {1e3 * noise_with_all:.2g} mm. Leave it out."
+    ]
+
+
+def _triangle_sentences(places: Float64Array, is_seen: Float64Array, cluster_size: float) -> list[str]:
+    """Return a list with one sentence if the sides of a triangle of markers change, and not at random."""
+    whole = places[is_seen.all(axis=1)]
+    if whole.shape[0] < 8:
+        return []
+    sides = np.linalg.norm(whole - np.roll(whole, 1, axis=1), axis=2)
+    off = sides - sides.mean(axis=0)
+    power = np.maximum((off * off).sum(axis=0), 1e-300)
+    correlations = (off[1:] * off[:-1]).sum(axis=0) / power
+    rms = np.sqrt(power / whole.shape[0])
+    is_moved = (correlations > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS) & (
+        rms > _MAX_RIGID_CHANGE * cluster_size
+    )
+    if not is_moved.any():
+        return []
+    worst = float(rms[is_moved].max())
+    return [
+        f"The cluster is not rigid: distances between its markers change by {1e3 * worst:.2g} mm rms, not at random."
     ]
