@@ -30,10 +30,11 @@ def test_the_folder_its_files_and_their_size(folder, capsys):
     found = report(capsys)
     size = sum(path.stat().st_size for path in folder.iterdir())
     assert found == {
-        "folder": str(folder), "writable": True, "files": 2, "bytes": size, "max_bytes": 2**28, "deleted": 0,
+        "folder": str(folder), "writable": True, "files": 2, "bytes": size, "max_files": 8192, "max_bytes": 2**28,
+        "deleted": 0,
     }  # fmt: skip
     cache_command()
-    assert capsys.readouterr().out.splitlines() == [str(folder), "2 files, 0.0 of at most 256 MiB"]
+    assert capsys.readouterr().out.splitlines() == [str(folder), "2 files, 0.0 MiB (at most 8192 files and 256 MiB)"]
 
 
 def test_clear_deletes_compiled_code_and_nothing_else(folder, capsys):

@@ -294,13 +294,13 @@ def test_files_of_root_serve_others(monkeypatch):
     assert object_cache.read_object("0a") == b"code"
 
 
-def test_what_was_not_used_for_the_longest_time_goes_when_the_folder_is_full(folder, monkeypatch):
+@pytest.mark.parametrize("limit", ["MAX_BYTES", "MAX_FILES"])
+def test_what_was_not_used_for_the_longest_time_goes_when_the_folder_is_full(folder, limit, monkeypatch):
     for k, name in enumerate(("used", "old", "new")):
         object_cache.write_object(name, bytes(1000))
         os.utime(next(folder.glob(f"*-{name}.*")), (k, k))
     assert object_cache.read_object("used") is not None
-    monkeypatch.setattr(object_cache, "MAX_BYTES", 3500)
-    monkeypatch.setattr(object_cache, "_BYTES_AFTER_TRIM", 2500)
+    monkeypatch.setattr(object_cache, limit, {"MAX_BYTES": 3500, "MAX_FILES": 3}[limit])
     object_cache.write_object("last", bytes(1000))
     assert {name for name in ("used", "old", "new", "last") if object_cache.read_object(name)} == {"used", "last"}
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import JsonOption, make_console
-from hingepair.engine.object_cache import MAX_BYTES, cache_files, cache_folder, clear_cache
+from hingepair.engine.object_cache import MAX_BYTES, MAX_FILES, cache_files, cache_folder, clear_cache
 from hingepair.numeric.tables import json_text
 
 
@@ -31,6 +31,7 @@ def cache_command(
         "writable": folder is not None and _is_writable(folder),
         "files": len(files),
         "bytes": size,
+        "max_files": MAX_FILES,
         "max_bytes": MAX_BYTES,
         "deleted": len(deleted),
     }
@@ -40,7 +41,8 @@ def cache_command(
     if folder is None:
         lines = ["off: HINGEPAIR_CACHE says so, or the user has no home"]
     else:
-        lines = [str(folder), f"{len(files)} files, {size / 2**20:.1f} of at most {MAX_BYTES / 2**20:.0f} MiB"]
+        most = f"at most {MAX_FILES} files and {MAX_BYTES / 2**20:.0f} MiB"
+        lines = [str(folder), f"{len(files)} files, {size / 2**20:.1f} MiB ({most})"]
         if not report["writable"]:
             lines.append("not writable: code that is not there is compiled by every process")
     if clear:

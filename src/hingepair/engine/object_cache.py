@@ -20,12 +20,13 @@ from typing import Final, NamedTuple
 from uuid import uuid4
 
 MAX_BYTES: Final = 256 * 2**20
-"""Size of the folder; past it the objects that were not used for the longest time are deleted."""
+MAX_FILES: Final = 8192
+"""Size of the folder; past it the files that were not used for the longest time are deleted."""
 
 TRACED_PACKAGES: Final = ("engine", "equations", "numeric", "plans", "rotations")
 """Packages whose code writes programs; they import no others."""
 
-_BYTES_AFTER_TRIM: Final = MAX_BYTES * 3 // 4
+_SHARE_AFTER_TRIM: Final = 0.75
 _MAGIC: Final = b"hingepair object 1\n"
 _DIGEST_BYTES: Final = 32
 _PREFIX, _SUFFIX = "hingepair-", ".object"
@@ -163,20 +164,23 @@ def clear_cache(folder: Path) -> list[CacheFile]:
 
 def _trim(folder: Path, written: int) -> None:
     """Delete what was not used for the longest time, where the folder has become too large, and what processes that
-    were killed have left. A process looks at its first write, and then each time it has written a tenth of the size.
+    were killed have left. A process looks at its first write, and then each time it may have written a tenth of it.
     """
     global _written_bytes, _looked  # noqa: PLW0603 (of the process; that two threads look is no harm)
-    _written_bytes += written
+    _written_bytes += max(written, MAX_BYTES // MAX_FILES)
     if _looked and _written_bytes < MAX_BYTES // 10:
         return
     _looked, _written_bytes = True, 0
     files, now = cache_files(folder), time.time()
-    size = sum(file.size for file in files)
-    limit = _BYTES_AFTER_TRIM if size > MAX_BYTES else MAX_BYTES
+    size, count = sum(file.size for file in files), len(files)
+    share = _SHARE_AFTER_TRIM if size > MAX_BYTES or count > MAX_FILES else 1.0
     for file in files:
-        left = file.path.endswith(_UNFINISHED)
-        if (now - file.used > _MAX_WRITE_SECONDS if left else size > limit) and _delete(file.path):
-            size -= file.size
+        if file.path.endswith(_UNFINISHED):
+            drop = now - file.used > _MAX_WRITE_SECONDS
+        else:
+            drop = size > share * MAX_BYTES or count > share * MAX_FILES
+        if drop and _delete(file.path):
+            size, count = size - file.size, count - 1
 
 
 def _delete(path: str) -> bool:
