@@ -94,6 +94,7 @@ class Call:
         tails = [*self._sample_shapes, *(tail for _, tail in loop.outputs)]
         self._has_rows = (
             backend != "numpy"
+            and loop.traced
             and shape == ()
             and len(tails) <= MAX_OPERANDS
             and not any(0 in tail for tail in tails)

@@ -50,6 +50,7 @@ from hingepair.errors import CompilationError
 from hingepair.numeric.array_libraries import Library
 from hingepair.numeric.arrays import Block, load, split_into_blocks
 from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.numeric.sampled import Sampled, sampled_value
 
 if TYPE_CHECKING:
     from hingepair.engine.native import Kernel
@@ -61,6 +62,9 @@ _NUMPY_SAMPLES_PER_BLOCK: Final = 2048
 
 _MAX_STACKED_BYTES: Final = 4_000_000
 """Number of bytes of components that are stacked at a time where they are too many for a ufunc."""
+
+_MAX_UNTRACED_NUMBERS: Final = 30_000_000
+"""Numbers that a function without a trace may hold at a time (240 MB): the outputs, and some four for each input."""
 
 _WEIGHT_OF_NON_ARITHMETIC_OPERATION: Final = 10
 """Number of operations that a sine, a square root and the like count as."""
@@ -83,6 +87,8 @@ class Loop:
         form: what the function is made of, if that and the sources of `object_cache.TRACED_PACKAGES` decide what it
             computes: numbers, texts and tuples, whose `repr` says all. Then a process that finds the kernel on disk
             need not trace the function.
+        traced: whether `run` traces the function. If not, the function computes with arrays of samples itself, one
+            operation after the other: for functions of so many operations that straight-line code takes long to make.
     """
 
     def __init__(
@@ -96,6 +102,7 @@ class Loop:
         carry: Mapping[str, str] | None = None,
         labels: Mapping[str, Sequence[str]] | None = None,
         form: object = None,
+        traced: bool = True,
     ) -> None:
         self.name = name
         self.function = function
@@ -105,6 +112,7 @@ class Loop:
         self.carry = dict(carry or {})
         self.labels = dict(labels or {})
         self.form = form
+        self.traced = traced
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
 
     def run(
@@ -126,9 +134,52 @@ class Loop:
         if 0 in shape:
             return
         bound = bind(self.inputs, values, frozenset(self.carry))
+        if not self.traced:
+            self._run_untraced(bound, out, shape, dtype, execution.workers)
+            return
         if not bound.arrays and execution.backend == "compiled":  # one sample is rounded as many samples are
             bound = bind(self.inputs, values, keep_single_samples=True)
         self.program(bound.pattern).run(bound, out, shape, dtype, execution)
+
+    def _run_untraced(
+        self, bound: BoundInputs, out: Buffers, shape: ArrayShape, dtype: np.dtype[Any], workers: int
+    ) -> None:
+        """Compute the outputs by the function itself, over blocks of samples that are shared by the threads."""
+        views = [view for name, tail in self.outputs for view in component_views(out[name], tail)]
+        targets = [view[..., k] for view in views for k in range(view.shape[-1])]
+        constants = [dtype.type(x) for x in bound.constants]
+
+        def run_blocks(blocks: Sequence[Block]) -> None:
+            """Compute blocks of samples, one after the other."""
+            with np.errstate(all="ignore"):
+                for block in blocks:
+                    arrays = [load(one, (*block, slice(one.shape[-1])), dtype) for one in bound.arrays]
+                    results = self._untraced_results(bound.pattern, constants, arrays)
+                    for target, result in zip(targets, results, strict=True):
+                        target[block] = result
+
+        size = _MAX_UNTRACED_NUMBERS // (len(targets) + 4 * len(bound.pattern) + 1)
+        size = max(1, min(_NUMPY_SAMPLES_PER_BLOCK, size))
+        blocks: list[Block] = [*split_into_blocks(shape, size)] if bound.arrays else [()]
+        workers = min(workers, len(blocks))
+        run_in_threads(run_blocks, [blocks[i::workers] for i in range(workers)])
+
+    def _untraced_results(self, pattern: InputPattern, constants: Sequence[Any], arrays: Sequence[Any]) -> list[Any]:
+        """Return the components of all outputs, which the function computes for inputs bound by a pattern."""
+        rest, parts = iter(constants), iter(pattern)
+        values: dict[str, Any] = {}
+        for name, tail in self.inputs:
+            group = tuple(
+                Sampled(arrays[one[0]][..., one[1]])
+                if isinstance(one, tuple)
+                else Sampled(next(rest))
+                if one is None
+                else one
+                for one in itertools.islice(parts, math.prod(tail))
+            )
+            values[name] = group if tail else group[0]
+        results = self.function(values)
+        return [sampled_value(one) for name, _ in self.outputs for one in components(results[name])]
 
     def foreign_outputs(self, values: Mapping[str, Any], library: Library) -> dict[str, tuple[Any, ...]]:
         """Return a dictionary of outputs computed by another array library from `values`, a dictionary of numbers,
@@ -140,7 +191,10 @@ class Loop:
             library: the array library.
         """
         pattern, constants, arrays = bind_foreign(self.inputs, values)
-        flat = iter(self.program(pattern).function_for_library(library)(*constants, *arrays))
+        if self.traced:
+            flat = iter(self.program(pattern).function_for_library(library)(*constants, *arrays))
+        else:
+            flat = iter(self._untraced_results(pattern, constants, [one[..., None] for one in arrays]))
         return {
             name: tuple(next(flat) for _ in range(math.prod(sample_shape))) for name, sample_shape in self.outputs
         }

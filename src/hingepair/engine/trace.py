@@ -16,6 +16,7 @@ import numpy as np
 
 from hingepair.numeric import array_libraries
 from hingepair.numeric.bounded import Bounded
+from hingepair.numeric.sampled import Sampled, sampled_value
 
 Operand: TypeAlias = "TracedValue | float"
 
@@ -184,6 +185,8 @@ def square_root(x: Any) -> Any:
     """
     if isinstance(x, TracedValue):
         return x.trace.record("sqrt", x)
+    if isinstance(x, Sampled):
+        return Sampled(square_root(x.value))
     return array_libraries.apply_function("square_root", x) if array_libraries.is_foreign(x) else np.sqrt(x)
 
 
@@ -222,6 +225,8 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
             return operand.trace.record("where", operand.trace.record("<", a, b), then, otherwise)
         if array_libraries.is_foreign(operand):
             return array_libraries.where_less(a, b, then, otherwise)
+        if isinstance(operand, Sampled):
+            return Sampled(where_less(*map(sampled_value, (a, b, then, otherwise))))
     if isinstance(a, Bounded) or isinstance(b, Bounded):
         return (b - a).where_above_0(then, otherwise)
     return np.where(a < b, then, otherwise)

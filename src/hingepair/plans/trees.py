@@ -779,6 +779,37 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
     return shapes | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 
+MAX_TRACED_OPERATIONS: Final = 100_000
+"""Estimated number of operations up to which a request becomes straight-line code, which takes some seconds to make
+and to compile."""
+
+
+def estimated_operations(form: Form, request: Request) -> int:
+    """Return about how many operations a request takes where nothing folds, from the number of joints alone.
+
+    >>> chain = Form(("a", "b"), (0, 1), (False, False), (0, 1), (None,) * 62)
+    >>> estimated_operations(chain, Request(("mass_matrix",), False))
+    520
+    """
+    joints, depths = len(form.parents), [0]
+    for parent in form.parents:
+        depths.append(depths[parent] + 1)
+    outputs = {*request.outputs}
+    by_ancestor = 40 * sum(depths)
+    total = 0
+    if outputs & {"mass_matrix", "centre_of_mass_jacobian"}:
+        total += 200 * joints + by_ancestor
+    if outputs & {"qdd", "a1", "alpha1", "pivots"}:
+        total += (
+            (500 * joints + by_ancestor + velocity_count(form, request) ** 3 // 3) if form.mimics else 1200 * joints
+        )
+    if outputs & {"tau", "force1", "torque1", "bias_forces", "gravity_forces"}:
+        total += 300 * joints
+    if outputs - {"qdd", "a1", "alpha1", "pivots", "tau", "force1", "torque1", "mass_matrix", "attitude_check"}:
+        total += 120 * (joints + len(request.frames))
+    return total
+
+
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
     """Compute the outputs of a request for a robot of the given form. Return a dictionary from the name of each
     output to a scalar or a flat tuple of components. `values` is a dictionary of the inputs, which may be scalars of
@@ -798,4 +829,5 @@ def request_loop(form: Form, request: Request) -> Loop:
     }
     inputs = input_shapes(form, request)
     function = functools.partial(compute_request, form, request)
-    return Loop("robot", function, inputs, outputs, labels=labels, form=(form, request))
+    traced = estimated_operations(form, request) <= MAX_TRACED_OPERATIONS
+    return Loop("robot", function, inputs, outputs, labels=labels, form=(form, request), traced=traced)
