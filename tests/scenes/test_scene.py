@@ -513,7 +513,7 @@ def doubts(tmp_path: Path, text: str) -> tuple[str, ...]:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('psi = "pi*t"', "psi = -90", "motion.psi: -90 is taken for radians, 14.3 turns; degrees .* by deg"),
+        ('psi = "pi*t"', "psi = -90", "motion.psi: -90 is taken for radians, 14.3 turns; degrees .* by .deg"),
         ('psi = "pi*t"', 'psi = "90"', "motion.psi: 90 is taken for radians"),
         ('psi = "pi*t"', 'psi = "90*t/2"', "motion.psi turns by 90 rad, 14.3 turns: is it in radians"),
         ('psi = "pi*t"', 'psi = "30*sin(3*t)"', "motion.psi turns by 59.* rad"),
@@ -547,6 +547,15 @@ def test_other_units_in_a_scene_are_suspected(tmp_path: Path, old: str, new: str
 )
 def test_wheels_and_radians_are_not_suspected(tmp_path: Path, old: str, new: str) -> None:
     assert doubts(tmp_path, change(old, new)) == ()
+
+
+def test_a_scene_in_millimetres_is_suspected_in_one_line(tmp_path: Path) -> None:
+    text = GOOD.replace("[0.5, 0.2, 0.1]", "[500, 200, 100]").replace("[-0.25, 0.1, 0.3]", "[-250, 100, 300]")
+    text = text.replace(
+        "[motion]\n", "body2 = { mass = 2, shapes = [{ box = [900, 40, 2000], center = [0, 0, 60] }] }\n[motion]\n", 1
+    )
+    (sentence,) = doubts(tmp_path, text)
+    assert sentence.startswith("pair.u1, pair.u2, pair.body2.shapes[0].box and 1 more: 2000 is taken for metres")
 
 
 def test_a_motion_in_millimetres_is_suspected_and_a_flight_is_not(tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def test_an_instant_without_a_pose_is_left_out_and_said(scene_path):
     [
         ({"u1_std": 0.2}, ["u1_std is 0.2 m, beside levers of 0.548 m: is it in metres?"]),
         ({"u2_std": [0, 0.1, 0], "u1_std": 0}, ["u2_std is 0.1 m"]),
-        ({"axis_std": 0.5}, ["axis_std: 0.5 is taken for radians; degrees become radians by deg(0.5)."]),
+        ({"axis_std": 0.5}, ['axis_std: 0.5 is taken for radians; degrees become radians by "deg(0.5)".']),
         ({"u1_std": 0.002, "axis_std": 0.01, "home_std": [0.01, 0, 0.02]}, []),
     ],
 )

@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.numeric.arrays import Float64Array, row_norms
 
+DEGREES_IN_SCENES: Final = '"deg({})"'
+"""How degrees are written in a scene file, for messages."""
+
 _FULL_TURN = 2 * np.pi  # [rad]
 
 
@@ -22,7 +25,7 @@ class _Range(NamedTuple):
 
     least: float
     most: float
-    sentence: str  # format of {name}, {size}, {turns}, {largest} (with its sign), {values} and {radians}
+    sentence: str  # format of {name}, {size}, {turns}, {largest} (with its sign), {values} and {convert_...}
 
 
 class _Quantity(NamedTuple):
@@ -102,7 +105,7 @@ _INSTANT_RANGES = tuple(
         (np.finfo(float).tiny, 1e-6, "Days become seconds by 86400"),
     )
 )
-_DEGREES = "degrees become radians by {radians}({largest:g})."
+_DEGREES = "degrees become radians by {convert_largest}."
 _QUANTITIES: Final[Mapping[str, _Quantity]] = {
     # Sensors of motion take at least a sample a second and at most a million.
     "instants": _Quantity(_median_step, _INSTANT_RANGES),
@@ -116,7 +119,7 @@ _QUANTITIES: Final[Mapping[str, _Quantity]] = {
                 2.000001 * _FULL_TURN,
                 720.0,
                 "{name} spans {size:.3g} rad, {turns:.3g} turns: is it in radians? "
-                "Degrees become radians by {radians}({name}).",
+                "Degrees become radians by {convert_name}.",
             ),
         ),
     ),
@@ -127,14 +130,14 @@ _QUANTITIES: Final[Mapping[str, _Quantity]] = {
             _Range(
                 2.000001 * _FULL_TURN,
                 720.0,
-                "{name} turns by {size:.3g} rad, {turns:.3g} turns: is it in radians? 30 degrees are {radians}(30).",
+                "{name} turns by {size:.3g} rad, {turns:.3g} turns: is it in radians? 30 degrees are {convert_30}.",
             ),
         ),
     ),
     # What somebody wrote: degrees are written in whole fives and rates in parts of a turn, radians hardly ever.
     "written angles": _Quantity(
         _round(5.0),
-        (_Range(10.0, np.inf, "{name}: {largest:g} is taken for radians, {turns:.3g} turns; " + _DEGREES),),
+        (_Range(10.0, 36e3, "{name}: {largest:g} is taken for radians, {turns:.3g} turns; " + _DEGREES),),
     ),
     "written rates": _Quantity(
         _round(45.0),
@@ -143,7 +146,7 @@ _QUANTITIES: Final[Mapping[str, _Quantity]] = {
     # A rate as a function that somebody wrote: motors that turn one way may be fast.
     "rate": _Quantity(
         _swing,
-        (_Range(40.0, np.inf, "{name} comes to {size:.3g} rad/s: is it in rad/s? 30 degrees are {radians}(30)."),),
+        (_Range(40.0, np.inf, "{name} comes to {size:.3g} rad/s: is it in rad/s? 30 degrees are {convert_30}."),),
     ),
     # Usual gyroscopes end at 2000 degrees a second, 35 rad/s.
     "gyroscope": _Quantity(
@@ -152,8 +155,7 @@ _QUANTITIES: Final[Mapping[str, _Quantity]] = {
             _Range(
                 40.0,
                 np.inf,
-                "{name} comes to {size:.3g} rad/s: is it in rad/s? "
-                "Degrees a second become rad/s by {radians}({name}).",
+                "{name} comes to {size:.3g} rad/s: is it in rad/s? Degrees a second become rad/s by {convert_name}.",
             ),
         ),
     ),
@@ -241,7 +243,7 @@ _QUANTITIES: Final[Mapping[str, _Quantity]] = {
 }
 
 
-def suspicions(kind: str, name: str, values: ArrayLike, *, radians: str = "numpy.radians") -> list[str]:
+def suspicions(kind: str, name: str, values: ArrayLike, *, radians: str = "numpy.radians({})") -> list[str]:
     """Return a list with one sentence, which calls the data `name`, if values of a quantity are probably in another
     unit than that of hingepair, judged by their size; an empty list otherwise.
 
@@ -249,7 +251,7 @@ def suspicions(kind: str, name: str, values: ArrayLike, *, radians: str = "numpy
         kind: the quantity, a key of `_QUANTITIES`.
         name: what the caller's messages call the values, such as "psi".
         values: in the unit of hingepair; samples along the first axis. Samples that are not finite are stepped over.
-        radians: the function that converts degrees where the values are written: "deg" in a scene.
+        radians: how degrees, {}, are written where the values stand: `DEGREES_IN_SCENES` in a scene.
 
     >>> suspicions("angle", "psi", [-90.0, 20.0, 90.0])
     ['psi spans 180 rad, 28.6 turns: is it in radians? Degrees become radians by numpy.radians(psi).']
@@ -263,6 +265,10 @@ def suspicions(kind: str, name: str, values: ArrayLike, *, radians: str = "numpy
     for least, most, sentence in quantity.ranges:
         if least <= size <= most:
             largest, turns = max(array.flat, key=lambda x: (abs(x), x)), size / _FULL_TURN
-            text = sentence.format(name=name, size=size, largest=largest, turns=turns, values=array, radians=radians)
+            converted = {
+                f"convert_{key}": radians.format(text)
+                for key, text in (("largest", f"{largest:g}"), ("name", name), ("30", "30"))
+            }
+            text = sentence.format(name=name, size=size, largest=largest, turns=turns, values=array, **converted)
             return [text]
     return []

@@ -17,6 +17,7 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, SceneError, choices, quoted
 from hingepair.integration.trajectory import describe_instants
 from hingepair.numeric.arrays import Frozen, read_only
+from hingepair.numeric.suspicions import DEGREES_IN_SCENES
 from hingepair.numeric.suspicions import suspicions as judge
 from hingepair.numeric.tables import Sheet, cell_text, unit_of
 from hingepair.pair.dynamics import Energy, Momentum
@@ -502,7 +503,7 @@ class Scene(SampledScene):
 
         rows, level = self.spread(suspicions.MAX_JUDGED_INSTANTS), self.motion.level
         t = np.asarray(self.motion.t[rows])
-        sentences = judge("written angles", "limits of psi", self.space.limits or (), radians="deg")
+        sentences = judge("written angles", "limits of psi", self.space.limits or (), radians=DEGREES_IN_SCENES)
         sentences += suspicions.table_suspicions(self.tables.values, {})
         sentences += suspicions.function_suspicions(self.motion.functions, t, {})
         if level:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.suspicions import suspicions
+from hingepair.numeric.suspicions import DEGREES_IN_SCENES, suspicions
 
 if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
@@ -38,10 +38,22 @@ def table_suspicions(values: Mapping[str, Any], kind_by_joint: Mapping[str, str]
     out: what is computed is in radians, and functions are judged by their samples. `kind_by_joint` has the quantity
     of each joint that is a key.
     """
-    return _key_suspicions("", values, {**_KIND_BY_KEY, **kind_by_joint})
+    lengths: dict[str, list[float]] = {}
+    for kind, name, numbers in _judged_numbers("", values, {**_KIND_BY_KEY, **kind_by_joint}):
+        doubts = suspicions(kind, name, numbers, radians=DEGREES_IN_SCENES)
+        if doubts and kind == _LENGTHS:  # a scene in millimetres has many, told in one sentence
+            lengths[name] = numbers
+        else:
+            yield from doubts
+    if lengths:
+        name = ", ".join([*lengths][:3]) + f" and {len(lengths) - 3} more" * (len(lengths) > 3)
+        yield from suspicions(_LENGTHS, name, [number for numbers in lengths.values() for number in numbers])
 
 
-def _key_suspicions(path: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> Iterator[str]:
+def _judged_numbers(
+    path: str, values: Mapping[str, Any], kinds: Mapping[str, str]
+) -> Iterator[tuple[str, str, list[float]]]:
+    """Yield (quantity, key with its tables, numbers) for each key of `kinds` in nested tables."""
     for key, value in values.items():
         name = f"{path}{key}"
         parts = value if isinstance(value, list) else [value]
@@ -50,15 +62,14 @@ def _key_suspicions(path: str, values: Mapping[str, Any], kinds: Mapping[str, st
         if key in kinds and isinstance(value, dict) and "value" in value:  # way points
             parts = value["value"] if isinstance(value["value"], list) else []
         elif all(isinstance(part, dict) for part in parts):
+            own_kinds = dict.fromkeys(value, _ANGLES) if key == "locked" else kinds
             for i, part in enumerate(parts):
                 place = name if part is value else f"{name}.{part['name']}" if "name" in part else f"{name}[{i}]"
-                yield from _key_suspicions(
-                    f"{place}.", part, dict.fromkeys(part, _ANGLES) if key == "locked" else kinds
-                )
+                yield from _judged_numbers(f"{place}.", part, own_kinds)
             continue
         numbers = [part for part in parts if isinstance(part, int | float) and not isinstance(part, bool)]
         if key in kinds and numbers and not (values.get("kind") == "slider" and kinds[key] in _KIND_OF_FUNCTION):
-            yield from suspicions(kinds[key], name, numbers, radians="deg")
+            yield kinds[key], name, numbers
 
 
 def function_suspicions(
@@ -72,7 +83,9 @@ def function_suspicions(
             if kind is not None and kind in _KIND_OF_FUNCTION and isinstance(group.table.values.get(name), str):
                 constant = np.ptp(values) == 0 if np.ndim(values) else True
                 label = f"{group.table.name}.{name}"
-                yield from suspicions(kind if constant else _KIND_OF_FUNCTION[kind], label, values, radians="deg")
+                yield from suspicions(
+                    kind if constant else _KIND_OF_FUNCTION[kind], label, values, radians=DEGREES_IN_SCENES
+                )
 
 
 def motion_suspicions(t: Instants, rates: Float64Array, v: Any, a: Any) -> Iterator[str]:

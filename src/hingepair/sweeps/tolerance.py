@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import MissingDependencyError, SceneError
 from hingepair.numeric.arrays import Float64Array, Frozen
-from hingepair.numeric.suspicions import suspicions
+from hingepair.numeric.suspicions import DEGREES_IN_SCENES, suspicions
 from hingepair.numeric.tables import Sheet, Shown, instant_text, json_text
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.tolerances import STANDARD_DEVIATION_ARGUMENT_NAMES, sample_pairs
@@ -254,7 +254,7 @@ def study_tolerances(
     lost = len(t) - int(known.sum())
     lever = max(float(np.linalg.norm(pair.u1)), float(np.linalg.norm(pair.u2)))
     doubts = [
-        suspicions("std of angle", name, value, radians="deg")
+        suspicions("std of angle", name, value, radians=DEGREES_IN_SCENES)
         if name in {"axis_std", "home_std"}
         else suspicions("std of length", name, [np.max(value), lever])
         for name, value in tolerances.items()

@@ -17,6 +17,7 @@ from hingepair.integration.trajectory import describe_instants
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.numeric.arrays import Frozen, one_constant, read_only
+from hingepair.numeric.suspicions import DEGREES_IN_SCENES
 from hingepair.numeric.suspicions import suspicions as judge
 from hingepair.numeric.tables import Sheet, cell_text, unit_of
 from hingepair.pair.body_motion import BodyMotion
@@ -593,7 +594,9 @@ class MechanismScene(SampledScene):
         angles = dict.fromkeys((joint.name for joint in hinges), "written angles")
         sentences: list[str] = []
         for joint in hinges:
-            sentences += judge("written angles", f"limits of {joint.name}", joint.position_limits, radians="deg")
+            sentences += judge(
+                "written angles", f"limits of {joint.name}", joint.position_limits, radians=DEGREES_IN_SCENES
+            )
         sentences += suspicions.table_suspicions(self.tables.values, angles)
         sentences += suspicions.function_suspicions(motion.functions, t, angles)
         if motion.level:
