@@ -8,6 +8,7 @@ import doctest
 import functools
 import graphlib
 import inspect
+import pickle
 import re
 import subprocess
 import sys
@@ -231,3 +232,20 @@ def test_errors_are_ours_and_the_built_in_that_fits() -> None:
 
 def test_a_listing_of_the_package_shows_its_public_names_alone():
     assert {name for name in dir(hp) if not name.startswith("__")} == {*hp.__all__}
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        hp.ArgumentError("q", "numbers", 3),
+        hp.MissingDependencyError("backend", "llvmlite", "none"),
+        hp.CompilationError("kernel", "no code"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_an_error_of_another_process_arrives(error):
+    """Where it cannot be loaded, `multiprocessing.Pool` waits for ever."""
+    found = pickle.loads(pickle.dumps(error))
+    assert type(found) is type(error)
+    assert str(found) == str(error)
+    assert vars(found) == vars(error)

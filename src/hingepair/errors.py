@@ -103,10 +103,13 @@ class MissingDependencyError(HingePairError, ImportError):
     """
 
     def __init__(self, name: str, expected: str, got: str) -> None:
-        self.name = name
+        super().__init__(printable(f"{name}: expected {expected}, got {got}"))
+        self.name = name  # behind the constructor of ImportError, which sets it, too
         self.expected = expected
         self.got = got
-        super().__init__(printable(f"{name}: expected {expected}, got {got}"))
+
+    def __reduce__(self) -> tuple[type, tuple[str | None, str, str]]:
+        return type(self), (self.name, self.expected, self.got)
 
 
 class CompilationError(HingePairError, RuntimeError):

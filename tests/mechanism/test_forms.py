@@ -241,6 +241,10 @@ REFUSED = {
     "axes": (lambda r, _: r.mass_matrix(np.zeros((1,) * 40 + (r.dof,))), "q: expected at most 29 axes"),
     "count_four": (lambda r, q: r.count_operations(q, q, q, q, outputs=("R",)), "q, qd and qdd, got 4"),
     "count_rates": (lambda r, q: r.count_operations(q, outputs=("v",), frames="panda_hand"), "qd: .*output v"),
+    "prepared_force": (
+        lambda r, _: r.prepare(("q", "qd", "tau", "force1"), outputs=("qdd",)),
+        "given: .*a fixed base.*got force1",
+    ),
     "bounds_base": (lambda r, q: r.error_bounds(q, q, tau=q, outputs=("a1",)), "outputs: expected one of"),
     "bounds_force": (lambda r, q: r.error_bounds(q, force1=(1, 2, 3)), "force1: expected 0: a fixed base"),
 }  # fmt: skip
@@ -625,3 +629,47 @@ def test_compiled_results_do_not_depend_on_the_rounding_mode_of_the_caller(robot
     finally:
         libm.fesetround(0)
     assert all(np.array_equal(*both) for both in zip(found, expected, strict=True))
+
+
+BODILESS = '<robot name="x"><link name="a"/></robot>'
+
+
+def test_robots_without_moving_joints_are_prepared():
+    none = hp.Mechanism.from_urdf(BODILESS)
+    for lead in ((), (3,), (0,)):
+        for _ in range(2):
+            np.testing.assert_array_equal(none.prepare("pose")(np.zeros((*lead, 0))).R, np.zeros((*lead, 1, 3)))
+    flying = hp.load_robot("quadrotor_base", base="free")
+    still = (np.zeros(0),) * 3
+    for force in (np.array([0, 0, 20.0]), np.arange(15.0).reshape(5, 3)):
+        found = flying.prepare(("q", "qd", "tau", "force1"))(*still, force).a1
+        np.testing.assert_array_equal(found, flying.forward_dynamics(*still, force1=force).a1)
+        assert found.any()
+
+
+def test_a_robot_whose_joints_are_all_locked_is_where_it_was_locked():
+    whole = hp.load_robot("ur5_robot")
+    locked = hp.load_robot("ur5_robot", locked=dict.fromkeys(whole.names, 0.3))
+    found = locked.prepare("pose", frames=("tool0",))(np.zeros(0))
+    expected = whole.forward_kinematics(np.full(6, 0.3), frames=("tool0",))
+    np.testing.assert_allclose(found.R, expected.R, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.S, expected.S, rtol=0, atol=1e-14)
+
+
+def test_accelerations_are_what_a_call_with_forces_is_prepared_for(robot):
+    assert robot.prepare(("q", "qd", "tau")).outputs == ("qdd",)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int64, list])
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
+def test_energy_of_one_state_in_every_dtype(dtype, workers, backend):
+    """Scalar outputs: what is written into a copy shows as what memory held before."""
+    ur5 = hp.load_robot("ur5_robot")
+    q, qd = np.array([0, 1, 0, 0, 0, 0]), np.array([0, 1, 2, 0, 1, 0])
+    q, qd = (one.tolist() if dtype is list else one.astype(dtype) for one in (q, qd))
+    expected = ur5.energy([0.0, 1, 0, 0, 0, 0], [0.0, 1, 2, 0, 1, 0], backend="numpy")
+    for _ in range(3):
+        found = ur5.energy(q, qd, workers=workers, backend=backend)
+        np.testing.assert_allclose(found.kinetic, expected.kinetic, rtol=1e-5 if dtype is np.float32 else 1e-13)
+        np.testing.assert_allclose(found.potential, expected.potential, rtol=1e-5 if dtype is np.float32 else 1e-13)

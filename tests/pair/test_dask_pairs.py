@@ -369,6 +369,15 @@ def test_what_cannot_be_used_is_refused_before_anything_is_computed(call, messag
         call(chunked(Q))
 
 
+@pytest.mark.parametrize("told", [True, False], ids=["seen at once", "seen in a chunk"])
+def test_masked_chunks_are_refused(told):
+    q = da.from_array(np.ma.masked_array(np.ones((4, 7)), mask=True), chunks=2)
+    if not told:
+        q = da.from_array(np.ones((4, 7)), chunks=2).map_blocks(np.ma.masked_array, meta=np.empty((0, 0)))
+    with pytest.raises(hp.DtypeError, match="q: expected an array without a mask"):
+        computed(PAIR.forward_kinematics(q).R2)
+
+
 def test_results_are_computed_whole():
     """`dask.compute` takes a state as it takes an array; what is in memory stays what it is."""
     lazy = PAIR.forward_kinematics(chunked(Q), chunked(QD))

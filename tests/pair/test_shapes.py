@@ -245,3 +245,12 @@ def test_one_state_into_given_arrays(backend):
     with pytest.raises(hp.ShapeError, match=r"out\['v2'\]: expected shape \(3,\)"):
         pair.forward_kinematics(q, qd, out=before, backend=backend)
     assert not before["S2"].any()
+
+
+@pytest.mark.parametrize("backend", ["auto", "numpy", "compiled"])
+@pytest.mark.parametrize("shape", [(7,), (3, 7)])
+def test_constants_beyond_float32_are_refused_by_name(backend, shape):
+    far = hp.HingePair(u1=(1e39, 0, 0), u2=(0, 0, 0), n=(1, 0, 0))
+    with np.errstate(all="raise"), pytest.raises(hp.ArgumentError, match=r"pair: expected numbers below 3\.4e38"):
+        far.forward_kinematics(np.zeros(shape, np.float32), backend=backend)
+    assert far.forward_kinematics(np.zeros(shape), backend=backend).R2.flat[0] == 1e39

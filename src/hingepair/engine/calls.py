@@ -157,6 +157,19 @@ class Call:
         if self._has_rows:
             self._ufunc("d", False)
 
+    def _check_constants(self, char: str) -> None:
+        """Refuse constants that are infinite in float32 if that is the dtype to compute in."""
+        if char != "f":
+            return
+        most = float(np.finfo(np.float32).max)
+        for bound in self._bound_constants.values():
+            value = bound.value if isinstance(bound, BoundConstant) else bound
+            parts = value if isinstance(value, tuple) else (value,)
+            largest = max((float(np.abs(part).max(initial=0.0)) for part in map(np.asarray, parts)), default=0.0)
+            if most < largest < math.inf:
+                expected = "numbers below 3.4e38, since the arguments are float32"
+                raise ArgumentError(self._constants_name, expected, largest)
+
     @property
     def llvm(self) -> str:
         """The LLVM module of the kernel of float64."""
@@ -167,6 +180,7 @@ class Call:
         """Return the ufunc for a dtype; None if LLVM cannot compile it and the backend is "auto"."""
         ufunc = self._ufuncs.get((char, shared))
         if ufunc is None:
+            self._check_constants(char)
             program, constants = self._program(shared)
             layout = self._layout(bool(constants))
             if self._backend == "compiled":
@@ -201,7 +215,9 @@ class Call:
         layout, loops, kernels = call._layout(bool(constants)), [], []
         for char in "df":
             kernels.append(program.kernel(layout, char))
-            loops.append((char, kernels[-1].address("loop"), np.array(constants, char) if constants else None))
+            with np.errstate(over="ignore"):
+                numbers = np.array(constants, char)
+            loops.append((char, kernels[-1].address("loop"), numbers if constants else None))
         doc = f"{', '.join(self.argument_shapes)} -> {', '.join(self.outputs)}"
         return Ufunc(self.loop.name, layout, loops, kernels, doc).publish()
 
@@ -395,6 +411,7 @@ class Call:
         """
         shape = broadcast_shape({**shapes, self._constants_name: self._shape})
         dtype = dtype or common_dtype(values)
+        self._check_constants(dtype.char)
         named = {labels.get(name, name): value for name, value in values.items()} if out and labels else values
         arrays = self._buffers(shape, dtype, out, named)
         ufunc = None

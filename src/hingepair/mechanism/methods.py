@@ -767,6 +767,9 @@ class MechanismMethods(Shown):
         (6,)
         """
         names = checked_given(given)
+        loads = [name for name in names if name in ("force1", "torque1")]
+        if loads and self.base != "free":
+            raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
         output_names = self._prepared_outputs(given, names, outputs)
         framed = any(name in (*FRAME_MOTION_OUTPUT_NAMES, *_SINGLE_FRAME_OUTPUT_NAMES) for name in output_names)
         chosen_frames = self._named_frames("frames", frames) if framed else {}
@@ -852,6 +855,8 @@ class MechanismMethods(Shown):
                 (*_INVERSE_DYNAMICS_OUTPUT_NAMES, *acceleration_outputs) if {"tau", "qdd"} & {*argument_names} else ()
             )
             accepted_names = tuple(name for name in forces if name not in argument_names)
+            if outputs is None and {"tau", "force1", "torque1"} & {*argument_names}:
+                return acceleration_outputs
         if given in _MOTION_LEVEL_NAMES or not isinstance(given, str):
             level = sum(name in argument_names for name in ("qd", "qdd"))
             default_names = tuple(

@@ -322,6 +322,8 @@ def _check_and_rechunk(name: str, array: Any, sample_shape: SampleShape) -> Any:
         raise ShapeError(name, expected, f"shape {array.shape}")
     if array.dtype.kind not in "iu" and array.dtype not in {np.dtype(np.float64), np.dtype(np.float32)}:
         raise DtypeError(name, "real numbers (float64, float32 or integers)", str(array.dtype))
+    if isinstance(getattr(array, "_meta", None), np.ma.MaskedArray):
+        raise DtypeError(name, "an array without a mask (use dask.array.ma.filled)", "a Dask array of masked chunks")
     new_chunks = {axis: -1 for axis in range(num_axes, array.ndim) if array.numblocks[axis] > 1}
     return array.rechunk(new_chunks) if new_chunks else array
 
@@ -453,7 +455,8 @@ def _unwrap_block(nested_block: Any) -> NDArray[Any]:
     """
     while isinstance(nested_block, list):
         (nested_block,) = nested_block
-    return np.asarray(nested_block)
+    masked = isinstance(nested_block, np.ma.MaskedArray)  # which the method refuses by name
+    return nested_block if masked else np.asarray(nested_block)
 
 
 def _make_lazy_arrays(
