@@ -114,6 +114,7 @@ def test_two_wheels_that_a_spring_joins_swing_against_each_other():
     assert len(small.names) == 14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["free", "pinned", "fixed"])
 def test_small_changes_grow_as_those_of_a_simulated_motion(base):
     rng = generator(91)

@@ -123,6 +123,7 @@ def test_paths_lead_to_the_base(tree):
     ]
 
 
+@pytest.mark.slow
 def test_motion_of_bodies_and_frames(tree, truth):
     S1 = tuple_of(tree.base.S())
     bodies = trees.poses(tree.links, tree.places, S1)

@@ -51,6 +51,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_lazy_motions_are_those_of_arrays_in_memory(name):
     arguments = CASES[name] | {"backend": "numpy"}
@@ -80,6 +81,7 @@ def test_motions_in_the_plane_are_lazy_too():
         np.testing.assert_array_equal(array, getattr(plain, key))
 
 
+@pytest.mark.slow
 def test_compute_returns_the_trajectory_in_memory():
     lazy = hp.integrate(PAIR, T, chunked(OMEGA1), chunked(PSID), tol=1e-6, backend="numpy")
     plain = hp.integrate(PAIR, T, OMEGA1, PSID, tol=1e-6, backend="numpy")

@@ -258,6 +258,7 @@ def tracked_tag(fixed: bool, seed: int, radians: float = 0.03) -> tuple[hp.BodyM
     return hp.BodyMotion(R=R1, S=S1), hp.BodyMotion(R=R2, S=S1 @ S2 @ turns(radians * noise[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fixed", [True, False], ids=["body 1 at rest", "body 1 moving"])
 def test_noise_of_attitudes_belongs_to_the_body_that_has_it(fixed: bool) -> None:
     """Levers of a body whose attitudes are noisy come out short, so it matters which body that is."""

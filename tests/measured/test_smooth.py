@@ -393,6 +393,7 @@ def test_standard_deviations_grow_towards_ends_and_in_holes() -> None:
     assert 0.5 < rms(z) < 1.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("digits", [17, 3])
 def test_a_motion_from_rest_without_noise_has_no_outliers(digits: int) -> None:
     """Where the acceleration jumps the curve cannot follow; elsewhere next to nothing is left of the samples."""
@@ -463,6 +464,7 @@ def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
         assert (variances > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.51, 1.6, 2.9])
 def test_fast_spins_are_smoothed(turn):
     """A wheel that turns by up to 2.9 rad a sample, on an axis that tilts."""

@@ -222,6 +222,7 @@ def test_a_free_base_moves_as_the_forces_make_it(model):
     np.testing.assert_allclose(product, total, atol=1e-11 * np.abs(total).max())
 
 
+@pytest.mark.slow
 def test_wrenches_on_links_are_handed_to_the_joints_by_the_jacobian(model):
     rng, q, qd, qdd, _ = samples(model)
     robot = Robot(record_of(model))

@@ -257,6 +257,7 @@ def test_what_cannot_be_used_is_named(robot, motion, what):
         call(robot, motion[0].copy())
 
 
+@pytest.mark.slow
 def test_prepared_calls_give_what_the_methods_give(robot, motion):
     q, qd, qdd = motion[:, 1, 2]
     calls = {

@@ -57,6 +57,7 @@ def by_mujoco(name, robot, links, q, qd, qdd):
     return {output: np.stack([row[output] for row in rows]) for output in rows[0]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5_robot", "a1"])
 def test_mujoco_moves_the_robot_as_we_do(name):
     robot, rng = hp.load_robot(name), states.generator(900)

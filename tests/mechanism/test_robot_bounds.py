@@ -119,6 +119,7 @@ def exact_accelerations(robot, q, qd, tau):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_bounds_of_accelerations_hold_and_are_finite(seed):
     """Of a chain of eight joints too, whose mass matrix is what its elimination leaves joint by joint."""

@@ -70,12 +70,6 @@ REFUSED_CSV = {
         "",
         "zero quaternion at sample 0",
     ),
-    "turns too far": (
-        {name: np.zeros(9) for name in BODY}
-        | {"t": np.arange(9), "qx": np.sin(np.arange(9)), "qw": np.cos(np.arange(9))},
-        "differentiate = true\n",
-        "qx, qy, qz, qw: expected samples that turn by less than pi",
-    ),
     "sequence of quaternions": (some(logged(9), *BODY), 'sequence = "XYZ"\n', "motion.sequence: expected nothing"),
     "sequence": (GOOD, 'sequence = "XXY"\n', "motion.sequence"),
     "time beside": (GOOD, "[time]\nstart = 0\nstop = 1\nsamples = 3\n", "my.toml: time: expected no such table"),

@@ -314,6 +314,7 @@ def test_what_finite_differences_miss_is_not_said_to_be_nothing(tmp_path):
     assert (stated.motion.error_estimate, stated.notes()) == (0.0, ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e-4], ids=["clean", "noisy"])
 @pytest.mark.parametrize("attitude", ["quaternions", "wrapped angles"])
 def test_a_noisy_log_that_is_differentiated_is_better_smoothed(tmp_path, attitude, noise):

@@ -61,6 +61,7 @@ def test_a_noisy_log_is_smoothed_with_its_rates(tmp_path, quaternions):
     assert any("smoothed: noise of 0.001 m of position" in note for note in scene.motion.notes)
 
 
+@pytest.mark.slow
 def test_the_noise_of_forces_is_what_smoothing_leaves(tmp_path):
     """Not the roughness of the smoothed curves, of which nothing is left."""
     text = PAIR.replace(

@@ -205,6 +205,7 @@ def test_a_difference_fails(monkeypatch):
         assert report.verdict.startswith("FAILED: ")
 
 
+@pytest.mark.slow
 def test_forward_dynamics_is_judged_by_what_it_leaves(monkeypatch):
     robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
     by_equations = robot_check._outputs_by_equations
@@ -304,6 +305,7 @@ def test_a_rotation_that_reading_drops_is_found(monkeypatch):
     assert wrong.verdict.startswith("FAILED: placements")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_pinocchio_holds_locked_joints_and_what_follows_them(base):
     locked = {"elbow": 0.5, "shoulder": -0.25}
