@@ -560,3 +560,12 @@ def test_damping_friction_and_equal_limits_are_kept(read):
     held = [joint.name for joint in robot.tree.joints if joint.position_limits == (0.5, 0.5)]
     assert held == ["shoulder", "slide"]
     assert [robot[name].limits for name in held] == [(0.5, 0.5)] * 2
+
+
+def test_a_body_without_a_link_does_not_take_the_place_of_another():
+    model = pin.Model()
+    for name in ("upper", "lower"):
+        model.addJoint(model.njoints - 1, pin.JointModelRX(), pin.SE3(np.eye(3), np.array((0, 0, 1.0))), name)
+    model.addFrame(pin.Frame("lower", 1, pin.SE3.Identity(), pin.FrameType.BODY))
+    links = hp.Mechanism.from_pinocchio(model).tree.links
+    assert {name: frame.body for name, frame in links.items()} == {"universe": 0, "lower": 1, "lower_link": 2}

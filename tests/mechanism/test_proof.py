@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+import hingepair as hp
 from hingepair.formats.robots import robot_names
 from support.robot_proof import MODES, ratios_of
 
@@ -41,6 +43,17 @@ def test_one_robot_of_each_kind(name, mode):
 def test_every_robot(name, mode):
     """All links and outputs; random states, angles to 1e15 and down to 1e-160, rates and accelerations to 1e8."""
     check(name, mode)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("name", robot_names())
+def test_every_description(name):
+    """The library's own comparison: names, placements, masses and results, by Pinocchio's reading of the file."""
+    robot = hp.load_robot(name, base="free")
+    states = np.random.default_rng(0).uniform(-2, 2, (3, 2, robot.dof))
+    report = hp.cross_validate(robot, *states)
+    assert report.ok, str(report)
+    assert len(report.description) == 3
 
 
 @pytest.mark.proof

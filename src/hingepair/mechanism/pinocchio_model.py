@@ -215,6 +215,7 @@ class _BodyContents:
             if i in bodies and above in bodies:
                 carrying.add(model.frames[above].name)
         self._carrying = carrying
+        self._names = {name for links in self._links.values() for name in links}
         self._parents = {int(parent) for parent in model.parents}
 
     def content(self, joint: int) -> dict[str, Any]:
@@ -225,6 +226,8 @@ class _BodyContents:
         leaves = [link for link in links or () if link not in self._carrying]
         if not links:
             name = self._model.names[joint]
+            while name in self._names:  # a link of another body
+                name += "_link"
             links, leaves = {name: IDENTITY_POSE}, [] if joint in self._parents else [name]
         body = self._model.inertias[joint]
         inertia = Inertia(float(body.mass), np.array(body.lever), np.array(body.inertia))
