@@ -338,7 +338,7 @@ def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
     assert "a C++ compiler" in engines.cpp_missing_reason(True)
 
 
-@pytest.mark.slow(20)
+@pytest.mark.proof
 def test_the_cpp_loop_computes_the_truth(ordinary, monkeypatch):
     """Not optimised, and with what Pinocchio's library has compiled already, which takes a tenth of the time."""
     engines.compile_library.cache_clear()
