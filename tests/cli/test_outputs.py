@@ -95,3 +95,43 @@ program.main()
 def test_ctrl_c_ends_the_program_silently_while_it_imports():
     done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, timeout=HANG, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+BIG = """
+[pair]
+u1 = [{u1}, 0.1, 0]
+u2 = [0, 0, 0.2]
+n = [0, 0, 1]
+[motion]
+x = "{x}*t"
+y = 0
+z = 0
+phi_x = 0
+phi_y = 0
+phi_z = 0
+psi = {psi}
+[time]
+start = 0
+stop = 1
+samples = 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "values", "words"),
+    [
+        ("plot", {"x": "1e300"}, "R2: expected numbers of at most 1e+100 in a picture, got 1e+300"),
+        ("view", {"x": "1e300"}, "R: expected numbers of at most 1e+100 in a picture, got 1e+300"),
+        ("view", {"u1": "1e308"}, "u1: expected numbers of at most 1e+100 in a picture, got 1e+308"),
+        (
+            "run",
+            {"psi": '{ t = [0, 1e-300, 1], value = [0, 1, 2], profile = "spline" }'},
+            "motion.psi.t: expected steps",
+        ),
+    ],
+)
+def test_numbers_too_large_or_too_small_are_named(command, values, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("a.toml").write_text(BIG.format(**{"u1": "1", "x": "1", "psi": '"t"'} | values))
+    assert words in refusal(command, "a.toml")
+    assert os.listdir() == ["a.toml"]

@@ -16,6 +16,7 @@ from hingepair.formats.robots import load_robot_hinge, robot_names, robot_urdf
 from hingepair.pair.accuracy import error_ratios
 from hingepair.pair.body_motion import BodyMotion
 from support import states
+from support.commands import refusal
 from support.sparse import sparse
 
 HINGES = {
@@ -211,6 +212,11 @@ def test_a_missing_package_is_said(monkeypatch):
     for ask in (robot_names, lambda: load_robot_hinge("talos_reduced", "arm_left_4_joint")):
         with pytest.raises(MissingDependencyError, match=r"pip install 'hingepair\[robots\]'"):
             ask()
+    for command in ("check", "view", "derive", "urdf", "run"):
+        message = refusal(command, "panda")
+        assert message.startswith(
+            "panda: expected a file, or the package example-robot-data (pip install 'hingepair["
+        )
 
 
 @pytest.mark.usefixtures("forgotten")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric.instants import elapsed_seconds, increasing_seconds, split_at_gaps
+from hingepair.numeric.instants import elapsed_seconds, increasing_seconds, instants_of, split_at_gaps
 
 STEP_NS = 5_000_001
 
@@ -16,6 +16,27 @@ def test_nanoseconds_since_1970_lose_nothing() -> None:
     for stamps in (t, t.astype("datetime64[ns]"), t.astype(np.uint64)):
         seconds, _ = increasing_seconds("t", stamps)
         assert np.abs(seconds - STEP_NS * 1e-9 * np.arange(5)).max() <= 2e-18
+
+
+def test_months_begin_on_their_first_day() -> None:
+    for read in (increasing_seconds, elapsed_seconds):
+        seconds, _ = read("t", np.array(["2026-01", "2026-02", "2026-03"], "datetime64[M]"))
+        assert seconds.tolist() == [0, 31 * 86400, 59 * 86400]
+    assert instants_of("t", np.array(["2026", "2027"], "datetime64[Y]"))[1] == pytest.approx(365 * 86400)
+    with pytest.raises(
+        hp.DtypeError, match=r"t: expected a timedelta64 of weeks or shorter units, got timedelta64\[M\]"
+    ):
+        elapsed_seconds("t", np.arange(3).astype("timedelta64[M]"))
+
+
+@pytest.mark.parametrize("zone", ["UTC", "Europe/Berlin"])
+def test_stamps_of_pandas_with_a_time_zone_are_instants(zone: str) -> None:
+    pandas = pytest.importorskip("pandas")
+    t = pandas.date_range("2026-10-25T00:30", periods=4, freq="30min", tz=zone)  # an hour comes twice in Berlin
+    for stamps in (t, pandas.Series(t)):
+        assert (
+            increasing_seconds("t", stamps)[0].tolist() == instants_of("t", stamps).tolist() == [0, 1800, 3600, 5400]
+        )
 
 
 def test_other_stamps_of_the_same_clock_count_from_the_same_instant() -> None:

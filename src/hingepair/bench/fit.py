@@ -11,6 +11,7 @@ import functools
 import io
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
+from importlib.util import find_spec
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -26,6 +27,7 @@ from hingepair.bench.measure import (
     print_progress,
     time_interleaved,
 )
+from hingepair.errors import MissingDependencyError
 from hingepair.measured.hinge_fit import fit as fit_pair
 from hingepair.measured.inertial import fit_axis
 from hingepair.pair.body_motion import BodyMotion
@@ -107,8 +109,10 @@ class FittedHinge(NamedTuple):
 def measure_fits(sizes: Sequence[int], repeats: int) -> Report:
     """Measure run times and errors of fits of a hinge to poses, and of fits of a hinge axis to gyroscopes, by
     hingepair and other packages; return the Report. `sizes` are the numbers of samples of the recordings. Each fit is
-    timed `repeats` times.
+    timed `repeats` times. Raise a MissingDependencyError without SciPy.
     """
+    if find_spec("scipy") is None:
+        raise MissingDependencyError("bench fit", "the package scipy: pip install 'hingepair[bench]'", "none")
     rows = _measure_pose_fits(sizes, repeats)
     axis_rows, notes = _measure_axis_fits(sizes, repeats)
     return Report([*rows, *axis_rows], "error [rad, m]", [_FIT_ERROR_COLUMN_NOTE, _WRONG_SIGNS_COLUMN_NOTE, *notes])

@@ -90,9 +90,8 @@ def load_named_pair(source: str, joint: str | None, *frames: str | None) -> Hing
         return hinge_pair(read_urdf(robot_urdf(source)), joint, *frames, name=f"{source}/{joint}")
     if any(frames):
         raise HingePairError("--body1-frame and --body2-frame: expected a JOINT, whose links they name, got none")
-    with contextlib.suppress(MissingDependencyError):
-        if not os.path.exists(source) and source in robot_names():
-            _require_joint(source, joint)
+    if _names_robot(source):
+        _require_joint(source, joint)
     return load_pair(source)
 
 
@@ -105,11 +104,7 @@ def load_named_robot(source: str) -> Mechanism | None:
         return Mechanism.from_urdf(source)
     if os.path.isfile(source) and not describes_motion(source):
         return load_mechanism(source)
-    with contextlib.suppress(MissingDependencyError):
-        if not os.path.exists(source) and source in robot_names():
-            return load_robot(source)
-        _check_robot_name(source)
-    return None
+    return load_robot(source) if _names_robot(source) else None
 
 
 def load_named_scene(path: Path) -> Scene | MechanismScene:
@@ -117,27 +112,30 @@ def load_named_scene(path: Path) -> Scene | MechanismScene:
     if `path` is the name of a robot, or a word that is neither a file nor a robot's name.
     """
     word = str(path)
-    with contextlib.suppress(MissingDependencyError):
-        if not os.path.exists(word) and word in robot_names():
-            expected = f"a scene file with a motion, and [mechanism] robot = {word!r}"
-            raise ArgumentError(word, expected, "a robot, which alone has no motion")
-        _check_robot_name(word)
+    if _names_robot(word):
+        expected = f"a scene file with a motion, and [mechanism] robot = {word!r}"
+        raise ArgumentError(word, expected, "a robot, which alone has no motion")
     return load_scene(path)
 
 
-def _check_robot_name(source: str) -> None:
-    """Raise an ArgumentError if a string without folder and suffix is neither a file nor a robot's name; the message
-    suggests similar robots. Accept every other string. Raise a MissingDependencyError if the robots are not
-    installed.
+def _names_robot(source: str) -> bool:
+    """Return whether a string names a robot and no file. Raise an ArgumentError that suggests similar robots for a
+    word that is neither a file nor a robot, and a MissingDependencyError for a word if the robots are not installed.
     """
-    if os.path.exists(source) or Path(source).name != source or Path(source).suffix:
-        return
+    if os.path.exists(source):
+        return False
+    is_word = Path(source).name == source and not Path(source).suffix
     try:
-        robot_urdf(source)
-    except MissingDependencyError:
-        raise
+        if source in robot_names():
+            return True
+        if is_word:
+            robot_urdf(source)
+    except MissingDependencyError as error:
+        if is_word:
+            raise MissingDependencyError(source, f"a file, or {error.expected} for a robot", "neither") from None
     except ArgumentError as error:
         raise ArgumentError(source, f"a file, or {error.expected}", "neither of them") from None
+    return False
 
 
 def load_scene_or_pair(

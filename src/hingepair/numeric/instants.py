@@ -37,6 +37,18 @@ def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
         warnings.warn(sentence, MeasurementWarning, stacklevel=stacklevel)
 
 
+def _stamps(name: str, t: ArrayLike) -> NDArray[Any]:
+    """Return instants as an array: those of pandas with a time zone in UTC, months and years as seconds."""
+    stamps = t if isinstance(t, np.ndarray) else np.asarray(t)
+    if stamps.dtype.kind == "O" and getattr(getattr(t, "dtype", None), "tz", None) is not None:
+        stamps = t.to_numpy("datetime64[ns]")  # type: ignore[union-attr]
+    if stamps.dtype.kind in "mM" and np.datetime_data(stamps.dtype)[0] in {"M", "Y"}:
+        if stamps.dtype.kind == "m":
+            raise DtypeError(name, "a timedelta64 of weeks or shorter units", stamps.dtype.name)
+        stamps = stamps.astype("datetime64[s]")
+    return stamps
+
+
 def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
     """Return (seconds, reference): the float64 seconds since a reference instant, and this instant, which is `since`
     or by default the first of t. t are float seconds, datetime64, timedelta64 or integer nanoseconds since 1970.
@@ -55,7 +67,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
         ArgumentError: not of one axis, empty, not finite, of another kind than `since`, or integers that may be
             nanoseconds, milliseconds or seconds.
     """
-    given = t if isinstance(t, np.ndarray) else np.asarray(t)
+    given = _stamps(name, t)
     stamps = given if given.dtype.kind in "mM" else real_array(name, t)
     if stamps.ndim != 1 or not stamps.size:
         raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
@@ -121,7 +133,7 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
     >>> instants_of("t", np.array(["2026-01-01T00:00", "2026-01-01T00:01"], dtype="datetime64[m]"))
     array([ 0., 60.])
     """
-    stamps = t if isinstance(t, np.ndarray) else np.asarray(t)
+    stamps = _stamps(name, t)
     clock = stamps.dtype.kind in "mM" or (
         stamps.dtype.kind in "iu"
         and stamps.size

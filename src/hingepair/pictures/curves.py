@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.errors import MissingDependencyError
+from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.integration.trajectory import unwrap_euler_angles
 from hingepair.numeric.instants import rows_after_gaps
 from hingepair.pictures.motion_samples import Array
@@ -30,6 +30,9 @@ NAME_OF_CURVE_OF_ALL_PATHS: Final = "paths"
 _MAX_INTERVALS_OF_THINNED_TIME_CURVE: Final = 2000
 # More intervals than of a curve over time, since the shape of a path within an interval is visible.
 _MAX_INTERVALS_OF_THINNED_SPACE_PATH: Final = 20_000
+
+
+_MAX_DRAWN: Final = 1e100
 
 
 class Curve(NamedTuple):
@@ -58,6 +61,8 @@ class CurveCollector:
             num_instants: number of instants of all pieces together.
             arrays_by_name: quantities by name; shape (N, ...).
         """
+        for name, array in {"t": t, **arrays_by_name}.items():
+            check_drawable(name, array)
         for name, array in arrays_by_name.items():
             values = array
             if array.ndim == 3:
@@ -72,6 +77,17 @@ class CurveCollector:
         """Return the collected curves by name."""
         pieces = self._pieces.items()
         return {name: Curve(*map(np.concatenate, zip(*parts, strict=True))) for name, parts in pieces}
+
+
+def check_drawable(name: str, array: Array) -> None:
+    """Raise an ArgumentError if a finite number of an array is too large for a picture, which squares and multiplies.
+
+    Raises:
+        ArgumentError: a number is beyond 1e100.
+    """
+    largest = np.abs(array, where=np.isfinite(array), out=np.zeros(np.shape(array))).max(initial=0.0)
+    if largest > _MAX_DRAWN:
+        raise ArgumentError(name, f"numbers of at most {_MAX_DRAWN:g} in a picture", f"{largest:g}")
 
 
 def figure_class() -> type[Figure]:

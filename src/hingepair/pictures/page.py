@@ -28,6 +28,7 @@ from hingepair.numeric.arrays import is_table, real_array
 from hingepair.numeric.tables import unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.motion_samples import (
     MAX_SAMPLES_SPREAD_OVER_MOTION,
     Array,
@@ -247,8 +248,10 @@ def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Arra
 
 def _page_html(model: PageModel, motion: _PageMotion) -> str:
     """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script. Raise a
-    MissingDependencyError if MeshCat, which has the viewer's code, is not installed.
+    MissingDependencyError if MeshCat, which has the viewer's code, is not installed, and an ArgumentError if a length
+    is too large.
     """
+    check_drawable("R", motion.R)
     known = np.isfinite(motion.R).all(axis=1)
     # Positions are relative to the base's first position: a graphics processor computes with seven digits.
     origin = motion.R[known][0] if known.any() else np.zeros(3)
@@ -265,7 +268,10 @@ def _page_html(model: PageModel, motion: _PageMotion) -> str:
             for name, values in motion.readings.items()
         ],
     }
-    text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
+    try:
+        text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
+    except ValueError:
+        raise ArgumentError("source", "lengths that a page can show", "some whose sum overflows") from None
     page, script = (
         files("hingepair.pictures").joinpath(name).read_text("utf-8") for name in ("page.html", "page.js")
     )

@@ -15,6 +15,7 @@ from hingepair.mechanism.shapes import placed_shapes
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, Tree
 from hingepair.pair.body import Box, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.simple_bodies import (
     SimpleBody,
     axes_along,
@@ -81,6 +82,8 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
     """Return the page model of a pair as a mechanism of one joint. Its base is body 1, and `title` is the page's
     title; the paths of both bodies and of the hinge are always drawn.
     """
+    for name in ("u1", "u2"):
+        check_drawable(name, getattr(pair, name))
     one, two = drawn_shapes(pair)
     size = float(np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)) or 1.0
     limits = pair.limits or (-math.inf, math.inf)

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.errors import ArgumentError
 from hingepair.integration.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.plan import ACCELERATION
@@ -223,5 +224,10 @@ def _read_way_points(table: Table) -> WayPoints:
     for key, limit in limits.items():
         if limit <= 0:
             table.fail(key, "a number above 0")
+    profile = table.choice("profile", WAY_POINT_PROFILE_NAMES)
     with table.naming():
-        return interpolate_way_points(t, values, table.choice("profile", WAY_POINT_PROFILE_NAMES), **limits)
+        try:
+            return interpolate_way_points(t, values, profile, **limits)
+        except np.linalg.LinAlgError:
+            step = f"a shortest step of {np.diff(t).min():g} s"
+            raise ArgumentError("t", f"steps of like size, long enough for a {profile} profile", step) from None
