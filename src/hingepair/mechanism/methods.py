@@ -164,9 +164,15 @@ class MechanismMethods(Shown):
         if qdd is not None and qd is None:
             raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        names = self._requested_outputs(outputs, len(coordinates) - 1, out)
-        computation = self._computation(names, self._named_frames("frames", frames))
-        self._check_needed_inputs(computation, coordinates, names)
+        key = "kinematics", len(coordinates), frames, outputs if out is None else list(outputs or ())
+        try:
+            (computation,) = self._constants.cache[key]
+        except (KeyError, TypeError):  # asked for the first time, or by lists
+            names = self._requested_outputs(outputs, len(coordinates) - 1, out)
+            computation = self._computation(names, self._named_frames("frames", frames))
+            self._check_needed_inputs(computation, coordinates, names)
+            if out is None and isinstance(frames, str | tuple | None) and isinstance(outputs, tuple | None):
+                self._constants.cache[key] = (computation,)
         result: MechanismState = self._run(computation, coordinates or {"q": q}, base_motion, out, workers, backend)
         return result
 
