@@ -75,6 +75,8 @@ class PreparedMechanism:
         return f"PreparedMechanism(given={self.given}, outputs={self.outputs})"
 
     def __str__(self) -> str:
+        if not self._call.loop.traced:
+            return f"{', '.join(self.outputs)} from {', '.join(self.given)}: joint by joint, without a program"
         count = self.operations
         once = f", {count.shared} once for all samples" if count.shared else ""
         left = f"{count.per_sample} operations for each sample{once}, of {count.unfolded} where nothing is known"
