@@ -472,6 +472,12 @@ def test_numbers_that_look_like_degrees_are_warned_of():
         hp.simulate(pair, [0, 0.01], turning, 0.0, 0.0)
 
 
+def test_instants_that_look_like_milliseconds_are_warned_of():
+    with pytest.warns(hp.DynamicsWarning, match="^t steps by 10 s: is it in seconds"):
+        hp.simulate(flywheel(), np.arange(20) * 10.0, STILL, 0.0, 1.0, base="fixed")
+    hp.simulate(flywheel(), np.arange(20) * 10.0, STILL, 0.0, 0.01, base="fixed")
+
+
 def test_an_inertia_far_above_the_levers_is_warned_of():
     milli = hp.Body(2.0, center_of_mass=(0.1, 0, 0), inertia=np.diag([1e3, 4e4, 4e4]))
     pair = hp.HingePair((0, 0, 0), (-0.2, 0, 0), (0, 1, 0), body2=milli)

@@ -69,6 +69,15 @@ def test_rk4_is_the_classical_step():
         np.testing.assert_allclose(found, q, rtol=0, atol=4 * U)
 
 
+def test_samples_whose_instants_are_milliseconds_are_warned_of():
+    t, still = np.arange(50) * 10.0, np.zeros(50)
+    for omega, psid in ((np.tile((0, 0, 0.5), (50, 1)), still), (np.zeros((50, 3)), still + 0.5)):
+        with pytest.warns(hp.MeasurementWarning, match="^t steps by 10 s: is it in seconds"):
+            hp.integrate(PAIR, t, omega, psid)
+        hp.integrate(PAIR, t, omega / 100, psid / 100)
+        hp.integrate(PAIR, t, (0, 0, 0.5), 0.5)
+
+
 def test_euler_angles_are_exact_where_they_are_linear():
     t = instants(1.5, 0.01)
     motion = attitudes(REFERENCE, t, method="euler_angles")

@@ -601,7 +601,8 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
             reason = _explain_failure(motion, start, stepper)
             remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
             if stepper.trials >= options.step_limit or (reason and remaining > options.step_limit):
-                reason = reason or "max_steps= allows more, a larger tol needs fewer"
+                doubts = suspicions("instants", "t", t)
+                reason = reason or "; ".join(["max_steps= allows more, a larger tol needs fewer", *doubts])
                 raise SimulationError(
                     start + stepper.t, f"{options.step_limit:g} steps would not reach the end; {reason}"
                 )

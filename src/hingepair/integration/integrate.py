@@ -15,6 +15,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.methods import STEP_RULE_BY_NAME
 from hingepair.integration.signals import (
     ConstantSignal,
+    SampledSignal,
     check_finite_values,
     object_array,
     read_position,
@@ -254,9 +255,24 @@ def integrate(
         return _integrate_lazily(pair, t, motion, choices)
     request = _read_request(pair, t, **motion, **choices)
     trajectory = _make_trajectory(request, _solve_motions(request))
-    for psi in trajectory.psi.reshape(-1, len(t))[:1]:
-        warn_of_measurements(suspicions("sampled motion", "t", np.stack((t, psi), axis=-1)))
+    if any(isinstance(signal, SampledSignal) for name in ("omega1", "psid") for signal in request.signals[name].flat):
+        warn_of_measurements(_instant_doubts(trajectory))
     return trajectory
+
+
+def _instant_doubts(trajectory: Any) -> list[str]:
+    """Return a sentence if the instants of sampled rates are probably not in seconds, judged by how far body 1 and
+    the hinge of the first motion turn in a step.
+    """
+    count = len(trajectory.t)
+    turned = np.zeros(count - 1)
+    for psi in trajectory.psi.reshape(-1, count)[:1]:
+        turned += np.abs(np.diff(psi))
+    if isinstance(trajectory, Trajectory):
+        for quats in trajectory.quat_wxyz.reshape(-1, count, 4)[:1]:
+            turned += 2 * np.arccos(np.minimum(np.abs((quats[1:] * quats[:-1]).sum(axis=1)), 1.0))
+    angle = np.concatenate(([0.0], np.cumsum(turned)))
+    return suspicions("sampled motion", "t", np.stack((trajectory.t, angle), axis=-1))
 
 
 class _Request(NamedTuple):
