@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from hingepair.measured.clusters import ClusterFit, fit_cluster
     from hingepair.measured.encoder import EncoderFit
     from hingepair.measured.hinge_fit import HingeFit, fit
+    from hingepair.measured.imus import ImuFit, ImuRecording, fit_imus
     from hingepair.measured.inertial import AnchorFit, AxisFit, fit_anchor, fit_axis
     from hingepair.measured.inertial_angle import AngleFit, fit_angle
     from hingepair.measured.resample import resample
@@ -101,6 +102,8 @@ __all__ = [
     "HingeLoad",
     "HingePair",
     "HingePairError",
+    "ImuFit",
+    "ImuRecording",
     "MeasurementWarning",
     "Mechanism",
     "MechanismAccelerations",
@@ -135,6 +138,7 @@ __all__ = [
     "fit_angle",
     "fit_axis",
     "fit_cluster",
+    "fit_imus",
     "from_urdf",
     "integrate",
     "linearize",
@@ -173,6 +177,7 @@ _LAZY_MODULE_BY_NAME = {
         "measured.clusters": "ClusterFit fit_cluster",
         "measured.encoder": "EncoderFit",
         "measured.hinge_fit": "HingeFit fit",
+        "measured.imus": "ImuFit ImuRecording fit_imus",
         "measured.inertial": "AnchorFit AxisFit fit_anchor fit_axis",
         "measured.inertial_angle": "AngleFit fit_angle",
         "measured.resample": "resample",

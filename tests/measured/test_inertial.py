@@ -136,7 +136,7 @@ def test_errors_of_the_point_are_those_of_the_covariance(moving: float, given: b
     scores, _ = anchor_scores(given, 8, moving=moving)
     rms = np.sqrt((scores**2).mean(axis=0))
     assert rms.max() < 1.6
-    assert rms.min() > 0.4
+    assert rms.min() > 0.3
 
 
 @pytest.mark.slow
@@ -460,3 +460,35 @@ def test_every_estimate_prints_a_report() -> None:
         assert lines[0].startswith("hinge ")
         assert lines[-1] == "ok"
         assert all(len(line) < 120 for line in lines)
+
+
+def imus(columns: list[np.ndarray], t1: np.ndarray, t2: np.ndarray) -> tuple[hp.ImuRecording, hp.ImuRecording]:
+    return hp.ImuRecording(t1, columns[0], columns[1]), hp.ImuRecording(t2, columns[2], columns[3])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0.0, 0.023, -0.035, 0.3])
+def test_two_recordings_give_the_hinge_whatever_their_clocks(late: float) -> None:
+    """Sensor 2 has other instants, and is read later than it says."""
+    t2 = T[:-7] + 0.0037
+    columns = [*felt(noise=1e-2)[:2], *felt(noise=1e-2, seed=1, t=t2 + late)[2:]]
+    found = hp.fit_imus(*imus(columns, T, t2))
+    assert found.ok, found
+    assert abs(found.clock_offset - late) < 4.5 * found.clock_offset_std + 1e-4
+    assert np.abs(np.cross(found.axis.n1, N1)).max() < 4 * found.axis.std[0]
+    assert np.abs(found.pair.u1 - U1 + (U1 @ N1) * N1).max() < 0.05
+    off = found.angle.psi - true_angle(T)
+    assert np.nanmax(np.abs(off)) < 6 * np.nanmax(found.angle.std)
+    assert str(found).endswith("ok")
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [({"omega": np.zeros((3, 3))}, "omega"), ({"force": np.zeros(3)}, "force"), ({"t": T[::-1]}, "t")],
+    ids=["omega", "force", "t"],
+)
+def test_recordings_that_cannot_be_used_are_named(change: dict[str, np.ndarray], name: str) -> None:
+    whole = {"t": T, "omega": np.zeros((1000, 3)), "force": np.zeros((1000, 3))}
+    with pytest.raises(hp.ArgumentError, match=f"^{name}"):
+        hp.ImuRecording(**(whole | change))
+    assert not hp.ImuRecording(**whole).omega.flags.writeable

@@ -43,7 +43,10 @@ Move = Callable[[Float64Array, Float64Array], Float64Array]
 _MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL = 400  # samples that starts are tried with
 _MIN_OFFSET, _MIN_OFFSET_IN_STDS = 0.02, 4.0  # of clocks, in samples; smaller ones are not told
 _MIN_OFFSET_EFFECT = 0.5  # on an axis, in standard deviations
+_MIN_OFFSET_GAIN = 1.1
 _LAG_WINDOW = 3  # readings on either side that give a derivative
+_MIN_LAG_SIGNAL = 3.0  # of the derivatives, to what noise makes of them
+_SLOPE_WEIGHTS = 28  # sum of the squares of -3 ... 3
 _LAG_STEPS = 12
 _MAX_LAG_SAMPLES = 4000
 _NUM_SENSOR_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
@@ -255,6 +258,7 @@ class Axes(NamedTuple):
     offset: float  # samples by which body 2 was recorded later than body 1 at equal rows
     offset_std: float
     offset_effect: float  # on an axis, in standard deviations
+    offset_gain: float  # of the rms residual without the offset, in parts of that with it
 
     @property
     def std(self) -> Float64Array:
@@ -274,9 +278,8 @@ class Axes(NamedTuple):
 
     def shows_offset(self) -> bool:
         """Return whether both clocks differ, and by more than the axis allows for."""
-        return (
-            abs(self.offset) > max(_MIN_OFFSET_IN_STDS * self.offset_std, _MIN_OFFSET)
-            and self.offset_effect > _MIN_OFFSET_EFFECT
+        return abs(self.offset) > max(_MIN_OFFSET_IN_STDS * self.offset_std, _MIN_OFFSET) and (
+            self.offset_effect > _MIN_OFFSET_EFFECT or self.offset_gain > _MIN_OFFSET_GAIN
         )
 
     def clock_findings(self, step: float | None) -> list[Finding]:
@@ -341,7 +344,7 @@ def solve_axes(omega1: Float64Array, omega2: Float64Array, bias: float, start: F
         > _MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * size / np.sqrt(2 * w1.shape[0])
         and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
     )
-    lag, lag_std, moved = _fit_lag(omega1, omega2, unknowns, prior, is_systematic)
+    lag, lag_std, moved, least = _fit_lag(omega1, omega2, unknowns, prior, is_systematic)
     across = np.where(unseen, 0.0, np.diagonal(covariance))
     turned = np.concatenate([frame(n)[:, :2].T @ m for n, m in zip(unknowns[:2], moved[:2], strict=True)])
     return Axes(
@@ -355,22 +358,23 @@ def solve_axes(omega1: Float64Array, omega2: Float64Array, bias: float, start: F
         -lag,
         lag_std,
         float(np.max(np.abs(turned) / np.sqrt(np.maximum(across, 1e-24)))),
+        float(np.sqrt(np.mean(residuals**2))) / least,
     )
 
 
 def _fit_lag(
     omega1: Float64Array, omega2: Float64Array, unknowns: Float64Array, prior: Float64Array, search: bool
-) -> tuple[float, float, Float64Array]:
+) -> tuple[float, float, Float64Array, float]:
     """Return the number of rows by which the record of sensor 2 is to be read later to agree best with that of sensor
-    1, its standard deviation, and the unknowns (4, 3) that go with it. If `search` is True, other lags than those
-    near 0 are tried too.
+    1, its standard deviation, the unknowns (4, 3) that go with it, and the rms residual. If `search` is True, other
+    lags than those near 0 are tried too.
 
     A lag within half a row moves a reading along its derivative: the slope of a parabola through seven readings, in
     which the reading itself has no part, so that its noise makes no bias.
     """
     change = np.full_like(omega2, np.nan)
     if omega2.shape[0] < 4 * _LAG_WINDOW:
-        return 0.0, np.inf, unknowns
+        return 0.0, np.inf, unknowns, np.inf
     weights = np.arange(-_LAG_WINDOW, _LAG_WINDOW + 1)
     windows = np.lib.stride_tricks.sliding_window_view(omega2, weights.size, axis=0)
     change[_LAG_WINDOW:-_LAG_WINDOW] = windows @ weights / (weights @ weights)
@@ -388,7 +392,7 @@ def _fit_lag(
     best = min(found, key=lambda each: each[3])
     if search:
         best = _lag_from(omega1, omega2, change, best[2], prior, best[0], stride)
-    return best[:3]
+    return best
 
 
 def _lag_from(
@@ -431,7 +435,9 @@ def _lag_from(
         lag += float(step[-1])
         if abs(step[-1]) < 1e-3 * std or abs(step[-1]) < 1e-9:
             break
-    return lag, std, unknowns, rms
+    # what noise of the readings alone, which neighbours do not share, makes of the derivatives
+    noise = float((np.diff(residuals) ** 2).sum()) / 4 / _SLOPE_WEIGHTS
+    return (lag, std, unknowns, rms) if power > _MIN_LAG_SIGNAL * noise else (lag, np.inf, unknowns, rms)
 
 
 def fit_anchor(

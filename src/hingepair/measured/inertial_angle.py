@@ -469,6 +469,7 @@ class _Smoother:
         matrix[1, 1:] += step_weights
         matrix[1, :-1] += step_weights
         matrix[1] += angle_weights.sum(axis=0) + 1 / _PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS**2
+        matrix[1] += 1e-13 * matrix[1].max()  # rounding must not make it indefinite
         self._matrix, self._factor, self._border = matrix, cholesky_banded(matrix), border
         self._y = self._solved(border)
         least = 1 / max(bias_std, _MIN_HINGE_RATE_BIAS_STD_IN_RADIANS_PER_SECOND) ** 2
