@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -473,3 +474,26 @@ def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(monkeypatch):
     assert len([*Path("grid.parquet.parts").glob("part-*")]) == 3
     assert "3 of 3 chunks are kept in grid.parquet.parts: the sweep goes on from there" in shown
     assert len(table(swept("grid", "grid.parquet"))["variant"]) == 9
+
+
+def test_a_sweep_over_a_log_that_has_changed_is_another_one():
+    text = ARM[: ARM.index("[motion]")] + "[motion]\nfile = 'log.csv'\n"
+    Path("logged.toml").write_text(text)
+    Path("logs.toml").write_text(GRID.replace("arm.toml", "logged.toml").replace('"R2", "hinge_torque"', '"R2"'))
+    identities = set()
+    for psi in (0.1, 0.2, 0.1):
+        rows = "".join(f"{i},0,0,0,0,0,0,{psi * i}\n" for i in range(9))
+        Path("log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n" + rows)
+        identities.add(load_sweep("logs.toml").identity)
+    assert len(identities) == 2
+
+
+@pytest.mark.parametrize("scheduler", [None, "tcp://cluster"])
+def test_a_scheduler_that_is_named_computes_all_chunks(scheduler, monkeypatch):
+    computed = []
+    monkeypatch.setattr(sweeps, "_connect", contextlib.nullcontext)
+    monkeypatch.setattr(sweeps, "_compute_on_cluster", lambda client, *_: computed.append(client))
+    monkeypatch.setattr(sweeps, "_compute_on_threads", lambda *_: computed.append(None))
+    with pytest.raises(hp.ArgumentError, match="path"):  # no chunk was stored
+        run_sweep(load_sweep("grid.toml"), Path("grid.parquet"), scheduler)
+    assert computed == [scheduler]
