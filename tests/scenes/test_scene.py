@@ -177,6 +177,7 @@ MALFORMED = {
     "float samples": (change("samples = 21", "samples = 1e12"), "time.samples"),
     "too many samples": (change("samples = 21", "samples = 1000000000000"), "time.samples"),
     "backwards": (change("stop = 2", "stop = -1"), "time.stop"),
+    "equal instants": (change("start = 0\nstop = 2", "start = 1e9\nstop = 1000000000.000001"), "time.samples"),
     "nan time": (change("stop = 2", "stop = nan"), "time.stop"),
     "unknown output": (GOOD + '[outputs]\nnames = ["R3"]\n', "outputs.names"),
     "output text": (GOOD + '[outputs]\nnames = "R2"\n', "outputs.names"),

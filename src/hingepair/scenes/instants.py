@@ -151,6 +151,9 @@ def read_instants(time: Table) -> UniformInstants:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
     if samples == 1 and stop > start:
         time.fail("samples", f"at least 2, from start = {start!r} to stop = {stop!r}, or stop = start")
+    closest = 2 * float(np.spacing(max(abs(start), abs(stop))))
+    if samples > 1 and 0 < stop - start < (samples - 1) * closest:
+        time.fail("samples", f"fewer: near t = {stop:.9g} s, floats tell instants {closest:.2g} s apart")
     return UniformInstants(start, stop, samples)
 
 
