@@ -25,6 +25,7 @@ if hasattr(os, "register_at_fork"):  # a fork waits for the lock: the child must
 # Seconds that an operation takes by NumPy beyond the time that it takes in a kernel, measured on one machine.
 _SECONDS_PER_OPERATION = 4.5e-7  # and call
 _SECONDS_PER_OPERATION_AND_SAMPLE = 7.5e-10
+_MANY_STEPS: Final = 10_000  # of an integration; NumPy takes some 0.5 us longer for each
 _WORTH_A_KERNEL: Final = 2e-3  # s; a kernel on disk is there after a few, one that LLVM makes after some hundredths
 
 
@@ -68,6 +69,12 @@ def _cached_execution(backend: str, workers: int) -> Execution:
     """Check the name of the backend, and return the cached `Execution`."""
     check_choice("backend", backend, BACKEND_NAMES)
     return Execution(backend, workers if workers > 0 else _core_count())
+
+
+def execution_of_steps(backend: str, steps: int) -> Execution:
+    """Return the execution of steps that are computed in many chunks: the backend "auto" chooses by their number."""
+    execution = execution_of(backend, 1)
+    return Execution("compiled", 1) if execution.backend == "auto" and steps >= _MANY_STEPS else execution
 
 
 def _core_count() -> int:

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.engine.backend import execution_of
+from hingepair.engine.backend import execution_of, execution_of_steps
 from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.methods import STEP_RULE_BY_NAME
 from hingepair.integration.signals import (
@@ -315,7 +315,7 @@ def _read_request(
     """
     check_choice("method", method, METHOD_NAMES)
     check_choice("frame", frame, RATE_FRAME_NAMES)
-    execution = execution_of(backend, 1)
+    execution = execution_of_steps(backend, len(t))
     if tol is not None and not finite_number("tol", tol) > 0:
         raise ArgumentError("tol", "a positive number", tol)
     options = SolveOptions(t, method, tol, execution, frame == "body")

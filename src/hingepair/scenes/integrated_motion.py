@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.engine.backend import execution_of
+from hingepair.engine.backend import execution_of_steps
 from hingepair.integration.integrate import RATE_FRAME_NAMES
 from hingepair.integration.methods import STEP_RULE_BY_NAME
 from hingepair.integration.signals import Signal
@@ -48,7 +48,7 @@ def integrate_motion(
     """
     body = not planar and table.choice("frame", RATE_FRAME_NAMES) == "body"
     method = table.choice("method", tuple(STEP_RULE_BY_NAME) if planar else METHOD_NAMES)
-    options = SolveOptions(t, method, tol, execution_of("auto", 1), body, ("omega1", "psi_dot"))
+    options = SolveOptions(t, method, tol, execution_of_steps("auto", len(t)), body, ("omega1", "psi_dot"))
     start: Any
     key_by_rate_name_in_errors = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
     with table.naming(**key_by_rate_name_in_errors):
