@@ -37,7 +37,9 @@ _FLOAT32 = np.dtype(np.float32)
 _READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
 _PLAIN_TYPES = {list, tuple, float, int, np.float64}  # of arguments that become an array of one state
 _FEW_SAMPLES: Final = 20_000  # up to which all pairs share one kernel, in which no constant is folded
-_SLAB_BYTES: Final = 32_000_000  # from which new outputs lie in one piece of memory, which costs fewer page faults
+_SLAB_BYTES: Final = (
+    4_000_000  # from which new outputs lie in one piece of memory, for which NumPy asks for huge pages
+)
 
 
 class Call:
