@@ -1,0 +1,177 @@
+"""Derivatives of what a trace holds, recorded in the same trace: forwards by inputs, backwards from results.
+
+At an edge of a choice (`where_less`), the derivative is that of the branch taken. Where a function has none, as a
+root or `hypotenuse` at 0 and `arc_tangent` of (0, 0), it is infinite or NaN, and a NaN has the derivative NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TypeAlias
+
+from hingepair.engine.trace import Operand, Trace, TracedValue, hypotenuse, needed_values, where_less
+
+Change: TypeAlias = Sequence[tuple[Operand, Operand]]
+"""Pairs (input, its rate of change)."""
+
+_SUMS = frozenset({"+", "-", "negative"})
+
+
+def variables(values: Sequence[Operand]) -> tuple[TracedValue, ...]:
+    """Return values by which derivatives are taken: known numbers become traced values, which do not fold."""
+    trace = Trace()
+    return tuple(v if isinstance(v, TracedValue) else TracedValue(trace, "+", (v, 0.0), False) for v in values)
+
+
+def pushforward(results: Sequence[Operand], change: Change) -> list[Operand]:
+    """Return the rates of change of results, for given rates of change of inputs (forward accumulation).
+
+    >>> trace = Trace()
+    >>> x, y = trace.input("x"), trace.input("y")
+    >>> (rate,) = pushforward([3 * x + y], [(x, 1.0)])
+    >>> rate
+    3.0
+    """
+    return _pushforward(needed_values(results), results, change)
+
+
+def _pushforward(needed: Iterable[TracedValue], results: Sequence[Operand], change: Change) -> list[Operand]:
+    rates: dict[int, Operand] = {id(x): rate for x, rate in change}
+    for v in needed:
+        if id(v) in rates:
+            continue
+        rate: Operand = 0.0
+        if v.operation == "where":
+            less = v.operands[0]
+            then, otherwise = (_rate(rates, operand) for operand in v.operands[1:])
+            if isinstance(less, TracedValue) and not (_is_zero(then) and _is_zero(otherwise)):
+                rate = then if then is otherwise else _choose(less, then, otherwise)
+        else:
+            for operand, slope in _slopes(v, rates):
+                rate = rate + rates[id(operand)] * slope
+        if not _is_zero(rate):
+            rates[id(v)] = rate
+    return [_rate(rates, result) for result in results]
+
+
+def _rate(rates: dict[int, Operand], operand: Operand) -> Operand:
+    if isinstance(operand, TracedValue):
+        return rates.get(id(operand), 0.0)
+    return math.nan if math.isnan(operand) else 0.0
+
+
+def pullback(results: Iterable[tuple[Operand, Operand]], inputs: Sequence[Operand]) -> list[Operand]:
+    """Return the derivatives of one sum by inputs (reverse accumulation). The sum is given as pairs (result, weight).
+
+    >>> trace = Trace()
+    >>> x, y = trace.input("x"), trace.input("y")
+    >>> pullback([(3 * x + y, 2.0)], [x, y])
+    [6.0, 2.0]
+    """
+    pairs = [(v, weight) for v, weight in results if isinstance(v, TracedValue)]
+    sums: dict[int, Operand] = {}
+    chosen: set[int] = set()  # values that count at some samples only, and may be infinite at the others
+    doubt: Operand = 0.0
+
+    def add(operand: Operand, part: Operand, is_chosen: bool) -> None:
+        if isinstance(operand, TracedValue):
+            sums[id(operand)] = sums.get(id(operand), 0.0) + part
+            if is_chosen:
+                chosen.add(id(operand))
+
+    for v, weight in pairs:
+        add(v, weight, False)
+    differentiated = {id(x) for x in inputs}
+    for v in reversed(needed_values(v for v, _ in pairs)):
+        weight = sums.get(id(v), 0.0)
+        if _is_zero(weight) or id(v) in differentiated:
+            continue
+        if v.operation == "where":
+            less, then, otherwise = v.operands
+            if isinstance(less, TracedValue):
+                add(then, _choose(less, weight, 0.0), True)
+                add(otherwise, _choose(less, 0.0, weight), True)
+                if any(isinstance(x, float) and math.isnan(x) for x in (then, otherwise)):
+                    doubt = doubt + _choose(less, *(_rate({}, x) for x in (then, otherwise)))
+            continue
+        is_chosen = id(v) in chosen
+        for operand, slope in _slopes(v, None):
+            part = weight * slope
+            if is_chosen and v.operation not in _SUMS:  # no 0 * infinity from the branch that is not taken
+                part = where_less(weight, 0.0, part, where_less(0.0, weight, part, weight))
+            add(operand, part, is_chosen)
+    return [sums.get(id(x), 0.0) + doubt for x in inputs]
+
+
+def jacobian(results: Sequence[Operand], changes: Sequence[Change]) -> list[list[Operand]]:
+    """Return a row for each result, with its rate of change for each of several changes of inputs.
+
+    >>> trace = Trace()
+    >>> x, y = trace.input("x"), trace.input("y")
+    >>> jacobian([3 * x + y, -y], [[(x, 1.0)], [(y, 1.0)]])
+    [[3.0, 1.0], [0.0, -1.0]]
+    """
+    if 4 * len(results) < len(changes):  # few rows: backwards
+        inputs = [*{id(x): x for change in changes for x, _ in change}.values()]
+        rows = []
+        for result in results:
+            slopes = dict(zip(map(id, inputs), pullback([(result, 1.0)], inputs), strict=True))
+            rows.append([weighted_sum((slopes[id(x)], rate) for x, rate in change) for change in changes])
+        return rows
+    needed = needed_values(results)
+    columns = [_pushforward(needed, results, change) for change in changes]
+    return [[column[k] for column in columns] for k in range(len(results))]
+
+
+def weighted_sum(pairs: Iterable[tuple[Operand, Operand]]) -> Operand:
+    """Return the sum of the products of pairs."""
+    total: Operand = 0.0
+    for a, b in pairs:
+        total = total + a * b
+    return total
+
+
+def _slopes(v: TracedValue, rates: dict[int, Operand] | None) -> list[tuple[TracedValue, Operand]]:
+    """Return pairs (operand, derivative of a value by it), of operands that change if `rates` says which."""
+    a = v.operands
+    changing = [isinstance(x, TracedValue) and (rates is None or id(x) in rates) for x in a]
+    if not any(changing):
+        return []
+    slopes: tuple[Operand, ...] = ()
+    match v.operation:
+        case "+":
+            slopes = 1.0, 1.0
+        case "-":
+            slopes = 1.0, -1.0
+        case "negative":
+            slopes = (-1.0,)
+        case "*":
+            slopes = a[1], a[0]
+        case "/":
+            inverse = 1.0 / a[1]
+            slopes = inverse, -(v * inverse) if changing[1] else 0.0
+        case "sin" | "cos" | "versine":
+            x = a[0]
+            if isinstance(x, TracedValue) and changing[0]:
+                slopes = (x.cosine() if v.operation == "sin" else -x.sine() if v.operation == "cos" else x.sine(),)
+        case "sqrt":
+            slopes = (0.5 / v,)
+        case "hypot":
+            slopes = a[0] / v, a[1] / v
+        case "arctan2":
+            r = hypotenuse(a[1], a[0])
+            slopes = a[1] / r / r, -(a[0] / r / r)
+    return [
+        (x, slope)
+        for x, slope, moves in zip(a, slopes, changing, strict=False)
+        if moves and isinstance(x, TracedValue)
+    ]
+
+
+def _choose(less: TracedValue, then: Operand, otherwise: Operand) -> TracedValue:
+    return less.trace.record("where", less, then, otherwise)
+
+
+def _is_zero(value: Operand) -> bool:
+    return not isinstance(value, TracedValue) and value == 0
