@@ -25,6 +25,14 @@ def test_instants_in_other_units_are_suspicious(step: float, words: str) -> None
     assert suspicions("instants", "t", t) == [words]
 
 
+@pytest.mark.parametrize(
+    ("step", "unit"), [(490.0, "Milli"), (510.0, "Micro"), (4.9e5, "Micro"), (5.1e5, "Nano"), (9e-7, "Days")]
+)
+def test_the_unit_that_is_suspected_is_that_of_a_usual_step(step: float, unit: str) -> None:
+    (sentence,) = suspicions("instants", "t", step * np.arange(50))
+    assert f"? {unit}" in sentence
+
+
 @pytest.mark.parametrize("step", [0.9, 0.1, 0.005, 1e-4, 2e-6])
 def test_seconds_are_not(step: float) -> None:
     """A gap of minutes changes nothing: the usual step counts."""
