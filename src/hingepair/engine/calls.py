@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, BoundConstant, ComponentSource, bind_constant
 from hingepair.engine.loops import Loop, Program
+from hingepair.engine.memory import empty
 from hingepair.engine.results import Results
 from hingepair.engine.slices import run_slices
 from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Operand, Ufunc
@@ -37,9 +38,7 @@ _FLOAT32 = np.dtype(np.float32)
 _READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
 _PLAIN_TYPES = {list, tuple, float, int, np.float64}  # of arguments that become an array of one state
 _FEW_SAMPLES: Final = 20_000  # up to which all pairs share one kernel, in which no constant is folded
-_SLAB_BYTES: Final = (
-    4_000_000  # from which new outputs lie in one piece of memory, for which NumPy asks for huge pages
-)
+_SLAB_BYTES: Final = 1_000_000  # from which new outputs lie in one piece of memory
 
 
 class Call:
@@ -608,9 +607,9 @@ def output_buffers(
         if not _separate([*out.values()], [array for _, array in arrays]):
             _refuse_overlap(out, arrays)
     new = {name: dtype.itemsize * math.prod(size) for name, size in sizes.items() if not out or name not in out}
-    if len(new) < 2 or sum(new.values()) < _SLAB_BYTES:
+    if sum(new.values()) < _SLAB_BYTES:
         return {name: np.empty(size, dtype) if name in new else out[name] for name, size in sizes.items()}  # type: ignore[index]
-    slab = np.empty(sum(new.values()) // dtype.itemsize, dtype)
+    slab = empty(sum(new.values()) // dtype.itemsize, dtype)
     parts = np.split(slab, np.cumsum([*new.values()])[:-1] // dtype.itemsize)
     made = {name: part.reshape(sizes[name]) for name, part in zip(new, parts, strict=True)}
     return {name: made[name] if name in made else out[name] for name in sizes}  # type: ignore[index]

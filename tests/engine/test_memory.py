@@ -1,0 +1,61 @@
+"""Memory of results that nobody holds any more is used again, and no other."""
+
+from __future__ import annotations
+
+import gc
+import threading
+
+import numpy as np
+import pytest
+
+from hingepair.engine import memory
+
+
+def address(array):
+    return array.__array_interface__["data"][0]
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_memory_is_used_again_once_every_view_is_gone(dtype):
+    count = 1_200_000 // np.dtype(dtype).itemsize
+    first = memory.empty(count, np.dtype(dtype))
+    first[:] = 1.0
+    place, view = address(first), first[5:10].reshape(5, 1)
+    del first
+    gc.collect()
+    other = memory.empty(count, np.dtype(dtype))
+    other[:] = 2.0
+    assert address(other) != place
+    assert (view == 1.0).all()
+    del view
+    gc.collect()
+    assert address(memory.empty(count, np.dtype(dtype))) == place
+
+
+def test_what_is_kept_is_bounded():
+    arrays = [memory.empty(200_000 + k, np.dtype(np.float64)) for k in range(20)]
+    del arrays
+    gc.collect()
+    assert len(memory._free) <= 4
+    huge = memory.empty(10**7, np.dtype(np.float64))
+    assert huge.flags.owndata
+    small = memory.empty(10, np.dtype(np.float64))
+    assert small.flags.owndata
+
+
+def test_threads_never_share_a_block():
+    failed = []
+
+    def work(number):
+        for _ in range(200):
+            array = memory.empty(150_000, np.dtype(np.float64))
+            array[::5000] = number
+            if not (array[::5000] == number).all():
+                failed.append(number)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed
