@@ -17,10 +17,19 @@ from hingepair.numeric.tables import (
     instant_text,
     json_text,
     left_out_remark,
+    percent,
     ruled_table,
     sheet_of,
     unit_of,
 )
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.996, "100 %"), (12.34, "1200 %"), (0.0456, "4.6 %"), (1e-7, "0.00001 %"), (0.0, "0 %")]
+)
+def test_percentages_have_two_digits_and_no_exponent(share: float, text: str) -> None:
+    assert percent(share) == text
+    assert percent(np.float64(share)) == text
 
 
 def test_columns_are_padded_and_lines_end_without_blanks() -> None:

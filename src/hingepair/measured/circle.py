@@ -35,6 +35,7 @@ from hingepair.measured.likelihood import (
 )
 from hingepair.measured.relative_poses import MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING, RelativePoses
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.tables import percent
 from hingepair.rotations.matrices import rotation_exp
 
 _NUM_CIRCLE_PARAMETERS = 6
@@ -436,7 +437,7 @@ def _circle_findings(
     """
     findings = []
     if is_outlier.any():
-        share = f"{100 * is_outlier.mean():.2g} % of the samples are outliers"
+        share = f"{percent(is_outlier.mean())} of the samples are outliers"
         little = float(weights[is_outlier].sum()) < 0.5 * is_outlier.sum() * weights.mean()
         alike = ', and count like the others: loss="cauchy" makes them count little.'
         findings.append(Finding(share + ("; they count little." if little else alike), little))
@@ -463,7 +464,7 @@ def _circle_findings(
         if size >= _MAX_HARMLESS_SYSTEMATIC_RESIDUAL_TO_CIRCLE_RADIUS * circle.radius:
             findings.append(Finding(no_circle.format(size), False))
         else:
-            share = f"{100 * size / circle.radius:.2g} % of the radius, and not at random"
+            share = f"{percent(size / circle.radius)} of the radius, and not at random"
             findings.append(Finding(f"{play.format(size)}, {share}: the hinge is that of the mean circle.", True))
     std = np.sqrt(np.diagonal(covariance))
     worst, vague = float(np.sqrt((std[6:9] ** 2).sum() / 2)), float(std[:6].max())

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
+from hingepair.numeric.tables import percent
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 _MAX_MARKER_PLACE_REFINEMENT_ROUNDS = 60  # each fits the poses to the places, then the places to the poses
@@ -22,7 +23,7 @@ _MIN_OUTLIER_SQUARE = 50.0  # of the residuals of a sample, to the median
 _MAX_REFERENCE_MISFIT = 0.05  # rms, in parts of the size of the cluster
 _MAX_RIGID_CHANGE = 0.02  # of a distance between markers, not at random, in parts of the size
 _MAX_MOVED_MARKER_SAMPLES = 1000
-_ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE = 1e-9  # distances from the places that rounding explains
+_ROUNDING = 1e-9  # of the size of the cluster; smaller distances from the places are rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -142,7 +143,7 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
 def _is_outlier(distances: Float64Array, is_seen: Float64Array, size: float) -> NDArray[np.bool_]:
     """Return which samples (N,) have far larger residuals than most; `size` is the rms size of the cluster [m]."""
     squares = (distances**2).sum(axis=1) / np.maximum(3 * is_seen.sum(axis=1) - 6, 1.0)
-    typical = max(float(np.median(squares)), (_ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * size) ** 2)
+    typical = max(float(np.median(squares)), (_ROUNDING * size) ** 2)
     return np.asarray(squares > _MIN_OUTLIER_SQUARE * typical)
 
 
@@ -156,9 +157,9 @@ def _recording_sentences(
             sentences.append(f"Marker {marker} is at (0, 0, 0) in {count} samples: a marker that is not seen is NaN.")
     if not good.all():
         worst = float(np.sqrt((distances[~good] ** 2).sum() / is_seen[~good].sum()))
-        share = 100 * np.mean(~good)
+        share = percent(float(np.mean(~good)))
         sentences.append(
-            f"In {share:.2g} % of the samples, markers are off their places by {1e3 * worst:.2g} mm rms, far more "
+            f"In {share} of the samples, markers are off their places by {1e3 * worst:.2g} mm rms, far more "
             "than in the others: labels may be exchanged, or a reflection taken for a marker."
         )
     return sentences
@@ -288,7 +289,7 @@ def _moved_marker_sentences(
     the cluster [m].
     """
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
-    if rms <= _ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * cluster_size:
+    if rms <= _ROUNDING * cluster_size:
         return []
     if cluster.shape[0] <= _MIN_MARKERS_TO_DETERMINE_ATTITUDE:
         return _triangle_sentences(places, is_seen, cluster_size)
@@ -309,7 +310,7 @@ def _moved_marker_sentences(
     noise_with_all = float(np.sqrt((distances**2).sum() / max(free, 1.0)))
     best = int(np.argmin(noise_without))
     if noise_with_all < _MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER * max(
-        noise_without[best], _ROUNDING_ERROR_OF_MARKER_PLACES_TO_CLUSTER_SIZE * cluster_size
+        noise_without[best], _ROUNDING * cluster_size
     ):
         return []
     suspects = [

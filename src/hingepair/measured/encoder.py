@@ -26,6 +26,7 @@ from hingepair.measured.likelihood import (
 )
 from hingepair.measured.relative_poses import RelativePoses
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.tables import percent
 
 _MIN_OUTLIER_READING = 5.0  # in standard deviations of what is left
 _MAX_NOISE = 0.3  # of an encoder, in parts of the scatter of psi
@@ -101,8 +102,8 @@ def encoder_findings(
     good = np.isfinite(poses.encoder) & ~is_rejected & (residuals.weights > 0)
     findings = []
     if is_rejected.any():
-        share = 100 * is_rejected.sum() / np.isfinite(poses.encoder).sum()
-        findings.append(Finding(f"{share:.2g} % of the encoder's readings are outliers; psi leaves them out.", True))
+        share = percent(is_rejected.sum() / np.isfinite(poses.encoder).sum())
+        findings.append(Finding(f"{share} of the encoder's readings are outliers; psi leaves them out.", True))
     turn, angle = residuals.turn[good], psi[good]
     scatter, rms = float(np.std(angle)), float(np.sqrt(np.mean(turn**2)))
     size = f"it is off by {rms:.2g} rad rms, and the hinge turns by {scatter:.2g} rad rms"

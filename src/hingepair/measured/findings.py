@@ -14,6 +14,7 @@ from hingepair.measured.hinge import Hinge
 from hingepair.measured.likelihood import CHI2_MEDIAN_BY_DOF, HingeResiduals, Noise, iterate_residuals
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.tables import percent
 from hingepair.rotations.matrices import (
     matrix_to_quaternion,
     project_to_rotation,
@@ -178,7 +179,7 @@ def _outlier_findings(residuals: HingeResiduals, is_outlier: NDArray[np.bool_]) 
     """
     if not is_outlier.any():
         return []
-    share = f"{100 * is_outlier.mean():.2g} % of the samples are outliers"
+    share = f"{percent(is_outlier.mean())} of the samples are outliers"
     if float(residuals.weights[is_outlier].sum()) < 0.5 * is_outlier.sum():
         return [Finding(f"{share}; they count little.", True)]
     harmless = bool(residuals.whitened_squares[is_outlier].sum() < residuals.whitened_squares[~is_outlier].sum())
@@ -203,7 +204,7 @@ def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: flo
         text = f"They turn by {np.degrees(turning):.2g} deg rms, little relative to attitude errors of {degrees}."
         return [Finding(text, False)]
     if tilt < 0.1 * turning:
-        share = f"{100 * tilt / turning:.2g} % of the turning, and not at random"
+        share = f"{percent(tilt / turning)} of the turning, and not at random"
         return [Finding(f"The axes tilt against each other by {degrees}, {share}: n is their mean.", True)]
     return [Finding(_other_joint_sentence(poses, tilt, degrees), False)]
 
@@ -280,7 +281,7 @@ def _point_findings(
         return [Finding(text, False)]
     if size >= _MAX_HARMLESS_HINGE_POINT_MOTION_TO_LEVER_LENGTH * lever_length:
         return [Finding(kind.no_hinge.format(size=kind.size), False)]
-    share = f"{100 * kind.size / lever_length:.2g} % of the levers, and not at random"
+    share = f"{percent(kind.size / lever_length)} of the levers, and not at random"
     return [Finding(f"{kind.play.format(size=kind.size)}, {share}: u1 and u2 name its mean place.", True)]
 
 

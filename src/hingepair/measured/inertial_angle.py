@@ -28,6 +28,7 @@ from hingepair.measured.likelihood import score_scatter
 from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, inverse_bands, smooth_columns
 from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
 from hingepair.numeric.instants import checked_gaps, split_at_gaps
+from hingepair.numeric.tables import percent
 from hingepair.numeric.unit_vectors import unit_axis
 
 _NUM_HINGE_ANGLE_SMOOTHING_ROUNDS = 8  # of the smoother, each with the directions nearest to the last angle
@@ -35,7 +36,7 @@ _MIN_VECTOR_LENGTH_ACROSS_HINGE_AXIS_TO_LARGEST_LENGTH = 0.05  # from which a ve
 _MAX_RELIABLE_HINGE_ANGLE_STD_IN_RADIANS = 0.2  # [rad]: an angle that is known less well is not to be relied on
 # Above, a direction counts less.
 _LOSS_SCALE_OF_SQUARED_DIRECTION_RESIDUAL_IN_NOISE_VARIANCES = 4.0
-_MAX_RMS_DIRECTION_RESIDUAL_TO_DIRECTION_NOISE = 3.0  # of directions about the most likely angle
+_MAX_EXCESS = 3.0  # rms of directions about the most likely angle, to their noise
 _MAX_CONTRADICTED = 0.2  # share of directions far from the angle
 _MIN_CONTRADICTION = 5.0  # in standard deviations of a direction
 _MAX_FORCE_DIFFERENCE = 0.2  # along the axis, in parts of the force
@@ -317,7 +318,7 @@ def _angle_findings(estimate: _AngleEstimate, worst: float, seen: _Seen) -> list
             "velocity shows a direction across the axis for long enough."
         )
         findings.append(Finding(text, False))
-    if estimate.excess > _MAX_RMS_DIRECTION_RESIDUAL_TO_DIRECTION_NOISE:
+    if estimate.excess > _MAX_EXCESS:
         text = (
             f"Directions are {estimate.excess:.2g} times as far from the integrated angle as their noise explains: "
             "the axis or the point may be wrong."
@@ -325,7 +326,7 @@ def _angle_findings(estimate: _AngleEstimate, worst: float, seen: _Seen) -> list
         findings.append(Finding(text, False))
     if estimate.contradicted > _MAX_CONTRADICTED:
         text = (
-            f"{100 * estimate.contradicted:.2g} % of the directions contradict the integrated rate: units, the sign "
+            f"{percent(estimate.contradicted)} of the directions contradict the integrated rate: units, the sign "
             "of n2, the axes, the point or the clocks may be wrong."
         )
         findings.append(Finding(text, False))

@@ -28,7 +28,7 @@ from hingepair.numeric.instants import (
     warn_of_measurements,
 )
 from hingepair.numeric.suspicions import suspicions
-from hingepair.numeric.tables import unit_of
+from hingepair.numeric.tables import percent, unit_of
 from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
@@ -438,7 +438,7 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
             f"passes for motion; {too_small}, perhaps by a factor of two or three."
         )
     if smoothed.outlier_share > 0 and loss is None and not smoothed.is_limited:
-        share = f"{100 * smoothed.outlier_share:.2g} % of the samples are outliers"
+        share = f"{percent(smoothed.outlier_share)} of the samples are outliers"
         remedy = 'take them out of the recording, or call hingepair.smooth with the loss "cauchy"'
         sentences.append(f"{name}: {share} and pull the curve: {remedy}, by which they count little.")
     return sentences

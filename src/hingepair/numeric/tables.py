@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from decimal import Decimal
 from typing import Any, NamedTuple
 
 from hingepair.errors import printable
@@ -90,6 +91,15 @@ def instant_text(t: float) -> str:
     ('0.333333', '1763746391.25')
     """
     return f"{t:.6g}" if abs(t) < 1e5 else repr(float(t))
+
+
+def percent(share: float) -> str:
+    """Return a share of 1 as a percentage of two significant digits, never with an exponent.
+
+    >>> percent(0.0123), percent(0.996), percent(1e-7)
+    ('1.2 %', '100 %', '0.00001 %')
+    """
+    return f"{Decimal(f'{100 * share:.2g}'):f} %"
 
 
 def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: int = 6) -> list[list[str]]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, finite_number, one_constant, read_only
+from hingepair.numeric.tables import percent
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation
 
@@ -325,7 +326,7 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
         raise ArgumentError("inertia", "no principal moment above the sum of the other two", moments)
     if excess > 64 * 2.0**-53 * large:  # more than the rounding of a product R I R^T and of its eigenvalues
         moment_texts = ", ".join(f"{moment:.6g}" for moment in moments)
-        percentage = f"{100 * excess / (small + middle):.2g} %"
+        percentage = percent(excess / (small + middle))
         message = (
             f"inertia: the largest of the principal moments {moment_texts} is {percentage} above the sum of the "
         )

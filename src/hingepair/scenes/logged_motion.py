@@ -26,6 +26,7 @@ from hingepair.numeric.column_file import ColumnRequest, csv_column, read_column
 from hingepair.numeric.finite_differences import differentiate
 from hingepair.numeric.instants import MeasurementWarning, gap_sentences, instants_of
 from hingepair.numeric.suspicions import suspicions
+from hingepair.numeric.tables import percent
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.evaluate import DEFAULT_BACKEND_AND_WORKERS
@@ -112,8 +113,7 @@ _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
-_MIN_DERIVATIVE_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT: Final = 0.1
-"""Ratio of the noise of a derivative to its root mean square above which a note recommends smoothing."""
+_NOISY: Final = 0.1  # noise of a derivative to its rms; above, a note recommends smoothing
 
 
 def read_log(table: Table, folder: Path) -> Motion:
@@ -380,14 +380,10 @@ class Log(NamedSource):
         """Return a sentence that recommends smoothing if derivatives by finite differences are noisy; otherwise an
         empty string.
         """
-        noisy = {
-            name: share
-            for name, share in self.noise_shares.items()
-            if share > _MIN_DERIVATIVE_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT
-        }
+        noisy = {name: share for name, share in self.noise_shares.items() if share > _NOISY}
         if not noisy:
             return ""
-        shares = ", ".join(f"{100 * share:.2g} % of {name}" for name, share in noisy.items())
+        shares = ", ".join(f"{percent(share)} of {name}" for name, share in noisy.items())
         return (
             f"the log is noisy: by local fits, its noise makes {shares} (rms) by finite differences; "
             "smooth = true in place of differentiate = true smooths positions, attitudes and psi and finds all rates"
