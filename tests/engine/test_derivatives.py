@@ -139,7 +139,11 @@ def test_many_inputs_and_few_lead_to_the_same_jacobian():
     assert operation_count(needed_values(backwards)) < operation_count(needed_values(forwards))
 
 
-def test_known_numbers_are_variables_too():
-    x, y = variables((0.0, 0.0))
+def test_known_and_repeated_values_are_variables_of_their_own():
+    (x, y), z = variables((0.0, 0.0)), Trace().input("z")
     assert x is not y
-    assert pullback([(x * y + 3 * x, 1.0)], [x])[0].operation == "+"
+    assert pushforward([x * y + 3 * x], [(x, 1.0)])[0].operation == "+"
+    first, second = variables((z, z))
+    assert pushforward([2 * first + 3 * second], [(first, 1.0)]) == [2.0]
+    (only,) = variables((z,), [z])
+    assert pushforward([2 * only + 3 * z], [(only, 1.0)]) == [2.0]

@@ -118,6 +118,12 @@ def test_what_is_traced_has_a_limit():
         assert trees.request_loop(own._constants.form, request).traced is traced
 
 
+def test_what_is_differentiated_has_a_limit():
+    call = chain(200).prepare("inverse_dynamics", outputs=("tau",), backend="numpy")
+    with pytest.raises(hp.ArgumentError, match="robot: expected fewer joints, or derivatives by fewer arguments"):
+        call.jacobian(tuple(np.zeros((3, 200))))
+
+
 def check_chain(robot, count):
     rng = states.generator(823)
     twin = hp.to_pinocchio(robot)

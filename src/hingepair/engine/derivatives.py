@@ -7,6 +7,7 @@ root or `hypotenuse` at 0 and `arc_tangent` of (0, 0), it is infinite or NaN, an
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import TypeAlias
 
@@ -18,10 +19,18 @@ Change: TypeAlias = Sequence[tuple[Operand, Operand]]
 _SUMS = frozenset({"+", "-", "negative"})
 
 
-def variables(values: Sequence[Operand]) -> tuple[TracedValue, ...]:
-    """Return values by which derivatives are taken: known numbers become traced values, which do not fold."""
-    trace = Trace()
-    return tuple(v if isinstance(v, TracedValue) else TracedValue(trace, "+", (v, 0.0), False) for v in values)
+def variables(values: Sequence[Operand], others: Iterable[Operand] = ()) -> tuple[TracedValue, ...]:
+    """Return values by which derivatives are taken. Known numbers, which would fold, and values that occur twice or
+    among others become traced values of their own.
+    """
+    trace, times = Trace(), Counter(map(id, (*values, *others)))
+
+    def variable(value: Operand) -> TracedValue:
+        if isinstance(value, TracedValue):
+            return value if times[id(value)] == 1 else TracedValue(trace, "+", (value, 0.0), value.varies)
+        return TracedValue(trace, "+", (value, 0.0), False)
+
+    return tuple(map(variable, values))
 
 
 def pushforward(results: Sequence[Operand], change: Change) -> list[Operand]:

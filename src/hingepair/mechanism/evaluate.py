@@ -25,6 +25,7 @@ from hingepair.mechanism.arguments import (
 from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_numbers
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.plans.derivatives import Derivative, derivative_loop
 from hingepair.plans.trees import Form, Request, input_shapes, request_loop
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
 
@@ -97,25 +98,35 @@ class RobotComputation:
         }
 
     def call(
-        self, argument_names: tuple[str, ...], gravity: tuple[float, ...], backend: str, check_attitude: bool = False
+        self,
+        argument_names: tuple[str, ...],
+        gravity: tuple[float, ...],
+        backend: str,
+        check_attitude: bool = False,
+        derivative: Derivative | None = None,
     ) -> Call:
         """Return the Call for arguments with the names `argument_names`; it is made at its first use and cached.
         `gravity` [m/s^2] is a constant in it. If `check_attitude` is True, the call raises a RotationError for an S1
-        that is not a rotation.
+        that is not a rotation. With a `derivative`, the call computes that, and takes its weights or changes too.
         """
-        key = argument_names, gravity, backend, check_attitude
+        key = argument_names, gravity, backend, check_attitude, derivative
         call = self._calls.get(key)
         if call is None:
             backend = backend if self.form.dof else "numpy"  # machine code needs arrays that are not empty
             has_check = check_attitude and "S1" in argument_names
             check = {"attitude_check": MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE} if has_check else {}
-            loop = request_loop(self.form, self.request._replace(outputs=(*self.request.outputs, *check)))
+            request = self.request._replace(outputs=(*self.request.outputs, *check))
+            if derivative is None:
+                loop = request_loop(self.form, request)
+            else:
+                loop = derivative_loop(self.form, request, derivative)
+            result = Results if derivative else self.result
             assumed = self._assumed(gravity)
             constants = {name: assumed[name] for name, _ in loop.inputs if name not in argument_names}
             shapes = {name: _SAMPLE_SHAPE_BY_BASE_INPUT_NAME.get(name, (self.form.dof,)) for name in argument_names}
             shapes |= {name: tail for name, tail in loop.inputs if name in argument_names}
             call = Call(
-                loop, shapes, constants, self.result, backend=backend, constants_name="robot",
+                loop, shapes, constants, result, backend=backend, constants_name="robot",
                 limits=check, on_limit=lambda values: check_rotation("S1", np.asarray(values["S1"])),
             )  # fmt: skip
             if len(self._calls) >= _NUM_CACHED_CALLS_AT_WHICH_CACHE_IS_CLEARED:
@@ -130,17 +141,19 @@ class RobotComputation:
         out: Out,
         execution: Execution,
         check_attitude: bool = False,
+        derivative: Derivative | None = None,
     ) -> Any:
         """Compute the outputs for checked argument values at all samples. Return an object of the class
         `self.result`, or, if this class is None, the only output as a bare array. Write into the arrays of `out`,
         None or a dict by output name. Raise an ArgumentError if `out` or a shape cannot be used or, if
         `check_attitude` is True, if S1 is not a rotation. `execution` holds the backend and the number of threads.
+        With a `derivative`, compute its arrays instead, as Results.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.
         """
-        check_out_names(out, self.request.outputs)
-        call = self.call(tuple(values.value_by_input), gravity, execution.backend, check_attitude)
+        call = self.call(tuple(values.value_by_input), gravity, execution.backend, check_attitude, derivative)
+        check_out_names(out, call.outputs)
         if values.library is not None:
             return call.run_foreign(
                 values.value_by_input, values.shape_by_argument, values.library, out, execution.workers

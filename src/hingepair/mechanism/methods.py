@@ -761,7 +761,7 @@ class MechanismMethods(Shown):
             outputs belong to several methods, the outputs are read like items of a dict, such as
             `result["jacobian"]`. The callable has the attributes `.source`, the generated Python code; `.llvm`, the
             generated LLVM code; and `.operations`, the numbers of operations as OperationCounts (see
-            `count_operations`).
+            `count_operations`). Its methods `.jacobian`, `.vjp` and `.jvp` compute derivatives.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument that is not given. The message names what

@@ -1,0 +1,135 @@
+"""Derivatives of what a robot computes: by definition, by Pinocchio, and alike however they are asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.errors import ArgumentError
+
+EPS = 2.0**-53
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return hp.load_robot("ur5_robot")
+
+
+@pytest.fixture(scope="module")
+def states():
+    return np.random.default_rng(3).uniform(-2, 2, (3, 4, 6))
+
+
+@pytest.fixture(scope="module")
+def torques(ur5):
+    return ur5.prepare("inverse_dynamics", outputs=("tau",))
+
+
+@pytest.fixture(scope="module")
+def moving(ur5):
+    """Motion of a frame on a base that turns: attitudes among arguments and results."""
+    return ur5.prepare(("q", "qd", "R1", "S1", "omega1"), frames=("tool0", "wrist_1_link"), outputs=("R", "S", "v"))
+
+
+@pytest.fixture(scope="module")
+def moving_state(states):
+    turn = hp.rotation_exp(np.array([0.3, -1.1, 0.7]))
+    return states[0], states[1], np.array([0.1, 0.2, 0.3]), turn, np.array([0.4, -0.2, 0.9])
+
+
+def test_a_pose_changes_as_the_geometric_jacobian_says(ur5, states):
+    q, qd, _ = states
+    found = ur5.prepare("velocity", frames="tool0").jacobian((q, qd))
+    J = ur5.jacobian(q, "tool0")
+    np.testing.assert_allclose(found["R"]["q"][:, 0], J[:, :3], atol=64 * EPS)
+    np.testing.assert_allclose(found["S"]["q"][:, 0], J[:, 3:], atol=64 * EPS)
+    np.testing.assert_allclose(found["v"]["qd"][:, 0], J[:, :3], atol=64 * EPS)
+    assert not found["R"]["qd"].any()
+
+
+def test_a_turn_of_the_base_turns_all_that_it_carries(moving, moving_state):
+    found = moving.jacobian(moving_state, wrt=("S1", "R1"))
+    R, eye = moving(*moving_state).R - moving_state[2], np.eye(3)
+    np.testing.assert_allclose(found["R"]["S1"], np.cross(eye, R[..., None, :]).swapaxes(-1, -2), atol=64 * EPS)
+    np.testing.assert_allclose(found["S"]["S1"], np.broadcast_to(eye, (4, 2, 3, 3)), atol=64 * EPS)
+    np.testing.assert_array_equal(found["R"]["R1"], np.broadcast_to(eye, (4, 2, 3, 3)))
+
+
+def test_products_with_the_jacobian_are_its_products(moving, moving_state):
+    rng, sizes = np.random.default_rng(5), {"q": 6, "qd": 6, "R1": 3, "S1": 3, "omega1": 3}
+    J, value = moving.jacobian(moving_state), moving(*moving_state)
+    tangents = {name: rng.normal(size=(4, size)) for name, size in sizes.items()}
+    cotangents = {name: rng.normal(size=(4, 2, 3)) for name in ("R", "S", "v")}
+    same, rates = moving.jvp(moving_state, tangents)
+    also, gradients = moving.vjp(moving_state, cotangents)
+    for name, rate in rates.items():
+        np.testing.assert_array_equal(same[name], value[name])
+        np.testing.assert_array_equal(also[name], value[name])
+        expected = sum(np.einsum("sfij,sj->sfi", J[name][one], tangents[one]) for one in sizes)
+        np.testing.assert_allclose(rate, expected, atol=1000 * EPS)
+    for name, gradient in gradients.items():
+        expected = sum(np.einsum("sfij,sfi->sj", J[one][name], cotangents[one]) for one in cotangents)
+        np.testing.assert_allclose(gradient, expected, atol=1000 * EPS)
+    (only,) = moving.vjp(moving_state, {"v": cotangents["v"]})[1]["R1"][:1]
+    assert not only.any()
+
+
+def test_numbers_that_fold_are_differentiated_all_the_same(ur5, torques, states):
+    q, qd, qdd = states.copy()
+    known = (0.0, 1.0, -1.0, 0.0, 0.0, 0.5)
+    q[:], qd[:, 3] = known, qd[:, 1]
+    columns = [qd[:, k] for k in (0, 1, 2, 1, 4, 5)]
+    by_joint, shared = dict(zip(ur5.names, known, strict=True)), dict(zip(ur5.names, columns, strict=True))
+    expected = torques.jacobian((q, qd, qdd))["tau"]
+    for backend in ("numpy", "auto"):
+        call = ur5.prepare("inverse_dynamics", outputs=("tau",), backend=backend)
+        for given in ((q[0], qd, qdd), (by_joint, shared, qdd)):
+            found = call.jacobian(given)["tau"]
+            for name, array in expected.items():
+                np.testing.assert_allclose(found[name], array, atol=1e-13 * abs(array).max())
+
+
+def test_all_forms_of_a_call_agree(ur5, torques, states):
+    given = tuple(states)
+    expected = torques.jacobian(given, "q")["tau"]["q"]
+    one = torques.jacobian(tuple(states[:, 2]), "q")["tau"]["q"]
+    np.testing.assert_allclose(one, expected[2], atol=1e-14 * abs(expected).max())
+    out = {"tau": {"q": np.empty((4, 6, 6))}}
+    assert torques.jacobian(given, ("q",), out=out)["tau"]["q"] is out["tau"]["q"]
+    np.testing.assert_array_equal(out["tau"]["q"], expected)
+    single = torques.jacobian(tuple(states.astype(np.float32)), "q")["tau"]["q"]
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, expected, atol=1e-5 * abs(expected).max())
+    threads = ur5.prepare("inverse_dynamics", outputs=("tau",), workers=2)
+    many = np.repeat(states, 5000, axis=1)
+    np.testing.assert_array_equal(threads.jacobian(tuple(many), "q")["tau"]["q"][::5000], expected)
+    matrix = ur5.prepare("mass_matrix")
+    value, gradient = matrix.vjp((states[0],), {"mass_matrix": np.ones((4, 6, 6))})
+    np.testing.assert_array_equal(value, matrix(states[0]))
+    summed = matrix.jacobian((states[0],))["mass_matrix"]["q"].sum(axis=(-3, -2))
+    np.testing.assert_allclose(gradient["q"], summed, atol=1e-13)
+
+
+def test_what_cannot_be_differentiated_is_refused(torques, moving, moving_state, states):
+    given = tuple(states)
+    with pytest.raises(ArgumentError, match=r"wrt: expected names out of q, qd, qdd, got 'tau'"):
+        torques.jacobian(given, wrt="tau")
+    with pytest.raises(ArgumentError, match="wrt: expected at least one"):
+        torques.jacobian(given, wrt=())
+    with pytest.raises(ArgumentError, match="given: expected a tuple of q, qd, qdd"):
+        torques.jacobian(states[0], wrt="q")
+    with pytest.raises(ArgumentError, match="out: expected a dict of dicts"):
+        torques.jacobian(given, wrt="q", out={"tau": np.empty((4, 6, 6))})
+    with pytest.raises(ArgumentError, match=r"out\['tau'\]\['q'\]: expected shape \(4, 6, 6\)"):
+        torques.jacobian(given, wrt="q", out={"tau": {"q": np.empty((4, 6, 5))}})
+    with pytest.raises(ArgumentError, match="cotangents: expected a dict of arrays"):
+        torques.vjp(given, np.ones(6))
+    with pytest.raises(ArgumentError, match=r"cotangents\['tau'\]: expected shape \(\.\.\., 6\)"):
+        torques.vjp(given, {"tau": np.ones(5)})
+    with pytest.raises(ArgumentError, match="cotangents: expected names out of tau"):
+        torques.vjp(given, {"qdd": np.ones(6)})
+    with pytest.raises(ArgumentError, match=r"tangents\['S1'\]: expected shape \(\.\.\., 3\)"):
+        moving.jvp(moving_state, {"S1": np.eye(3)[:2, :2]})
+    with pytest.raises(hp.RotationError, match="S1"):
+        moving.jacobian((*moving_state[:3], 2 * np.eye(3), moving_state[4]))
