@@ -528,7 +528,7 @@ def test_a_kernel_that_llvm_refuses_leaves_the_others_alone(monkeypatch):
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
-@pytest.mark.parametrize("lead", [(), (4,), (2, 2)], ids=str)
+@pytest.mark.parametrize("lead", [(), (4,), (2, 2), (100_000,)], ids=str)
 def test_results_that_nobody_holds_can_be_written_to(lead, backend):
     one, values = call(backend), dict(zip(GIVEN, arrays([lead] * 3), strict=True))
     for array in writable_arrays(one.run(values, dict.fromkeys(GIVEN, lead))).values():

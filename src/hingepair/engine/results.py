@@ -113,7 +113,7 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
     names, arrays, _ = results._content
     for array in arrays:
         for part in (getattr(array, "base", None), array):
-            if isinstance(part, np.ndarray):
+            if isinstance(part, np.ndarray) and not part.flags.writeable:
                 part.flags.writeable = True
     return {name: np.array(a) if isinstance(a, np.generic) else a for name, a in zip(names, arrays, strict=True)}
 
