@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from hingepair.measured.inertial_angle import AngleFit, fit_angle
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
+    from hingepair.mechanism.inverse_kinematics import InverseKinematics
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.slider import Slider
     from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState
@@ -104,6 +105,7 @@ __all__ = [
     "HingePairError",
     "ImuFit",
     "ImuRecording",
+    "InverseKinematics",
     "MeasurementWarning",
     "Mechanism",
     "MechanismAccelerations",
@@ -183,6 +185,7 @@ _LAZY_MODULE_BY_NAME = {
         "measured.resample": "resample",
         "measured.smooth": "SmoothedAngle SmoothedMotion smooth",
         "numeric.instants": "MeasurementWarning",
+        "mechanism.inverse_kinematics": "InverseKinematics",
         "mechanism.mechanism": "Mechanism",
         "mechanism.slider": "Slider",
         "mechanism.states": "MechanismAccelerations MechanismForces MechanismState",

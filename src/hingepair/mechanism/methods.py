@@ -15,9 +15,16 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
-from hingepair.mechanism.arguments import Coordinates, coordinate_columns, read_arguments, read_wrenches
+from hingepair.mechanism.arguments import (
+    Coordinates,
+    coordinate_columns,
+    read_arguments,
+    read_coordinates,
+    read_wrenches,
+)
 from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
+from hingepair.mechanism.inverse_kinematics import InverseKinematics, Solver
 from hingepair.mechanism.prepare import PreparedMechanism, WatchedPreparedMechanism, checked_given
 from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,
@@ -29,13 +36,23 @@ from hingepair.mechanism.states import (
     mechanism_state_class,
 )
 from hingepair.mechanism.tree import Frame, Tree
-from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, is_zero, one_constant
+from hingepair.numeric.arrays import (
+    Float64Array,
+    FloatArray,
+    broadcast_shape,
+    check_choice,
+    is_zero,
+    number_not_below_0,
+    one_constant,
+    vectors,
+)
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
 from hingepair.plans.trees import input_shapes
+from hingepair.rotations.matrices import check_rotation
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
@@ -253,6 +270,99 @@ class MechanismMethods(Shown):
             ("acceleration_bias",), self._named_frames("frame", self._frame_or_only_tip(frame, frames))
         )
         return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend)
+
+    def inverse_kinematics(
+        self,
+        R: ArrayLike,
+        S: ArrayLike | None = None,
+        *,
+        frame: str | None = None,
+        q0: Coordinates | None = None,
+        limits: bool = True,
+        position_tolerance: float = 1e-9,
+        angle_tolerance: float = 1e-9,
+        select: str = "any",
+        seed: int = 0,
+    ) -> InverseKinematics:
+        """Compute coordinates q at which the frame named `frame` has the position R and the rotation matrix S, for
+        one target or many. Return an InverseKinematics. The base is at rest at the origin.
+
+        A target that cannot be reached gives the closest pose found, with `ok` False; a target that is not finite
+        gives NaN. A target gives the same bits in any batch. Joints that do not move the frame keep q0, or stand in
+        the middle of their limits. Limits of mimic joints are not looked at, only those of the joints they follow.
+
+        Args:
+            R: wanted positions of the frame's origin [m], shape (..., 3).
+            S: wanted rotation matrices from frame axes to world axes, shape (..., 3, 3). By default, any attitude.
+            frame: name of a link, a joint or an added frame. The default is the only link in `robot.tips`; if there
+                are several, `frame` must be given.
+            q0: coordinates of the first start, as for `forward_kinematics`; those beyond a limit are put on it. By
+                default, all starts are random.
+            limits: whether the coordinates stay within `robot.position_limits`.
+            position_tolerance: greatest distance from R [m] of a solution. Solutions are exact to about 1e-15 times
+                the size of the robot where its Jacobian is regular.
+            angle_tolerance: greatest angle from S [rad] of a solution.
+            select: "any": the first solution found; "nearest": of those from all starts, the one with the least sum
+                of squares of q - q0, which takes about forty times longer.
+            seed: seed of the random starts, which are the same for every target.
+
+        Raises:
+            ArgumentError: an argument cannot be used, `frame` is not given although `robot.tips` has several names,
+                or "nearest" is asked for without q0.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> q = np.random.default_rng(1).uniform(-3, 3, (100, 6))
+        >>> wanted = robot.forward_kinematics(q)["tool0"]
+        >>> found = robot.inverse_kinematics(wanted.R, wanted.S, frame="tool0")
+        >>> found.q.shape, bool(found.ok.all())
+        ((100, 6), True)
+        """
+        name = self._frame_or_only_tip(frame, None)
+        target_frame = self._named_frame("frame", name)
+        if not len(self._constants.names):
+            raise ArgumentError("robot", "a joint that moves", "none")
+        targets = [np.asarray(vectors("R", R, 3), np.float64)]
+        shapes = {"R": targets[0].shape[:-1]}
+        if S is not None:
+            targets.append(np.asarray(vectors("S", S, 3, 3), np.float64))
+            shapes["S"] = targets[1].shape[:-2]
+            check_rotation("S", targets[1])
+        dof = len(self._constants.names)
+        start: Any = None
+        if q0 is not None:
+            read, shapes["q0"] = read_coordinates("q0", q0, self._constants.names, None)
+            start = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
+            start = start.astype(np.float64)
+            if not np.isfinite(start).all():
+                raise ArgumentError("q0", "finite numbers", "NaN or infinity")
+        check_choice("select", select, ("any", "nearest"))
+        if select == "nearest" and q0 is None:
+            raise ArgumentError("q0", 'coordinates, since select="nearest" needs them', None)
+        if not isinstance(limits, bool):
+            raise ArgumentError("limits", "True or False", quoted(limits))
+        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+            raise ArgumentError("seed", "an integer from 0", quoted(seed))
+        tolerances = (
+            number_not_below_0("position_tolerance", position_tolerance),
+            number_not_below_0("angle_tolerance", angle_tolerance),
+        )
+        shape = broadcast_shape(shapes)
+        tails = ((3,), (3, 3))
+        targets = [
+            np.broadcast_to(one, shape + tail).reshape(-1, *tail) for one, tail in zip(targets, tails, strict=False)
+        ]
+        if start is not None:
+            start = np.broadcast_to(start, (*shape, dof)).reshape(-1, dof)
+        key = "inverse_kinematics", name, S is not None, limits
+        solver: Solver | None = self._constants.cache.get(key)
+        if solver is None:
+            values = [joint.position_limits if limits else (-np.inf, np.inf) for joint in self.tree.coordinates]
+            solver = Solver(self.tree, self._constants, target_frame, S is not None, np.array(values, np.float64))
+            self._constants.cache[key] = solver
+        arrays = solver.run(targets, start, tolerances, select == "nearest", int(seed))
+        return InverseKinematics({one: a.reshape(shape + a.shape[1:]) for one, a in arrays.items()}, shape)
 
     def error_bounds(
         self,
