@@ -60,7 +60,12 @@ if TYPE_CHECKING:
     from hingepair.mechanism.inverse_kinematics import InverseKinematics
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.slider import Slider
-    from hingepair.mechanism.states import MechanismAccelerations, MechanismForces, MechanismState
+    from hingepair.mechanism.states import (
+        MechanismAccelerations,
+        MechanismDerivatives,
+        MechanismForces,
+        MechanismState,
+    )
     from hingepair.numeric.instants import MeasurementWarning
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pair.hinge_load import HingeLoad
@@ -109,6 +114,7 @@ __all__ = [
     "MeasurementWarning",
     "Mechanism",
     "MechanismAccelerations",
+    "MechanismDerivatives",
     "MechanismForces",
     "MechanismState",
     "MissingDependencyError",
@@ -188,7 +194,7 @@ _LAZY_MODULE_BY_NAME = {
         "mechanism.inverse_kinematics": "InverseKinematics",
         "mechanism.mechanism": "Mechanism",
         "mechanism.slider": "Slider",
-        "mechanism.states": "MechanismAccelerations MechanismForces MechanismState",
+        "mechanism.states": "MechanismAccelerations MechanismDerivatives MechanismForces MechanismState",
         "pair.body": "Body Box Cylinder Sphere",
         "pair.tolerances": "sample_pairs",
         "pictures.page": "view",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import hingepair as hp
 from hingepair.errors import ArgumentError
+from support.trees import Robot, base_motion, random_model, record_of, urdf_model, with_mimics
 
 EPS = 2.0**-53
 
@@ -133,3 +135,90 @@ def test_what_cannot_be_differentiated_is_refused(torques, moving, moving_state,
         moving.jvp(moving_state, {"S1": np.eye(3)[:2, :2]})
     with pytest.raises(hp.RotationError, match="S1"):
         moving.jacobian((*moving_state[:3], 2 * np.eye(3), moving_state[4]))
+
+
+ROBOTS = {
+    "panda": lambda: urdf_model("panda"),
+    "ur5": lambda: urdf_model("ur5_robot"),
+    "dog": lambda: urdf_model("solo12"),
+    "random": lambda: random_model(1),
+    "other": lambda: random_model(2, 9),
+}
+SLOW = ("panda", "dog")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow(3) if name in SLOW else ()) for name in ROBOTS]
+)
+def test_derivatives_of_dynamics_are_those_of_pinocchio(name):
+    model = ROBOTS[name]()
+    robot, data = Robot(record_of(model)), model.createData()
+    q, qd, qdd = np.random.default_rng(4).uniform(-1.5, 1.5, (3, 3, robot.dof))
+    tau = robot.inverse_dynamics(q, qd, qdd).tau
+    inverse = robot.inverse_dynamics_derivatives(q, qd, qdd)
+    forward = robot.forward_dynamics_derivatives(q, qd, tau)
+    for k in range(3):
+        pin.computeRNEADerivatives(model, data, q[k], qd[k], qdd[k])
+        for found, theirs in ((inverse.tau_q, data.dtau_dq), (inverse.tau_qd, data.dtau_dv)):
+            np.testing.assert_allclose(found[k], theirs, rtol=0, atol=256 * EPS * abs(theirs).max())
+    M = robot.mass_matrix(q)
+    condition = np.linalg.cond(M).max()
+    np.testing.assert_allclose(inverse.tau_qdd, M, rtol=0, atol=256 * EPS * abs(M).max())
+    # what a change of q and qd adds to the torques at the given qdd, the accelerations take away
+    for ours, torques in ((forward.qdd_q, inverse.tau_q), (forward.qdd_qd, inverse.tau_qd)):
+        scale = abs(M).max() * abs(ours).max()
+        np.testing.assert_allclose(M @ ours, -torques, rtol=0, atol=256 * EPS * condition * scale)
+    np.testing.assert_allclose(
+        M @ forward.qdd_tau, np.broadcast_to(np.eye(robot.dof), M.shape), atol=64 * EPS * condition
+    )
+
+
+def test_wrenches_the_motion_of_the_base_and_mimic_joints_count():
+    model = random_model(1)
+    tree = record_of(model)
+    followed = with_mimics(tree, {tree.joints[4].name: (tree.joints[2].name, -0.7, 0.1)})
+    rng = np.random.default_rng(6)
+    for robot in (Robot(tree), Robot(followed)):
+        q, qd, qdd = rng.uniform(-1, 1, (3, robot.dof))
+        base = base_motion(rng)
+        further = {"base_motion": base, "gravity": (1.0, 2.0, -3.0)}
+        further["wrenches"] = {[*robot.tree.links][-1]: (rng.normal(size=3), rng.normal(size=3))}
+        found = robot.inverse_dynamics_derivatives(q, qd, qdd, **further)
+        for name, place in (("tau_q", 0), ("tau_qd", 1), ("tau_qdd", 2)):
+            near = np.array([q, qd, qdd])[:, None, None].repeat(2, 1).repeat(robot.dof, 2)
+            step = 1e-6 * np.eye(robot.dof)
+            near[place, 0] += step
+            near[place, 1] -= step
+            tau = robot.inverse_dynamics(*near, **further).tau
+            slopes = (tau[0] - tau[1]).T / 2e-6
+            np.testing.assert_allclose(found[name], slopes, rtol=0, atol=1e-7 * abs(slopes).max())
+
+
+def test_only_what_is_asked_for_is_computed(ur5, states):
+    d = ur5.inverse_dynamics_derivatives(*states, outputs=("tau_qd",))
+    assert d.outputs == ("tau_qd",)
+    assert d.tau_q is None
+    out = {"qdd_q": np.empty((4, 6, 6)), "qdd_tau": np.empty((4, 6, 6))}
+    ur5.forward_dynamics_derivatives(*states, outputs=("qdd_q", "qdd_tau"), out=out)
+    np.testing.assert_allclose(
+        out["qdd_tau"] @ ur5.mass_matrix(states[0]), np.broadcast_to(np.eye(6), (4, 6, 6)), atol=1e-11
+    )
+    with pytest.raises(ArgumentError, match="outputs: expected one of tau_q, tau_qd, tau_qdd, got 'tau'"):
+        ur5.inverse_dynamics_derivatives(*states, outputs=("tau",))
+    with pytest.raises(ArgumentError, match="robot: expected a base that is not free"):
+        hp.load_robot("ur5_robot", base="free").inverse_dynamics_derivatives(*states)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_derivatives_are_nan_where_nothing_resists(backend):
+    body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
+    given = {"u1": (0, 0, 0.3), "u2": (0, 0, 0), "n": (0, 1, 0)}
+    arm = hp.Mechanism([hp.HingePair(**given, name=f"joint_{k}", body2=body if k < 2 else None) for k in range(3)])
+    q = np.random.default_rng(1).normal(size=(4, 3))
+    with pytest.warns(hp.DynamicsWarning) as caught:
+        d = arm.forward_dynamics_derivatives(q, q, q, backend=backend)
+    assert "no mass resists joint 'joint_2' at 4 of 4 samples" in str(caught[-1].message)
+    for name in d.outputs:
+        assert np.isnan(d[name]).all()
+    gradient = arm.prepare("forward_dynamics", backend=backend).vjp((q, q, q), {"qdd": np.ones(3)})[1]
+    assert np.isnan(gradient["q"]).all()

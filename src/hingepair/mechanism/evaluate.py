@@ -5,6 +5,7 @@ This module alone allocates the outputs of a robot and runs loops.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -15,6 +16,7 @@ from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
+from hingepair.errors import ArgumentError
 from hingepair.mechanism.arguments import (
     BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME,
     RESTING_BASE_VALUE_BY_INPUT_NAME,
@@ -23,10 +25,11 @@ from hingepair.mechanism.arguments import (
     check_out_names,
 )
 from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_numbers
+from hingepair.mechanism.states import MechanismDerivatives
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.plans.derivatives import Derivative, derivative_loop
-from hingepair.plans.trees import Form, Request, input_shapes, request_loop
+from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
+from hingepair.plans.trees import Form, Request, estimated_operations, input_shapes, request_loop
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
 
 MASS_INDEPENDENT_OUTPUT_NAMES = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
@@ -40,6 +43,7 @@ _SAMPLE_SHAPE_BY_BASE_INPUT_NAME: Final = {
     "force1": (3,),
     "torque1": (3,),
 }
+_MAX_DERIVED_OPERATIONS: Final = 10_000_000  # of an estimate; 2.5 million take some 5 s to compile
 # Number of calls (for names, gravity and backend) that a computation keeps; at it, all of them are dropped.
 _NUM_CACHED_CALLS_AT_WHICH_CACHE_IS_CLEARED: Final = 64
 
@@ -120,7 +124,7 @@ class RobotComputation:
                 loop = request_loop(self.form, request)
             else:
                 loop = derivative_loop(self.form, request, derivative)
-            result = Results if derivative else self.result
+            result = MechanismDerivatives if derivative else self.result
             assumed = self._assumed(gravity)
             constants = {name: assumed[name] for name, _ in loop.inputs if name not in argument_names}
             shapes = {name: _SAMPLE_SHAPE_BY_BASE_INPUT_NAME.get(name, (self.form.dof,)) for name in argument_names}
@@ -133,6 +137,20 @@ class RobotComputation:
                 self._calls.clear()
             self._calls[key] = call
         return call
+
+    def check_differentiable(self, derivative: Derivative) -> None:
+        """Refuse a derivative whose program would take too long to make.
+
+        Raises:
+            ArgumentError: the robot has too many joints.
+        """
+        shapes = [math.prod(change_shape(*argument)) for argument in derivative.arguments]
+        columns = sum(shapes) if derivative.kind == "jacobian" else 1
+        untraced = not request_loop(self.form, self.request).traced
+        if untraced or columns * estimated_operations(self.form, self.request) > _MAX_DERIVED_OPERATIONS:
+            by = ", ".join(name for name, _ in derivative.arguments)
+            got = f"{self.form.dof} joints, derivatives by {by}"
+            raise ArgumentError("robot", "fewer joints, or derivatives by fewer arguments", got)
 
     def run(
         self,
@@ -147,7 +165,7 @@ class RobotComputation:
         `self.result`, or, if this class is None, the only output as a bare array. Write into the arrays of `out`,
         None or a dict by output name. Raise an ArgumentError if `out` or a shape cannot be used or, if
         `check_attitude` is True, if S1 is not a rotation. `execution` holds the backend and the number of threads.
-        With a `derivative`, compute its arrays instead, as Results.
+        With a `derivative`, compute its arrays instead, as MechanismDerivatives.
 
         Raises:
             ArgumentError: the arguments do not broadcast, or `out` cannot be used.

@@ -30,6 +30,7 @@ from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,
     JointResults,
     MechanismAccelerations,
+    MechanismDerivatives,
     MechanismForces,
     MechanismState,
     joint_results_class,
@@ -51,6 +52,7 @@ from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
+from hingepair.plans.derivatives import Derivative
 from hingepair.plans.trees import input_shapes
 from hingepair.rotations.matrices import check_rotation
 
@@ -587,6 +589,117 @@ class MechanismMethods(Shown):
         )
         if self._constants.may_be_singular:
             self._warn_where_singular(result, q)
+        return result
+
+    def inverse_dynamics_derivatives(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
+        *,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        wrenches: Wrenches = None,
+        base_motion: BodyMotion | None = None,
+        outputs: Iterable[str] | None = None,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> MechanismDerivatives:
+        """Compute the derivatives of the torques of `inverse_dynamics` by q, qd and qdd, exactly up to rounding.
+        Return a MechanismDerivatives. Wrenches keep their values in world axes while q changes.
+
+        Args:
+            q: coordinates, as for `forward_kinematics`.
+            qd: first time derivatives of q.
+            qdd: second time derivatives of q.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            wrenches: as for `inverse_dynamics`.
+            base_motion: as for `inverse_dynamics`.
+            outputs: names of the outputs to compute, out of tau_q, tau_qd and tau_qdd; by default all.
+            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
+
+        Returns:
+            The MechanismDerivatives. Its `tau_q`, `tau_qd` and `tau_qdd`, the mass matrix, have the shape
+            (..., dof, dof): a row for each torque, a column for each coordinate.
+
+        Raises:
+            ArgumentError: an argument cannot be used, the base is free, or the robot has too many joints.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> d = robot.inverse_dynamics_derivatives(np.zeros(6), np.zeros(6), np.zeros(6))
+        >>> d.tau_q.shape, np.allclose(d.tau_qdd, robot.mass_matrix(np.zeros(6)))
+        ((6, 6), True)
+        """
+        coordinates = {"q": q, "qd": qd, "qdd": qdd}
+        return self._derivatives("tau", coordinates, gravity, wrenches, base_motion, outputs, out, workers, backend)
+
+    def forward_dynamics_derivatives(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        tau: Coordinates,
+        *,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        wrenches: Wrenches = None,
+        base_motion: BodyMotion | None = None,
+        outputs: Iterable[str] | None = None,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> MechanismDerivatives:
+        """Compute the derivatives of the accelerations of `forward_dynamics` by q, qd and tau, exactly up to
+        rounding. Return a MechanismDerivatives with `qdd_q`, `qdd_qd` and `qdd_tau`, the inverse mass matrix; shape
+        (..., dof, dof), a row for each acceleration. They are NaN where the mass matrix is singular.
+
+        `tau` are the torques of hinges [N m] and the forces of sliders [N]. `outputs` are names out of qdd_q, qdd_qd
+        and qdd_tau, by default all. The other arguments are the same as for `inverse_dynamics_derivatives`.
+
+        Raises:
+            ArgumentError: an argument cannot be used, the base is free, or the robot has too many joints.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> robot.forward_dynamics_derivatives(np.zeros(6), np.zeros(6), np.zeros(6)).qdd_tau.shape
+        (6, 6)
+        """
+        coordinates = {"q": q, "qd": qd, "tau": tau}
+        return self._derivatives("qdd", coordinates, gravity, wrenches, base_motion, outputs, out, workers, backend)
+
+    def _derivatives(
+        self,
+        output: str,
+        coordinates: Mapping[str, Any],
+        gravity: ArrayLike,
+        wrenches: Wrenches,
+        base_motion: BodyMotion | None,
+        outputs: Iterable[str] | None,
+        out: Out,
+        workers: int,
+        backend: str,
+    ) -> MechanismDerivatives:
+        """Compute the derivatives of the output "tau" or "qdd" by coordinates."""
+        if self.base == "free":
+            expected = "a base that is not free (prepare(...).jacobian differentiates by S1, omega1 and q)"
+            raise ArgumentError("robot", expected, "base='free'")
+        if holds_dask(coordinates, base_motion, wrenches):
+            raise ArgumentError("q", "arrays in memory, to compute derivatives", "a Dask array among the arguments")
+        accepted = tuple(f"{output}_{name}" for name in coordinates)
+        names = _checked_outputs(outputs, out, accepted)
+        labelled_loads, frames = self._wrench_inputs(wrenches)
+        computation = self._computation((output,), frames, len(frames))
+        by = tuple((name, (self._constants.form.dof,)) for name in coordinates if f"{output}_{name}" in names)
+        derivative = Derivative("jacobian", (output,), by)
+        computation.check_differentiable(derivative)
+        result: MechanismDerivatives = self._run(
+            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads, derivative
+        )
+        if output == "qdd" and self._constants.may_be_singular:  # where one derivative is NaN, all are
+            self._warn_where_singular(Results({"qdd": result[names[0]][..., 0]}, result.shape), coordinates["q"])
         return result
 
     def mass_matrix(
@@ -1145,19 +1258,20 @@ class MechanismMethods(Shown):
         backend: str,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
+        derivative: Derivative | None = None,
     ) -> Any:
         """Compute the outputs of a RobotComputation at all samples, and return them as an object of its result class
         (without such a class, as one bare array); write into the arrays of the dict `out` unless it is None.
         `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` is None or a BodyMotion, and
         `labelled_loads` is None or a dict of (value, name for messages) by input name. For Dask arrays, return lazy
         arrays. If the outputs depend on masses, the robot's first call issues DynamicsWarnings for assumed or
-        impossible masses.
+        impossible masses. With a `derivative`, compute that instead.
         """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
             self._warn_of_masses()
         if base_motion is None and not labelled_loads:
-            call = computation.call(tuple(coordinates), gravity_vector, backend)
+            call = computation.call(tuple(coordinates), gravity_vector, backend, derivative=derivative)
             result = call.rows(*coordinates.values(), out=out, workers=execution.workers)
             if result is not None:
                 return result
@@ -1168,7 +1282,7 @@ class MechanismMethods(Shown):
         values = read_arguments(
             self._constants.names, coordinates, base_motion, computation.inputs, labelled_loads or {}
         )
-        return computation.run(values, gravity_vector, out, execution)
+        return computation.run(values, gravity_vector, out, execution, derivative=derivative)
 
     def _run_lazily(
         self,

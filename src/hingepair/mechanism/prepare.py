@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -24,8 +23,7 @@ from hingepair.mechanism.arguments import (
 from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.numeric.array_libraries import check_sample_shape
 from hingepair.numeric.arrays import FloatArray, vectors
-from hingepair.plans.derivatives import Derivative, change_shape
-from hingepair.plans.trees import estimated_operations
+from hingepair.plans.derivatives import Derivative
 
 ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
     "pose": ("q",),
@@ -48,8 +46,6 @@ _ARGUMENT_NAMES_OF_PREPARED_CALLS: Final = (
     *BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME,
     *ZERO_BASE_LOAD_BY_INPUT_NAME,
 )
-
-_MAX_DERIVED_OPERATIONS: Final = 10_000_000  # of an estimate; 2.5 million take some 5 s to compile
 
 
 class PreparedMechanism:
@@ -280,11 +276,7 @@ class PreparedMechanism:
             raise ArgumentError("given", f"a tuple of {', '.join(self.given)}", quoted(given))
         shapes = self._call.argument_shapes
         derivative = Derivative(kind, outputs, tuple((name, shapes[name]) for name in names))
-        columns = sum(math.prod(change_shape(name, shapes[name])) for name in names) if kind == "jacobian" else 1
-        operations = columns * estimated_operations(self._computation.form, self._computation.request)
-        if not self._call.loop.traced or operations > _MAX_DERIVED_OPERATIONS:
-            got = f"{len(self._joints)} joints, derivatives by {', '.join(names)}"
-            raise ArgumentError("robot", "fewer joints, or derivatives by fewer arguments", got)
+        self._computation.check_differentiable(derivative)
         arguments = {**dict(zip(self.given, given, strict=True)), **further}
         call = self._computation.call(
             tuple(arguments), self._gravity, self._execution.backend, check_attitude=True, derivative=derivative

@@ -251,3 +251,26 @@ class MechanismAccelerations(JointResults):
     qdd: FloatArray
     a1: FloatArray
     alpha1: FloatArray
+
+
+class MechanismDerivatives(Results):
+    """Derivatives of the torques or accelerations of a robot by its coordinates, their rates and accelerations or
+    torques: a row for each torque or acceleration, a column for each coordinate, shape (..., dof, dof). Those that
+    were not computed are None. Only hingepair calls the constructor.
+    """
+
+    __slots__ = {  # noqa: RUF023 (the order of the documentation)
+        "tau_q": "Derivatives of tau by q; (..., dof, dof).",
+        "tau_qd": "Derivatives of tau by qd; (..., dof, dof).",
+        "tau_qdd": "Derivatives of tau by qdd, which are the mass matrix; (..., dof, dof).",
+        "qdd_q": "Derivatives of qdd by q; (..., dof, dof).",
+        "qdd_qd": "Derivatives of qdd by qd; (..., dof, dof).",
+        "qdd_tau": "Derivatives of qdd by tau, which are the inverse of the mass matrix; (..., dof, dof).",
+    }
+
+    tau_q: FloatArray
+    tau_qd: FloatArray
+    tau_qdd: FloatArray
+    qdd_q: FloatArray
+    qdd_qd: FloatArray
+    qdd_tau: FloatArray
