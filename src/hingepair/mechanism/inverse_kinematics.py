@@ -34,7 +34,9 @@ _MAX_STEP: Final = 1.5  # norm of a step of the coordinates [rad or m]
 _STEPS_PER_CHECK: Final = 5
 _STEPS_PER_START: Final = 15
 _STARTS: Final = 60
-_LAST_STEPS: Final = 100  # from the best end of all starts, where none is a solution
+_CAUTIOUS_STARTS: Final = 8  # for the closest pose, where no start led to a solution
+_CAUTIOUS_STEPS: Final = 40
+_LAST_STEPS: Final = 200
 _TURN: Final = 2 * np.pi
 _LANES: Final = 2048  # targets in work at a time
 
@@ -148,7 +150,11 @@ class Solver:
             after[again] = starts.at(index[again], trial[again])
             index, trial, age, q = index[~done], trial[~done], age[~done], after[~done]
 
-        self._finish(found, np.flatnonzero(finite), targets, tolerances)
+        every = np.flatnonzero(finite)
+        self._measure(found, every, targets, tolerances)  # full turns changed the last bits
+        missed = every[~found.ok[every]]
+        self._approach(found, starts, missed, targets, tolerances)
+        self._measure(found, missed, targets, tolerances)
         arrays = {
             "q": found.q, "ok": found.ok, "position_error": found.errors[0], "angle_error": found.errors[1],
             "steps": found.steps, "starts": found.starts,
@@ -157,28 +163,40 @@ class Solver:
             del arrays["angle_error"]
         return arrays
 
-    def _finish(
+    def _measure(
         self,
         found: _Found,
-        finite: NDArray[np.int64],
+        index: NDArray[np.int64],
         targets: Sequence[Float64Array],
         tolerances: tuple[float, float],
     ) -> None:
-        """Come closer to the targets that no start has reached, and compute the errors of what is returned."""
-        for first in range(0, len(finite), _LANES):
-            at = finite[first : first + _LANES]
-            # Full turns change the last bits.
+        """Compute the errors of the coordinates that are returned."""
+        for first in range(0, len(index), _LANES):
+            at = index[first : first + _LANES]
             _, errors, _ = self._steps(found.q[at], [one[at] for one in targets], 1)
             found.errors[:, at] = errors
             found.ok[at] = (errors[0] <= tolerances[0]) & (errors[1] <= tolerances[1])
-        missed = finite[~found.ok[finite]]
+
+    def _approach(
+        self,
+        found: _Found,
+        starts: _Starts,
+        missed: NDArray[np.int64],
+        targets: Sequence[Float64Array],
+        tolerances: tuple[float, float],
+    ) -> None:
+        """Come as close as possible to targets that no start has reached."""
         for first in range(0, len(missed), _LANES):
             at = missed[first : first + _LANES]
-            now, errors, _ = self._steps(found.q[at], [one[at] for one in targets], _LAST_STEPS, 1.0)
-            found.steps[at] += _LAST_STEPS
-            solved = (errors[0] <= tolerances[0]) & (errors[1] <= tolerances[1])
             found.score[at] = self._misfit(found.errors[:, at])
-            found.keep(at, solved, self._misfit(errors), now, errors)
+            # From the best end, from some starts, and on from the best of these.
+            for trial in [None, *range(_CAUTIOUS_STARTS), None]:
+                q = found.q[at] if trial is None else starts.at(at, np.full(len(at), trial))
+                count = _LAST_STEPS if trial is None else _CAUTIOUS_STEPS
+                now, errors, _ = self._steps(q, [one[at] for one in targets], count, 1.0)
+                found.steps[at] += count
+                solved = (errors[0] <= tolerances[0]) & (errors[1] <= tolerances[1])
+                found.keep(at, solved, self._misfit(errors), starts.turned(now, at), errors)
 
     def _steps(
         self, q: Float64Array, targets: Sequence[Float64Array], count: int, caution: float = 0.0
@@ -186,16 +204,15 @@ class Solver:
         """Do some steps. Return the coordinates before the last one, the errors (2, N) there, and the coordinates
         after it. `caution` damps by the error itself, which finds the closest pose to targets out of reach.
         """
-        names = [name for name, _ in self.call.loop.outputs]
+        now, after = q, q
+        for _ in range(count):
+            now = after
+            step = self.call.rows(now, *targets, caution)
+            after = step["q_new"]
         errors = np.zeros((2, len(q)))
-        new = np.empty_like(q)
-        q = q.copy()
-        out = dict(zip(names[1:], errors, strict=False))
-        for k in range(count):
-            self.call.rows(q, *targets, caution, out={"q_new": new, **out})
-            if k < count - 1:
-                q, new = new, q
-        return q, errors, new
+        for row, name in zip(errors, step.outputs[1:], strict=False):
+            row[:] = step[name]
+        return now.copy(), errors, after.copy()
 
     def _misfit(self, errors: Float64Array) -> Float64Array:
         """Return the distances from targets, lengths by the robot's reach, from errors (2, N)."""
