@@ -295,6 +295,14 @@ def test_limits_that_are_passed_are_told_with_where(tmp_path: Path) -> None:
     assert any(note.startswith("motion.stick: -90 is taken for radians") for note in degrees)
 
 
+def test_a_joint_that_may_take_no_load_uses_all_of_it(tmp_path: Path) -> None:
+    """URDFs often have effort="0" where nobody filled it in."""
+    forces = scene_of(tmp_path, GOOD.replace("torque_limit = 900", "torque_limit = 0")).forces()
+    (stick,) = (load for load in forces.loads if load.joint == "stick")
+    assert stick.use == np.inf
+    assert "stick" in str(forces)
+
+
 def test_kinks_are_told(tmp_path: Path) -> None:
     (note,) = scene_of(tmp_path, GOOD.replace('"w*t"', '"w*abs(t - 1.01)"')).notes()
     assert note == "kinks or jumps in 1 interval; derivatives there are those from the right"

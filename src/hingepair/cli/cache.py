@@ -39,12 +39,12 @@ def cache_command(
         print(json_text(report))
         return
     if folder is None:
-        lines = ["off: HINGEPAIR_CACHE says so, or the user has no home"]
+        lines = ["off: HINGEPAIR_CACHE says so" if os.environ.get("HINGEPAIR_CACHE") else "off: the user has no home"]
     else:
         most = f"at most {MAX_FILES} files and {MAX_BYTES / 2**20:.0f} MiB"
         lines = [str(folder), f"{len(files)} files, {size / 2**20:.1f} MiB ({most})"]
         if not report["writable"]:
-            lines.append("not writable: code that is not there is compiled by every process")
+            lines.append("this folder cannot be written: nothing more is kept, and every process compiles anew")
     if clear:
         lines.append(f"deleted: {len(deleted)} files")
     make_console().print(*lines, sep="\n")

@@ -117,7 +117,8 @@ class Mechanism(MechanismMethods):
         computation that uses masses. Damping and friction of joints are kept and printed, but used by no method.
 
         Args:
-            path_or_text: path of a file, or the URDF itself (text that starts with "<").
+            path_or_text: path of a file, or the URDF itself (text that starts with "<"). Limits whose lower and
+                upper value are both 0 count as none, as many URDFs write them; other equal limits are kept.
             base: "fixed" or "free"; the base is the root link, or the child link of a floating root joint. By
                 default, the base is free if the URDF has such a joint, whose origin and parent link are left out,
                 and otherwise fixed.

@@ -982,7 +982,8 @@ class MechanismMethods(Shown):
             callable returns the same as the method that computes these outputs: `forward_kinematics` for "pose",
             "velocity" and "acceleration", otherwise the method with the name of the computation. For a tuple whose
             outputs belong to several methods, the outputs are read like items of a dict, such as
-            `result["jacobian"]`. The callable has the attributes `.source`, the generated Python code; `.llvm`, the
+            `result["jacobian"]`. The callable has the attributes `.ufunc`, the kernel as a numpy.ufunc, which returns
+            a tuple of the outputs and checks no rotations; `.source`, the generated Python code; `.llvm`, the
             generated LLVM code; and `.operations`, the numbers of operations as OperationCounts (see
             `count_operations`). Its methods `.jacobian`, `.vjp` and `.jvp` compute derivatives.
 

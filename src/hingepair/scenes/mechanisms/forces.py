@@ -80,7 +80,11 @@ class JointLoad:
     @property
     def use(self) -> float:
         """The largest effort as a fraction of the effort limit; NaN without a limit."""
-        return self.largest / self.effort_limit if math.isfinite(self.effort_limit) else math.nan
+        if not math.isfinite(self.effort_limit):
+            return math.nan
+        if not self.effort_limit:  # a joint that may take no load
+            return math.inf if self.largest else 0.0
+        return self.largest / self.effort_limit
 
 
 class MechanismSceneForces(Record):
