@@ -1,5 +1,7 @@
 """Every standard deviation of fits holds the error in 90 to 99 % of 200 runs, or a finding says that it may not.
 
+Fewer runs are judged by what as many runs of true intervals show.
+
 The recordings are made from SciPy's rotations and finite differences; nothing of the library is in them.
 """
 
@@ -11,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import binom
 
 import hingepair as hp
 
@@ -35,6 +38,16 @@ def angle(t: np.ndarray) -> np.ndarray:
     return 1.1 * np.sin(2 * t) + 0.3 * np.cos(5 * t)
 
 
+def motion(t: np.ndarray, fixed: bool = False) -> tuple[np.ndarray, Rotation, np.ndarray, Rotation]:
+    """R1, S1, R2, S2 without noise."""
+    R1, S1 = np.zeros((t.size, 3)), Rotation.identity(t.size)
+    if not fixed:
+        turn = np.stack((np.sin(0.7 * t), np.cos(1.1 * t), 0.5 * np.sin(t)), axis=-1)
+        R1, S1 = np.stack((np.sin(t), np.cos(t), 0.1 * t), axis=-1), Rotation.from_rotvec(turn)
+    S2 = S1 * Rotation.from_rotvec(angle(t)[:, None] * N1) * HOME
+    return R1, S1, R1 + S1.apply(U1) - S2.apply(U2), S2
+
+
 def poses(
     seed: int,
     *,
@@ -52,15 +65,8 @@ def poses(
     rng = np.random.default_rng(seed)
     t = 0.05 * np.arange(COUNT)
 
-    def body1(t: np.ndarray) -> tuple[np.ndarray, Rotation]:
-        if fixed:
-            return np.zeros((COUNT, 3)), Rotation.identity(COUNT)
-        turn = np.stack((np.sin(0.7 * t), np.cos(1.1 * t), 0.5 * np.sin(t)), axis=-1)
-        return np.stack((np.sin(t), np.cos(t), 0.1 * t), axis=-1), Rotation.from_rotvec(turn)
-
-    (R1, S1), (R, S) = body1(t), body1(t + late)
-    S2 = S * Rotation.from_rotvec(angle(t + late)[:, None] * N1) * HOME
-    R2 = R + S.apply(U1) - S2.apply(U2)
+    R1, S1, _, _ = motion(t, fixed)
+    _, _, R2, S2 = motion(t + late, fixed)
     noise = [coloured(rng, (COUNT, 3), share) * np.reshape(sizes, (-1, 1)) for _ in range(4)]
     if planar:
         noise = [
@@ -81,10 +87,13 @@ def poses(
 def judge(scores: dict[str, list[np.ndarray]], told: list[bool]) -> None:
     """Errors in standard deviations by quantity and run; runs in which a finding tells are left out."""
     untold = ~np.array(told)
-    if untold.sum() < RUNS // 4:
+    if untold.sum() < untold.size // 4:
         return
-    inside = {name: float((np.abs(np.array(each)[untold]) < 1.96).mean()) for name, each in scores.items()}
-    assert all(0.9 <= share <= 0.99 for share in inside.values()), inside
+    for name, each in scores.items():
+        z = np.array(each)[untold]
+        tries = len(z) * min(z.shape[1], 2)  # at least two components of a vector err on their own
+        low, high = binom.ppf((0.001, 0.999), tries, 0.95) / tries
+        assert min(low, 0.9) <= np.nanmean(np.where(np.isnan(z), np.nan, np.abs(z) < 1.96)) <= max(high, 0.99), name
 
 
 LOOSE = {"places": (0.0, 3e-3), "attitudes": (0.0, 0.03)}
@@ -102,21 +111,37 @@ KINDS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     ),
 }
 
+FEW: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # 80 runs each, 40 with clocks
+    "planar, weights": ({"planar": True, "sizes": UNEQUAL}, {"weights": 1 / UNEQUAL**2}),
+    "planar, outliers": ({"planar": True, "outliers": 0.1}, {"loss": "cauchy"}),
+    "coloured": ({"share": 0.5}, {}),
+    "coloured, planar": ({"share": 0.5, "planar": True}, {}),
+    "coloured, outliers": ({"share": 0.5, "outliers": 0.1}, {"loss": "cauchy"}),
+    "clocks, weights": ({"late": 0.02, "sizes": UNEQUAL}, {"weights": 1 / UNEQUAL**2}),
+    "gaps": ({"gaps": True}, {}),
+    "gaps, coloured": ({"gaps": True, "share": 0.5}, {}),
+    "split unknown": ({"attitudes": (2e-3, 0.02)}, {}),
+    "noise given, outliers": (
+        {"attitudes": (0.02, 0.01), "outliers": 0.1},
+        {"noise1": (1e-3, 0.02), "noise2": (1e-3, 0.01), "loss": "cauchy"},
+    ),
+}
+
 
 @pytest.mark.proof
 @pytest.mark.parametrize(
     ("name", "what"),
-    [*((name, "body") for name in KINDS), ("equal", "point"), (MOVING, "point"), (MOVING, "encoder")],
+    [*((name, "body") for name in (*KINDS, *FEW)), ("equal", "point"), (MOVING, "point"), (MOVING, "encoder")],
 )
 def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
-    made, told = KINDS[name]
+    made, told = (KINDS | FEW)[name]
     if what == "point":
         told = {key: value for key, value in told.items() if not key.startswith("noise")}
     scores: dict[str, list[np.ndarray]] = {}
     findings = []
-    for seed in range(RUNS):
-        _, (R1, S1, R2, S2), psi = poses(seed, **made)
-        more = {}
+    for seed in range(RUNS if name in KINDS else 40 if "late" in made else 80):
+        t, (R1, S1, R2, S2), psi = poses(seed, **made)
+        more = {"t": t} if "late" in made else {}
         if what == "encoder":
             more["encoder"] = (psi - 0.4) / 2 + 5e-3 * np.random.default_rng(9000 + seed).standard_normal(COUNT)
         body2 = hp.BodyMotion(R=R2) if what == "point" else hp.BodyMotion(R=R2, S=S2)
@@ -128,7 +153,11 @@ def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
         if found.encoder is not None:
             off = (found.encoder.scale - 2 * sign) / found.encoder.std["scale"]
             scores.setdefault("scale", []).append(np.array([off]))
-        findings.append(not found.ok or bool(TOLD.search(" ".join(found.findings))))
+        if "late" in made:
+            off = (found.clock_offset - made["late"]) / found.std["clock_offset"]
+            scores.setdefault("clock_offset", []).append(np.array([off]))
+        # Of coloured noise every short recording is doubted; its intervals are wide enough all the same.
+        findings.append("share" not in made and (not found.ok or bool(TOLD.search(" ".join(found.findings)))))
     judge(scores, findings)
 
 
