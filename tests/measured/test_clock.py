@@ -165,6 +165,18 @@ def test_what_is_left_of_samples_is_that_of_the_moved_ones() -> None:
     assert np.sqrt(np.mean((found.body2.R - R2)[inside] ** 2)) < 1.2e-3
 
 
+def test_gaps_take_no_other_samples_from_the_fit() -> None:
+    """The hinge is the most likely one of all samples at the offset that is found."""
+    t, body1, body2 = recorded(0.0, count=200)
+    R2 = np.array(body2.R)
+    R2[60:80] = np.nan
+    body2 = hp.BodyMotion(R=R2, S=body2.S)
+    found = hp.fit(body1, body2, t=t)
+    known = hp.fit(body1, body2, t=t, clock_offset=found.clock_offset)
+    assert found.samples == known.samples
+    assert np.abs(found.pair.u1 - known.pair.u1).max() < 0.01 * found.std["u1"].max()
+
+
 @pytest.mark.slow
 def test_missing_samples_stay_missing() -> None:
     t, body1, body2 = recorded(10e-3)

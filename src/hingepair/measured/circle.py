@@ -166,15 +166,14 @@ def fit_circle(
     Raises:
         FitError: the places show no circle: fewer than four, or on a line.
     """
-    every = poses.samples if poses_at is None else sys.maxsize
     poses_at = poses_at or (lambda _, max_samples: poses.thinned(max_samples))
     some = poses_at(offset, MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS)
     circle = _circle_of_random_triples(some.p.T)
     variance, has_converged = np.inf, False
     for most in (
-        (MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS, every)
+        (MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS, sys.maxsize)
         if poses.samples > MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS
-        else (every,)
+        else (sys.maxsize,)
     ):
         some = poses_at(offset, most)
         for _ in range(_MAX_GAUSS_NEWTON_STEPS_PER_CIRCLE_FIT_PASS):

@@ -21,6 +21,7 @@ Samples are walked through in blocks; nothing of the size of a Jacobian of all s
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -262,9 +263,9 @@ def most_likely_hinge(
     noise = _estimate_noise(some, hinge, None, loss, line)
     has_converged = False
     for most in (
-        (MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS, poses.samples)
+        (MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS, sys.maxsize)  # then all: how many match depends on the offset
         if poses.samples > MAX_THINNED_SAMPLES_FOR_FIRST_FIT_PASS
-        else (poses.samples,)
+        else (sys.maxsize,)
     ):
         some = poses_at(offset, most)
         for _ in range(_MAX_GAUSS_NEWTON_STEPS_PER_HINGE_FIT_PASS):
