@@ -674,3 +674,36 @@ def test_energy_of_one_state_in_every_dtype(dtype, workers, backend):
         found = ur5.energy(q, qd, workers=workers, backend=backend)
         np.testing.assert_allclose(found.kinetic, expected.kinetic, rtol=1e-5 if dtype is np.float32 else 1e-13)
         np.testing.assert_allclose(found.potential, expected.potential, rtol=1e-5 if dtype is np.float32 else 1e-13)
+
+
+def test_calls_after_the_first_see_what_has_changed(robot):
+    """Lists, iterators, arrays and options are looked at anew."""
+    q, names, outputs = np.linspace(-1.0, 1.0, robot.dof), ["panda_hand"], ["R"]
+    away = np.array((0.0, 0.0, -9.81))
+    for _ in range(2):
+        state = robot.forward_kinematics(q, frames=names, outputs=outputs)
+        torques = robot.gravity_forces(q, gravity=away)
+    names[0], outputs[0], away[2] = "panda_link3", "S", 0.0
+    changed = robot.forward_kinematics(q, frames=names, outputs=outputs)
+    assert (state.frames, changed.frames, changed.outputs) == (("panda_hand",), ("panda_link3",), ("S",))
+    assert torques.any()
+    assert not robot.gravity_forces(q, gravity=away).any()
+    used = iter(["panda_hand"])
+    robot.forward_kinematics(q, frames=used)
+    with pytest.raises(hp.ArgumentError):
+        robot.forward_kinematics(q, frames=used)
+    for call in (robot.forward_kinematics, robot.gravity_forces, robot.mass_matrix):
+        for _ in range(2):
+            call(q)
+        for wrong in ({"workers": 0}, {"workers": 1.0}, {"workers": True}, {"backend": "gpu"}):
+            with pytest.raises(hp.ArgumentError):
+                call(q, **wrong)
+    moved = hp.BodyMotion(R=(1.0, 2.0, 3.0), S=np.eye(3))
+    shift = robot.forward_kinematics(q, base_motion=moved).R - robot.forward_kinematics(q).R
+    np.testing.assert_allclose(shift, [(1.0, 2.0, 3.0)] * 3, rtol=0, atol=1e-14)
+    out = {"R": np.empty((1, 3)), "S": np.empty((1, 3, 3)), "v": np.empty((1, 3))}
+    with pytest.raises(hp.ArgumentError, match="qd"):
+        robot.forward_kinematics(q, frames="panda_hand", out=out)
+    rest = robot.inverse_dynamics(q, 0 * q, 0 * q).tau
+    loaded = robot.inverse_dynamics(q, 0 * q, 0 * q, wrenches={"panda_hand": ((0.0, 0.0, 50.0), (0.0, 0.0, 0.0))}).tau
+    assert not np.allclose(rest, loaded)

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from hingepair.engine import images, object_cache
 from hingepair.engine.backend import compiler_lock
 from hingepair.engine.llvm_shared import shared_ir, shared_symbols
-from hingepair.errors import CompilationError, MissingDependencyError
+from hingepair.errors import ArgumentError, CompilationError, MissingDependencyError
 
 
 class Kernel:
@@ -30,17 +30,29 @@ class Kernel:
             to look on the disk; empty where only the module itself says what it is.
 
     Raises:
+        ArgumentError: this is a sub-interpreter.
         MissingDependencyError: llvmlite is not installed.
         CompilationError: LLVM does not compile the code; the error says why.
     """
 
     def __init__(self, name: str, ir: Callable[[], str], float_type: str = "double", form: str = "") -> None:
+        if not _is_main_interpreter():  # ctypes and NumPy hold what they make in the main one
+            expected = "'numpy' in a sub-interpreter, where no kernel can be called"
+            raise ArgumentError("backend", expected, f"a kernel of {name!r}")
         with compiler_lock:
             self._code = _compile_module(name, ir, form, _shared_functions(float_type))
 
     def address(self, symbol: str) -> int:
         """Return the address of a function that the module defines."""
         return self._code.address(symbol)
+
+
+@functools.cache
+def _is_main_interpreter() -> bool:
+    """Return whether this is the interpreter that the process started with."""
+    prototype = ctypes.PYFUNCTYPE(ctypes.c_void_p)
+    this, main = (prototype((f"PyInterpreterState_{name}", ctypes.pythonapi))() for name in ("Get", "Main"))
+    return bool(this == main)
 
 
 _OBJECT_KIND = "image 2" if images.CAN_LINK else "object 1"

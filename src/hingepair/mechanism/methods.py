@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.calls import Out
+from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
@@ -181,20 +181,23 @@ class MechanismMethods(Shown):
         >>> state.R.shape, state["tool0"].S.shape
         ((5, 2, 3), (5, 3, 3))
         """
+        values = (q,) if qd is None and qdd is None else (q, qd) if qdd is None else (q, qd, qdd)
+        key = "kinematics", frames, outputs, len(values), backend
+        result: MechanismState | None = self._run_again(key, values, base_motion, out, workers)
+        if result is not None:
+            return result
         if qdd is not None and qd is None:
             raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        key = "kinematics", len(coordinates), frames, outputs if out is None else list(outputs or ())
-        try:
-            (computation,) = self._constants.cache[key]
-        except (KeyError, TypeError):  # asked for the first time, or by lists
-            names = self._requested_outputs(outputs, len(coordinates) - 1, out)
-            computation = self._computation(names, self._named_frames("frames", frames))
-            self._check_needed_inputs(computation, coordinates, names)
-            if out is None and isinstance(frames, str | tuple | None) and isinstance(outputs, tuple | None):
-                self._constants.cache[key] = (computation,)
-        result: MechanismState = self._run(computation, coordinates or {"q": q}, base_motion, out, workers, backend)
-        return result
+        names = self._requested_outputs(outputs, len(coordinates) - 1, out)
+        computation = self._computation(names, self._named_frames("frames", frames))
+        self._check_needed_inputs(computation, coordinates, names)
+        # What is asked for by lists, or by the arrays of `out`, can be something else the next time.
+        lasts = isinstance(frames, str | tuple | None) and isinstance(outputs, tuple | None if out is None else tuple)
+        found: MechanismState = self._run(
+            computation, coordinates or {"q": q}, base_motion, out, workers, backend, key=key if lasts else None
+        )
+        return found
 
     def jacobian(
         self,
@@ -234,10 +237,7 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").jacobian(np.zeros(6), "tool0").shape
         (6, 6)
         """
-        computation = self._computation(
-            ("jacobian",), self._named_frames("frame", self._frame_or_only_tip(frame, frames))
-        )
-        return self._run_array(computation, {"q": q}, base_motion, out, workers, backend)
+        return self._run_array("jacobian", {"q": q}, base_motion, out, workers, backend, frame=frame, frames=frames)
 
     def acceleration_bias(
         self,
@@ -268,10 +268,9 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").acceleration_bias(np.zeros(6), np.zeros(6), "tool0").tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        computation = self._computation(
-            ("acceleration_bias",), self._named_frames("frame", self._frame_or_only_tip(frame, frames))
+        return self._run_array(
+            "acceleration_bias", {"q": q, "qd": qd}, base_motion, out, workers, backend, frame=frame, frames=frames
         )
-        return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend)
 
     def inverse_kinematics(
         self,
@@ -511,13 +510,19 @@ class MechanismMethods(Shown):
         >>> robot.inverse_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
         (6,)
         """
+        key = "inverse dynamics", outputs, wrenches, backend
+        again: MechanismForces | None = self._run_again(key, (q, qd, qdd), base_motion, out, workers, gravity)
+        if again is not None:
+            return again
         coordinates = {"q": q, "qd": qd, "qdd": qdd}
         names = _checked_outputs(outputs, out, _INVERSE_DYNAMICS_OUTPUT_NAMES)
         labelled_loads, frames = self._wrench_inputs(wrenches)
         computation = self._computation(names, frames, len(labelled_loads) // 2)
+        kept = wrenches is None and isinstance(outputs, tuple | None)
         result: MechanismForces = self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
-        )
+            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads,
+            key=key if kept else None,
+        )  # fmt: skip
         return result
 
     def forward_dynamics(
@@ -726,7 +731,7 @@ class MechanismMethods(Shown):
         >>> M.shape, bool((M == M.T).all())
         ((6, 6), True)
         """
-        return self._run_array(self._computation(("mass_matrix",)), {"q": q}, base_motion, out, workers, backend)
+        return self._run_array("mass_matrix", {"q": q}, base_motion, out, workers, backend)
 
     def bias_forces(
         self,
@@ -760,8 +765,7 @@ class MechanismMethods(Shown):
         >>> robot.bias_forces(np.zeros(6), np.zeros(6)).shape
         (6,)
         """
-        computation = self._computation(("bias_forces",))
-        return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend, gravity)
+        return self._run_array("bias_forces", {"q": q, "qd": qd}, base_motion, out, workers, backend, gravity)
 
     def gravity_forces(
         self,
@@ -788,9 +792,7 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").gravity_forces(np.zeros(6)).shape
         (6,)
         """
-        return self._run_array(
-            self._computation(("gravity_forces",)), {"q": q}, base_motion, out, workers, backend, gravity
-        )
+        return self._run_array("gravity_forces", {"q": q}, base_motion, out, workers, backend, gravity)
 
     def centre_of_mass(
         self,
@@ -815,7 +817,7 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass(np.zeros(6)).shape
         (3,)
         """
-        return self._run_array(self._computation(("centre_of_mass",)), {"q": q}, base_motion, out, workers, backend)
+        return self._run_array("centre_of_mass", {"q": q}, base_motion, out, workers, backend)
 
     def centre_of_mass_jacobian(
         self,
@@ -841,8 +843,7 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_jacobian(np.zeros(6)).shape
         (3, 6)
         """
-        computation = self._computation(("centre_of_mass_jacobian",))
-        return self._run_array(computation, {"q": q}, base_motion, out, workers, backend)
+        return self._run_array("centre_of_mass_jacobian", {"q": q}, base_motion, out, workers, backend)
 
     def centre_of_mass_bias(
         self,
@@ -872,8 +873,7 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_bias(np.zeros(6), np.zeros(6)).shape
         (3,)
         """
-        computation = self._computation(("centre_of_mass_bias",))
-        return self._run_array(computation, {"q": q, "qd": qd}, base_motion, out, workers, backend)
+        return self._run_array("centre_of_mass_bias", {"q": q, "qd": qd}, base_motion, out, workers, backend)
 
     def energy(
         self,
@@ -1260,13 +1260,14 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
         derivative: Derivative | None = None,
+        key: tuple[Any, ...] | None = None,
     ) -> Any:
         """Compute the outputs of a RobotComputation at all samples, and return them as an object of its result class
         (without such a class, as one bare array); write into the arrays of the dict `out` unless it is None.
         `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` is None or a BodyMotion, and
         `labelled_loads` is None or a dict of (value, name for messages) by input name. For Dask arrays, return lazy
         arrays. If the outputs depend on masses, the robot's first call issues DynamicsWarnings for assumed or
-        impossible masses. With a `derivative`, compute that instead.
+        impossible masses. With a `derivative`, compute that instead. `_run_again` finds a plain call by `key`.
         """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
@@ -1275,6 +1276,8 @@ class MechanismMethods(Shown):
             call = computation.call(tuple(coordinates), gravity_vector, backend, derivative=derivative)
             result = call.rows(*coordinates.values(), out=out, workers=execution.workers)
             if result is not None:
+                if key is not None and gravity is DEFAULT_GRAVITY_VECTOR:
+                    self._constants.cache[key] = call
                 return result
         if holds_dask(coordinates, base_motion, labelled_loads):
             return self._run_lazily(
@@ -1284,6 +1287,31 @@ class MechanismMethods(Shown):
             self._constants.names, coordinates, base_motion, computation.inputs, labelled_loads or {}
         )
         return computation.run(values, gravity_vector, out, execution, derivative=derivative)
+
+    def _run_again(
+        self,
+        key: tuple[Any, ...],
+        arguments: Iterable[Any],
+        base_motion: BodyMotion | None,
+        out: Out,
+        workers: int,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+    ) -> Any:
+        """Return the results of a call that differs from an earlier one by its arrays alone, as the key says; None
+        where `_run` has to look at it.
+        """
+        if (
+            base_motion is not None
+            or gravity is not DEFAULT_GRAVITY_VECTOR
+            or type(workers) is not int
+            or workers != 1
+        ):
+            return None
+        try:
+            call: Call = self._cached_constants.cache[key]
+        except (AttributeError, KeyError, TypeError):  # before the first call, another call, a key of lists
+            return None
+        return call.rows(*arguments, out=out)
 
     def _run_lazily(
         self,
@@ -1348,21 +1376,31 @@ class MechanismMethods(Shown):
 
     def _run_array(
         self,
-        computation: RobotComputation,
+        name: str,
         coordinates: Mapping[str, Any],
         base_motion: BodyMotion | None,
         out: FloatArray | None,
         workers: int,
         backend: str,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        *,
+        frame: str | None = None,
+        frames: str | Iterable[str] | None = None,
     ) -> FloatArray:
-        """Compute the only output of a computation, and return it as a bare, writable array; write into the array
-        `out` unless it is None. `coordinates` is a dict of q, qd or qdd by name, and `base_motion` is None or a
-        BodyMotion.
+        """Return one output as a bare, writable array; write into the array `out` unless it is None. `frame` or
+        `frames` names the frame of an output of a single frame.
         """
-        (name,) = computation.request.outputs
-        arrays = None if out is None else {name: out}
-        result: FloatArray = self._run(computation, coordinates, base_motion, arrays, workers, backend, gravity)
+        key, arrays = (name, frame, frames, backend), None if out is None else {name: out}
+        result: FloatArray | None = self._run_again(key, coordinates.values(), base_motion, arrays, workers, gravity)
+        if result is None:
+            chosen = None
+            if name in _SINGLE_FRAME_OUTPUT_NAMES:
+                chosen = self._named_frames("frame", self._frame_or_only_tip(frame, frames))
+            computation, kept = self._computation((name,), chosen), isinstance(frames, str | tuple | None)
+            found: FloatArray = self._run(
+                computation, coordinates, base_motion, arrays, workers, backend, gravity, key=key if kept else None
+            )
+            return found
         return result
 
     def _check_masses(self) -> None:
