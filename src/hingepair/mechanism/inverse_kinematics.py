@@ -229,7 +229,7 @@ class _Starts:
 
     def __init__(self, solver: Solver, q0: Float64Array | None, seed: int) -> None:
         self.low, self.high, self.turns, self.moving = solver.low, solver.high, solver.turns, solver.moving
-        self.q0 = None if q0 is None else np.clip(q0, self.low, self.high)
+        self.q0, self.first = q0, None if q0 is None else np.clip(q0, self.low, self.high)
         self.count = _STARTS + (q0 is not None)
         bounded = np.isfinite(self.low) & np.isfinite(self.high)
         middle = np.where(bounded, np.where(bounded, self.low, 0.0) / 2 + np.where(bounded, self.high, 0.0) / 2, 0.0)
@@ -242,9 +242,9 @@ class _Starts:
 
     def at(self, index: NDArray[np.int64], trial: NDArray[np.int64]) -> Float64Array:
         """Return the start of each target by the number of the trial."""
-        if self.q0 is None:
+        if self.first is None:
             return self.random[trial]
-        own = self.q0[index]
+        own = self.first[index]
         return np.where(self.moving & (trial > 0)[:, None], self.random[trial - 1], own)
 
     def turned(self, q: Float64Array, index: NDArray[np.int64]) -> Float64Array:

@@ -304,7 +304,7 @@ class MechanismMethods(Shown):
                 the size of the robot where its Jacobian is regular.
             angle_tolerance: greatest angle from S [rad] of a solution.
             select: "any": the first solution found; "nearest": of those from all starts, the one with the least sum
-                of squares of q - q0, which takes about forty times longer.
+                of squares of q - q0, which takes ten to forty times longer.
             seed: seed of the random starts, which are the same for every target.
 
         Raises:
