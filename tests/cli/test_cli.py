@@ -408,7 +408,8 @@ def test_an_error_that_is_none_of_ours_is_no_failed_check(
 @pytest.mark.slow
 def test_a_closed_standard_output_is_no_error(short_scene: Path) -> None:
     done = shell(f"hingepair urdf {short_scene} >&-")
-    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.returncode == 0
+    assert all(line.startswith(b"hingepair: warning: ") for line in done.stderr.splitlines())
 
 
 @pytest.mark.slow
@@ -417,8 +418,8 @@ def test_a_warning_is_a_line(tmp_path: Path) -> None:
     (tmp_path / "light.urdf").write_text(text)
     done = shell(f"hingepair urdf {tmp_path / 'light.urdf'} hinge")
     lines = done.stderr.splitlines()
-    assert len(lines) == 2
-    assert all(line.startswith(b"hingepair: warning: the mass properties of the body of 'body") for line in lines)
+    assert all(line.startswith(b"hingepair: warning: ") for line in lines)
+    assert sum(b"the mass properties of the body of 'body" in line for line in lines) == 2
     assert done.stdout.startswith(b"<?xml")
 
 
@@ -613,7 +614,7 @@ def test_run_explains() -> None:
 @pytest.mark.slow
 def test_a_whole_robot_is_compared_with_pinocchio():
     said = run_command("check", "ur5_robot").stdout
-    assert "PASSED: 17 outputs of 224 samples" in said
+    assert "17 outputs of 224 samples within 16 u*scale" in said
     assert json.loads(run_command("check", robot_urdf("ur5_robot"), "--json").stdout)["ok"] is True
 
 

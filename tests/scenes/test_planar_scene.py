@@ -111,6 +111,7 @@ def test_a_wrong_planar_pair_fails_its_check(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*no mass properties are given")
 def test_command_line(tmp_path):
     path = tmp_path / "my.toml"
     path.write_text(PLANAR_MOTION_KIND)
