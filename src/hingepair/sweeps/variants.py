@@ -195,11 +195,8 @@ class VariantComputer:
 
 
 def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
-    """Return the values of the Table [pair] as a dict, with numbers in place of expressions except under varied keys.
-    Shapes of a body whose inertia is in the table are left out, unless a shape is varied. `keys` are the paths of the
-    varied numbers.
-
-    The shapes of a body whose inertia is in the table do not determine its masses.
+    """Return the values of the Table [pair] as a dict, with numbers in place of expressions except under varied keys,
+    the paths `keys`. Shapes that determine no masses, beside inertia and centre of mass, are left out unless varied.
     """
     varied = {steps[1] for steps in keys}
     size = 2 if len(table.values.get("u1", ())) == 2 else 3
@@ -208,7 +205,9 @@ def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | i
     values = {key: read(table, key) for key, read in readers.items() if key in table.values and key not in varied}
     for name in ("body1", "body2"):
         body = table.values.get(name, {})
-        if "inertia" in body and not any(tuple(steps[1:3]) == (name, "shapes") for steps in keys):
+        if {"inertia", "center_of_mass"} <= body.keys() and not any(
+            tuple(steps[1:3]) == (name, "shapes") for steps in keys
+        ):
             values[name] = {key: value for key, value in body.items() if key != "shapes"}
     return {**table.values, **values}
 
