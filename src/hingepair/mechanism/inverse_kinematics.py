@@ -217,7 +217,7 @@ class Solver:
     def _misfit(self, errors: Float64Array) -> Float64Array:
         """Return the distances from targets, lengths by the robot's reach, from errors (2, N)."""
         distances: Float64Array = np.hypot(errors[0] / self.reach, errors[1])
-        return distances
+        return np.minimum(distances, np.finfo(np.float64).max)  # below the score of nothing found
 
 
 class _Starts:
