@@ -130,6 +130,16 @@ def test_variants_that_are_computed_together_are_the_scenes_with_their_payloads(
         assert (together["t"][i] == scene.t).all()
 
 
+@pytest.mark.slow(1)
+def test_forces_do_not_depend_on_the_size_of_chunks():
+    sweep = sweep_of(crane("free"), VARIED, '"tau", "force1"', samples=4000)
+    whole = chunk_of(sweep)
+    for size in (1, 7):
+        part = compute_chunk(sweep.task, 1, 10, sweep.numbers[10 : 10 + size])
+        for name in ("tau_hook", "force1"):
+            np.testing.assert_array_equal(part[name], whole[name][10 : 10 + size])
+
+
 def bare_scene(base: str) -> str:
     before, _, rest = crane(base).partition("[mechanism.payload.jaw]")
     Path("bare.toml").write_text(before + "[motion]" + rest.partition("[motion]")[2])

@@ -201,7 +201,8 @@ class _PayloadForceProgram:
         coordinates = dict(zip(("q", "qd", "qdd"), result.known.arguments(), strict=True))
         self._values = read_arguments(constants.names, coordinates, result.known.base, self._problem.inputs, {})
         arguments = (*self._values.value_by_input, "constants")
-        self._call = self._problem.call(arguments, result.scene.gravity, result.scene.backend)
+        # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
+        self._call = self._problem.call(arguments, result.scene.gravity, "compiled")
 
     def _with_payload_parameters(self, constants: RobotConstants) -> RobotConstants:
         """Return a copy of the RobotConstants `constants` in which each number that depends on a payload is an
