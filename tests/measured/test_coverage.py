@@ -176,3 +176,47 @@ def test_noise_of_a_cluster_is_within_what_so_many_markers_tell(markers: int, gi
         scores.append(np.array([(found.noise / 1e-3 - 1) * np.sqrt(2 * free)]))
         findings.append(not found.ok)
     judge({"noise": scores}, findings)
+
+
+def felt(t: np.ndarray) -> list[np.ndarray]:
+    """omega1, force1, omega2, force2 without noise, each in the axes of its body."""
+    h = 1e-3  # s
+    before, now, after = (motion(t + step) for step in (-h, 0, h))
+    columns = []
+    for k in (0, 2):
+        acceleration = (before[k] - 2 * now[k] + after[k]) / h**2
+        columns.append((before[k + 1].inv() * after[k + 1]).as_rotvec() / (2 * h))
+        columns.append(now[k + 1].inv().apply(acceleration + np.array((0, 0, 9.81))))
+    return columns
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("late", [0.0, 0.02])
+def test_errors_from_inertial_sensors_are_within_the_intervals(late: float) -> None:
+    t = 0.025 * np.arange(200)
+    shortest, _ = Rotation.align_vectors([N1], [N2])
+    psi = angle(t) + (HOME * shortest.inv()).as_rotvec() @ N1
+    scores: dict[str, list[np.ndarray]] = {"axis": [], "point": [], "psi": []} | ({"clock": []} if late else {})
+    findings = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        exact = [*felt(t)[:2], *felt(t + late)[2:]]
+        omega1, force1, omega2, force2 = (
+            column + size * rng.standard_normal(column.shape)
+            for column, size in zip(exact, (0.01, 0.05, 0.01, 0.05), strict=True)
+        )
+        imus = hp.ImuRecording(t, omega1, force1), hp.ImuRecording(t, omega2, force2)
+        found = hp.fit_imus(*imus, gyroscope_bias=0.0, accelerometer_bias=0.0)
+        sign = np.sign(found.pair.n @ N1)
+        off = np.concatenate((found.axis.n1 - sign * N1, found.axis.n2 - sign * N2))
+        scores["axis"].append(off / np.sqrt(np.diagonal(found.axis.covariance)))
+        off = np.concatenate((found.anchor.u1, found.anchor.u2)) - POINT
+        scores["point"].append(off / np.sqrt(np.diagonal(found.anchor.covariance)))
+        turned = sign * found.angle.psi - psi
+        turned -= 2 * np.pi * np.round(np.nanmedian(turned) / (2 * np.pi))
+        scores["psi"].append((turned / found.angle.std)[::20])
+        if late:
+            scores["clock"].append(np.array([(found.clock_offset - late) / found.clock_offset_std]))
+        findings.append(not found.ok)
+    assert not any(findings)
+    judge(scores, findings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -143,6 +143,9 @@ def fit_imus(
     known = (axis.n1, axis.n2) if np.isfinite(axis.std).all() else (None, None)
     anchor = fit_anchor(*records, *known, **options)
     angle = fit_angle(*records, axis.n1, axis.n2, anchor.u1, anchor.u2, **options)
+    if offset and shown is not None:  # body 2 turns on while its clock is in doubt
+        turned = step * shown.offset_std * np.nan_to_num(there.omega @ axis.n2)
+        angle = replace(angle, std=read_only(np.hypot(angle.std, turned)))
     findings = dict.fromkeys((*axis.findings, *anchor.findings, *angle.findings))
     texts = list(findings)
     if offset:
