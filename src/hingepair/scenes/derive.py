@@ -58,7 +58,7 @@ def derive(
         symbolic: tuple of names of constants that stay symbols; () by default. For a pair, "u1", "u2" and "n" are
             possible (symbols u1_x, u1_y, u1_z and so on; n is assumed to have length 1). For a scene, the names of
             the scene's constants are possible too; one whose name is also that of a coordinate, a component or an
-            output gets an underscore (u1_x_). For a robot, only "u" is possible. With "u", two kinds of
+            output gets an underscore (``u1_x_``). For a robot, only "u" is possible. With "u", two kinds of
             positions stay symbols: the positions of the joints (u_3x is the x component for the third joint, in the
             axes of the body that carries the joint) and the position of the frame (p_x, p_y, p_z), in the axes of the
             body that carries the frame.
