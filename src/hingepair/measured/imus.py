@@ -56,7 +56,7 @@ class ImuFit:
         pair: the hinge, a HingePair of sensor 1 and sensor 2.
         axis: the AxisFit.
         anchor: the AnchorFit.
-        angle: the AngleFit, at the instants of sensor 1.
+        angle: the AngleFit, at the instants of sensor 1; its std includes what the clock offset leaves in doubt.
         clock_offset: time by which the clock of sensor 1 is ahead of that of sensor 2 [s]: a sample of sensor 2 with
             the time stamp s was taken at the instant s + clock_offset of the clock of sensor 1. It is 0 if the
             motion shows no offset.
@@ -143,9 +143,14 @@ def fit_imus(
     known = (axis.n1, axis.n2) if np.isfinite(axis.std).all() else (None, None)
     anchor = fit_anchor(*records, *known, **options)
     angle = fit_angle(*records, axis.n1, axis.n2, anchor.u1, anchor.u2, **options)
-    if offset and shown is not None:  # body 2 turns on while its clock is in doubt
-        turned = step * shown.offset_std * np.nan_to_num(there.omega @ axis.n2)
-        angle = replace(angle, std=read_only(np.hypot(angle.std, turned)))
+    if (
+        offset and shown is not None and np.isfinite(shown.offset_std)
+    ):  # what one standard deviation of the offset does to the angle
+        later = _aligned(imu1, imu2, offset + step * shown.offset_std)
+        records = imu1.t, imu1.omega, imu1.force, later.omega, later.force
+        change = fit_angle(*records, axis.n1, axis.n2, anchor.u1, anchor.u2, **options).psi - angle.psi
+        change -= 2 * np.pi * np.rint(change / (2 * np.pi))
+        angle = replace(angle, std=read_only(np.hypot(angle.std, np.nan_to_num(change))))
     findings = dict.fromkeys((*axis.findings, *anchor.findings, *angle.findings))
     texts = list(findings)
     if offset:
