@@ -49,6 +49,7 @@ from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Operand, Ufunc, loop_ir
 from hingepair.errors import CompilationError
 from hingepair.numeric.array_libraries import Library
 from hingepair.numeric.arrays import Block, load, split_into_blocks
+from hingepair.numeric.blocks import components, fill_blocks
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.numeric.sampled import Sampled, sampled_value
 
@@ -431,18 +432,8 @@ class Program:
         if self.loop.carry:
             self._run_numpy_scan(constants, inputs, outputs, shape, dtype)
             return
-        function = self.arrays_function
-
-        def run_blocks(blocks: Sequence[Block]) -> None:
-            """Compute blocks of samples, given by their indices, one after the other, and write them into the
-            outputs.
-            """
-            with np.errstate(all="ignore"):
-                for block in blocks:
-                    results = function(*constants, *(load(array, block, dtype) for array in inputs))
-                    for output, result in zip(outputs, results, strict=True):
-                        output[block] = result
-
+        function = functools.partial(self.arrays_function, *constants)
+        run_blocks = functools.partial(fill_blocks, function, inputs, outputs, dtype)
         blocks: list[Block] = [*split_into_blocks(shape, _NUMPY_SAMPLES_PER_BLOCK)] if inputs else [()]
         workers = min(workers, len(blocks))
         run_in_threads(run_blocks, [blocks[i::workers] for i in range(workers)])
@@ -572,8 +563,3 @@ class Program:
                     state[k] = after if has_all_chains else np.broadcast_to(np.asarray(after, dtype), chains)
                 for output, result in zip(outputs, results, strict=False):
                     output[..., j] = result
-
-
-def components(value: Any) -> tuple[Any, ...]:
-    """Return the components of a vector as a tuple; return a scalar as a tuple of one component."""
-    return value if isinstance(value, tuple) else (value,)

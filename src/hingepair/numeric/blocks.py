@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,8 +24,10 @@ SAMPLES_PER_BLOCK = 4096
 
 def components_of(array: NDArray[Any], rank: int = 1) -> Components:
     """Return a tuple of views of the components of an array whose last axes are vectors (rank 1) or matrices (rank 2,
-    components row by row).
+    components row by row); of scalars (rank 0), the array itself.
     """
+    if rank == 0:
+        return (array,)
     if rank == 2:
         rows, columns = array.shape[-2:]
         return tuple(array[..., i, j] for i in range(rows) for j in range(columns))
@@ -56,15 +57,37 @@ def tabulate(
     nothing per sample, and a single sample needs no array at all.
     """
     out = {name: np.empty((*shape, *sample_shape), dtype) for name, sample_shape in sample_shapes.items()}
-    targets = {name: _output_components(array, len(shape)) for name, array in out.items()}
+    targets = [view for array in out.values() for view in components_of(array, array.ndim - len(shape))]
     values = {name: _map_components(group, lambda c: _number_or_array(c, dtype)) for name, group in inputs.items()}
     moving = {name: group for name, group in values.items() if _holds_array(group)}
-    with np.errstate(all="ignore"):
-        for block in split_into_blocks(shape, SAMPLES_PER_BLOCK) if moving else [()]:
-            part = functools.partial(load, block=block, dtype=dtype)
-            loaded = {name: _map_components(group, part) for name, group in moving.items()}
-            _store(function({**values, **loaded}), targets, block)
+
+    def results(*loaded: Component) -> list[Component]:
+        """Return the components of all results for those of the inputs that vary."""
+        rest = iter(loaded)
+        parts = {name: _map_components(group, lambda _: next(rest)) for name, group in moving.items()}
+        found = function({**values, **parts})
+        return [component for name in out for component in components(found[name])]
+
+    blocks = split_into_blocks(shape, SAMPLES_PER_BLOCK) if moving else [()]
+    fill_blocks(results, [c for group in moving.values() for c in components(group)], targets, dtype, blocks)
     return out
+
+
+def fill_blocks(
+    function: Callable[..., Iterable[Any]],
+    inputs: Sequence[Component],
+    targets: Sequence[NDArray[Any]],
+    dtype: np.dtype[Any],
+    blocks: Iterable[Block],
+) -> None:
+    """Evaluate a function of components for blocks of samples, one after the other, and write its results into
+    `targets`, one array for each. A NaN stays in its sample in silence.
+    """
+    with np.errstate(all="ignore"):
+        for block in blocks:
+            results = function(*(load(component, block, dtype) for component in inputs))
+            for target, result in zip(targets, results, strict=True):
+                target[block] = result
 
 
 def tabulate_one(
@@ -77,7 +100,7 @@ def tabulate_one(
     Raises:
         ShapeError: the inputs do not broadcast.
     """
-    groups = {name: group if isinstance(group, tuple) else (group,) for name, group in inputs.items()}
+    groups = {name: components(group) for name, group in inputs.items()}
     shape = broadcast_shape({name: np.broadcast_shapes(*(c.shape for c in g)) for name, g in groups.items()})
     results = tabulate(lambda values: {"result": function(values)}, inputs, {"result": sample_shape}, shape, dtype)
     return results["result"]
@@ -144,6 +167,11 @@ def _apply_by_name(x: Component, function_name: str) -> Component:
     return array_libraries.apply_function(function_name, x) if method is None else method()
 
 
+def components(value: Any) -> tuple[Any, ...]:
+    """Return the components of a vector as a tuple; return a scalar as a tuple of one component."""
+    return value if isinstance(value, tuple) else (value,)
+
+
 def _map_components(group: Any, function: Callable[[Component], Component]) -> Any:
     """Return the results of a function for each component of a tuple, or for the only component."""
     return tuple(map(function, group)) if isinstance(group, tuple) else function(group)
@@ -151,7 +179,7 @@ def _map_components(group: Any, function: Callable[[Component], Component]) -> A
 
 def _holds_array(group: Any) -> bool:
     """Return whether a component, or one of a tuple of components, is a NumPy array."""
-    return any(isinstance(c, np.ndarray) for c in (group if isinstance(group, tuple) else (group,)))
+    return any(isinstance(c, np.ndarray) for c in components(group))
 
 
 def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
@@ -163,26 +191,3 @@ def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
             return component
         component = component.item()
     return float(component) if dtype == np.float64 else dtype.type(component)
-
-
-def _output_components(array: NDArray[Any], sample_axes: int) -> Any:
-    """Return an output array, which has `sample_axes` axes for the samples and then the axes of one sample, in the
-    form that equations return: the array itself if the output is a scalar, otherwise a tuple of views of its
-    components.
-    """
-    rank = array.ndim - sample_axes
-    return components_of(array, rank) if rank else array
-
-
-def _store(results: Mapping[str, Any], targets: Mapping[str, Any], block: Block) -> None:
-    """Copy the results of one block of samples into the elements of the output arrays that `block`, a tuple of
-    slices, selects. `targets` maps the name of each output to its array or to a tuple of views of its components;
-    `results` has the same form.
-    """
-    for name, target in targets.items():
-        result = results[name]
-        if isinstance(target, tuple):
-            for view, component in zip(target, result, strict=True):
-                view[block] = component
-        else:
-            target[block] = result

@@ -13,8 +13,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.derivatives import Change, jacobian, pullback, pushforward, variables, weighted_sum
-from hingepair.engine.loops import Loop, components
+from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand
+from hingepair.numeric.blocks import components
 from hingepair.plans.trees import Form, Request, compute_request, request_loop
 
 Flat: TypeAlias = Mapping[str, tuple[Any, ...]]

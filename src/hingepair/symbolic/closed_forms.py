@@ -15,8 +15,8 @@ from typing import Any, Final, TypeAlias
 
 import sympy
 
-from hingepair.engine.loops import components
 from hingepair.errors import ArgumentError
+from hingepair.numeric.blocks import components
 from hingepair.numeric.names import Names
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
