@@ -378,6 +378,21 @@ def test_an_angle_that_no_direction_shows_is_not_relied_on() -> None:
     assert found.std.max() > 0.2
 
 
+@pytest.mark.parametrize("share", [0.0, 0.7], ids=["white", "coloured"])
+def test_noise_with_a_memory_is_told_with_the_angle(share: float) -> None:
+    t = np.arange(200) / 40
+    rng = np.random.default_rng(1)
+    columns = []
+    for column, size in zip(felt(t=t), (0.01, 0.05, 0.01, 0.05), strict=True):
+        noise = rng.standard_normal(column.shape)
+        for i in range(1, t.size):
+            noise[i] = share * noise[i - 1] + np.sqrt(1 - share**2) * noise[i]
+        columns.append(column + size * noise)
+    found = hp.fit_angle(t, *columns, N1, N2, *POINT, **KNOWN)
+    assert found.ok
+    assert ("standard deviations of the angle are too small" in " ".join(found.findings)) == (share > 0)
+
+
 @pytest.mark.slow
 def test_angles_have_gaps_where_samples_are_missing() -> None:
     columns = felt(noise=1e-2)

@@ -143,9 +143,8 @@ def fit_imus(
     known = (axis.n1, axis.n2) if np.isfinite(axis.std).all() else (None, None)
     anchor = fit_anchor(*records, *known, **options)
     angle = fit_angle(*records, axis.n1, axis.n2, anchor.u1, anchor.u2, **options)
-    if (
-        offset and shown is not None and np.isfinite(shown.offset_std)
-    ):  # what one standard deviation of the offset does to the angle
+    if offset and shown is not None and np.isfinite(shown.offset_std):
+        # what one standard deviation of the offset does to the angle
         later = _aligned(imu1, imu2, offset + step * shown.offset_std)
         records = imu1.t, imu1.omega, imu1.force, later.omega, later.force
         change = fit_angle(*records, axis.n1, axis.n2, anchor.u1, anchor.u2, **options).psi - angle.psi

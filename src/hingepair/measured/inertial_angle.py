@@ -330,6 +330,12 @@ def _angle_findings(estimate: _AngleEstimate, worst: float, seen: _Seen) -> list
             "of n2, the axes, the point or the clocks may be wrong."
         )
         findings.append(Finding(text, False))
+    if estimate.unresolved_lag:
+        text = (
+            f"What is left of the directions is correlated over {estimate.unresolved_lag} samples and more, too long "
+            "relative to the whole recording: the standard deviations of the angle are too small."
+        )
+        findings.append(Finding(text, True))
     along = np.stack([force[:, 2] for force in seen.pulling])
     off = float(np.sqrt(np.mean((along[0] - along[1]) ** 2)))
     size = float(np.sqrt(np.mean(seen.pulling[0] ** 2) * 3))
@@ -351,6 +357,7 @@ class _AngleEstimate(NamedTuple):
     noise: float  # of a direction, the median [rad]
     excess: float  # scatter of the directions, in parts of what their noise explains
     contradicted: float  # share of directions that are far from the angle
+    unresolved_lag: int  # samples over which directions err alike at least; 0 where they do not
 
 
 def _angles_between(
@@ -405,11 +412,12 @@ def _most_likely_angle(
         psi = _Smoother(dt, step_weights, weights, bias_std).solve(steps_of_angle, near)[0]
     near = angles + 2 * np.pi * np.rint((psi - angles) / (2 * np.pi))
     rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
-    excess, memory = 0.0, 1.0
+    excess, memory, lag = 0.0, 1.0, 0
     for row in rows:
         if row.size > MIN_SAMPLES_PER_SMOOTHED_PIECE:
             excess = max(excess, float(np.sqrt(np.mean(row * row))))
-            memory = max(memory, float(score_scatter(row[None])[0][0, 0] / max(row @ row, 1e-300)))
+            scatter, unresolved_lag = score_scatter(row[None])
+            memory, lag = max(memory, float(scatter[0, 0] / max(row @ row, 1e-300))), max(lag, unresolved_lag)
     scale = max(excess, 1.0) ** 2 * memory
     smoother = _Smoother(dt, step_weights, weights / scale, bias_std)
     psi, drift = smoother.solve(steps_of_angle, near)
@@ -433,7 +441,7 @@ def _most_likely_angle(
     far = (off > _MIN_CONTRADICTION * np.sqrt(seen)) & (off > 0.2)
     contradicted = float(far.mean()) if far.size else 0.0
     drift_std = float(np.sqrt(drift_std**2 + drifts @ drifts))
-    return _AngleEstimate(psi, std, drift, drift_std, noise, excess, contradicted)
+    return _AngleEstimate(psi, std, drift, drift_std, noise, excess, contradicted, lag)
 
 
 def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, precision: Float64Array) -> Float64Array:
