@@ -409,22 +409,25 @@ import signal, numpy as np, hingepair as hp
 robot = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0)).prepare("pose", outputs=("R2",), workers=8)
 q = np.ones((400_000, 7))
 wanted, caught = robot(q).R2.copy(), 0
+signal.signal(signal.SIGALRM, signal.default_int_handler)
 for k in range(60):
-    signal.signal(signal.SIGALRM, signal.default_int_handler)
     out = np.zeros((400_000, 3))
     try:
-        signal.setitimer(signal.ITIMER_REAL, 2e-4 * (1 + k % 20))
-        robot(q, out={"R2": out})
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 2e-4 * (1 + k % 20))
+            robot(q, out={"R2": out})
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            for _ in range(3):  # an interrupt on its way arrives here
+                pass
     except KeyboardInterrupt:
         caught += 1
-    signal.signal(signal.SIGALRM, signal.SIG_IGN)
-    signal.setitimer(signal.ITIMER_REAL, 0)  # or it interrupts the next round before its call
     out[...] = 7.0
     assert (out == 7).all()
 assert (robot(q).R2 == wanted).all()
 print(caught)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=100)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 0
 

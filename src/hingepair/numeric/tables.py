@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from decimal import Decimal
 from typing import Any, NamedTuple
 
 from hingepair.errors import printable
@@ -94,12 +93,12 @@ def instant_text(t: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share of 1 as a percentage of two significant digits, never with an exponent.
+    """Return a share of 1 as a percentage of two significant digits.
 
-    >>> percent(0.0123), percent(0.996), percent(1e-7)
-    ('1.2 %', '100 %', '0.00001 %')
+    >>> percent(0.0123), percent(0.996), percent(3.3e-13)
+    ('1.2 %', '100 %', '3.3e-11 %')
     """
-    return f"{Decimal(f'{100 * share:.2g}'):f} %"
+    return f"{100 * share:.0f} %" if share >= 0.995 else f"{100 * share:.2g} %"
 
 
 def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: int = 6) -> list[list[str]]:
