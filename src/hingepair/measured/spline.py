@@ -173,7 +173,7 @@ def smooth_columns(
             deviations[order, span] = np.sqrt(variance * spline.variances(i, t[span], order))
             # Measured: near ends, derivatives miss by more than the covariance of the coefficients says.
             from_end = np.minimum(t[span] - t[span][0], t[span][-1] - t[span])
-            deviations[order, span] *= 1 + 0.25 * order * np.exp(-2 * model.bandwidth * from_end)
+            deviations[order, span] *= 1 + 0.15 * order * np.exp(-2 * model.bandwidth * from_end)
     power = (white * white).sum()
     return SmoothedColumns(
         values=values,
