@@ -10,7 +10,7 @@ import pytest
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
 from hingepair.validation.robot_scales import RobotScales
-from hingepair.validation.robot_twin import BASE_MOTION_AT_REST_AT_ORIGIN
+from hingepair.validation.robot_twin import BASE_AT_REST
 from support import states
 from support.robot_proof import ratio
 
@@ -67,7 +67,7 @@ def test_mujoco_moves_the_robot_as_we_do(name):
     state, energy = robot.forward_kinematics(q, frames=links), robot.energy(q, qd)
     got = {"R": state.R, "S": state.S, "M": robot.mass_matrix(q), "tau": robot.inverse_dynamics(q, qd, qdd).tau}
     got |= {"kinetic": energy.kinetic, "potential": energy.potential}
-    scales = RobotScales(robot.tree, [q, qd, qdd], BASE_MOTION_AT_REST_AT_ORIGIN, np.array(GRAVITY))
+    scales = RobotScales(robot.tree, [q, qd, qdd], BASE_AT_REST, np.array(GRAVITY))
     motions = [scales.motion(robot.tree.links[link]) for link in links]
     sizes = {"R": np.stack([one["R"] for one in motions], axis=1)[..., None]}
     sizes["S"] = np.stack([one["S"] for one in motions], axis=1)[..., None, None]

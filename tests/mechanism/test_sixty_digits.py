@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.validation.robot_scales import FRAME_MOTION_QUANTITY_NAMES, RobotScales
+from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
 from support import states
 from support.reference import DIGITS
 from support.robot_reference import LETTERS, RobotReference, errors
@@ -88,7 +88,7 @@ def test_motion_is_within_its_bounds(arm, sizes, backend):
     for k, link in enumerate(LINKS[arm]):
         frame = robot.tree.links[link]
         exact, scale = truth.motion(frame), scales.motion(frame)
-        for name in (*FRAME_MOTION_QUANTITY_NAMES, "d"):
+        for name in (*FRAME_MOTION, "d"):
             got, own = getattr(state, name)[:, k], scale.get(name, scale["R"])
             check(name, got, exact[name], 2 if name == "S" else 1, bounds[name][:, k], own)
 

@@ -198,7 +198,7 @@ def test_the_picture_of_many_samples_is_that_of_all_of_them(tmp_path, monkeypatc
 
     drawn, figure = pixels()
     assert sum(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) < 140_000
-    monkeypatch.setattr("hingepair.pictures.curves._MAX_INTERVALS_OF_THINNED_TIME_CURVE", 100_001)
+    monkeypatch.setattr("hingepair.pictures.curves._TIME_INTERVALS", 100_001)
     whole, figure = pixels()
     assert sum(len(line.get_xdata()) for axes in figure.axes for line in axes.get_lines()) == 700_007
     assert (np.abs(drawn - whole).max(axis=2) > 60).mean() < 0.002

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import hingepair as hp
 from hingepair.cli.main import app
 from hingepair.scenes.scene import Scene, load_pair
-from hingepair.scenes.waypoints import WAY_POINT_PROFILE_NAMES, interpolate_way_points
+from hingepair.scenes.waypoints import PROFILES, interpolate_way_points
 from support.work import bounded_calls
 
 U = 2.0**-53
@@ -392,7 +392,7 @@ def test_a_pair_needs_no_motion(tmp_path: Path) -> None:
 POINTS = "{ t = [0, 0.5, 2], value = [0, -1, 'pi/2'], profile = 'PROFILE' }"
 
 
-@pytest.mark.parametrize("profile", WAY_POINT_PROFILE_NAMES)
+@pytest.mark.parametrize("profile", PROFILES)
 def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: Path, profile: str) -> None:
     text = change('psi = "pi*t"', f"psi = {POINTS.replace('PROFILE', profile)}")
     text = text.replace("samples = 21", "samples = 2001")

@@ -11,12 +11,12 @@ import pytest
 
 import hingepair as hp
 from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
-from hingepair.scenes.logged_motion import COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME, PAIR_LOG_COLUMN_NAMES
-from hingepair.scenes.mechanisms.mechanism_table import JOINT_TABLE_KEYS, MECHANISM_TABLE_KEYS
-from hingepair.scenes.mechanisms.scene import MECHANISM_OUTPUT_QUANTITY_NAMES
-from hingepair.scenes.pair_table import SPATIAL_PAIR_TABLE_KEYS
-from hingepair.scenes.simulated_motion import SPATIAL_DYNAMICS_KEYS
-from hingepair.scenes.waypoints import WAY_POINT_PROFILE_NAMES
+from hingepair.scenes.logged_motion import LOG_ARRAYS, LOG_COLUMNS
+from hingepair.scenes.mechanisms.mechanism_table import JOINT_TABLE_KEYS, MECHANISM_KEYS
+from hingepair.scenes.mechanisms.scene import ROBOT_QUANTITIES
+from hingepair.scenes.pair_table import PAIR_TABLE_KEYS
+from hingepair.scenes.simulated_motion import DYNAMICS_KEYS
+from hingepair.scenes.waypoints import PROFILES
 from hingepair.symbolic.expressions import BUILTIN_SYMPY_CONSTANT_BY_NAME, FUNCTION_SIGNATURE_BY_NAME
 from support.sparse import sparse
 
@@ -88,13 +88,13 @@ def test_there_are_examples_of_every_kind():
 WORDS = (
     *FUNCTION_SIGNATURE_BY_NAME,
     *BUILTIN_SYMPY_CONSTANT_BY_NAME,
-    *WAY_POINT_PROFILE_NAMES,
-    *SPATIAL_PAIR_TABLE_KEYS,
-    *COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME,
-    *SPATIAL_DYNAMICS_KEYS,
-    *MECHANISM_TABLE_KEYS,
+    *PROFILES,
+    *PAIR_TABLE_KEYS,
+    *LOG_ARRAYS,
+    *DYNAMICS_KEYS,
+    *MECHANISM_KEYS,
     *JOINT_TABLE_KEYS,
-    *MECHANISM_OUTPUT_QUANTITY_NAMES,
+    *ROBOT_QUANTITIES,
 )
 
 
@@ -105,5 +105,5 @@ def test_every_word_is_told(name):
 
 def test_every_column_is_told():
     told = set(re.findall(r"`(\w+)`", PAGE))
-    for column in PAIR_LOG_COLUMN_NAMES:
+    for column in LOG_COLUMNS:
         assert column in told or f"{column[:-1]}x" in told, column

@@ -166,7 +166,7 @@ def test_the_masses_of_a_program_are_linear_in_a_payload():
 def test_variants_come_in_their_order_however_many_are_computed_at_once(ending, monkeypatch):
     sweep = sweep_of(crane("fixed"), VARIED, '"tau", "R"', ending)
     whole = chunk_of(sweep)
-    monkeypatch.setattr(sweeps, "_MAX_VARIANTS_TIMES_INSTANTS_COMPUTED_AT_ONCE", 10)  # two variants
+    monkeypatch.setattr(sweeps, "_MAX_STATES", 10)  # two variants
     parts = chunk_of(sweep)
     assert [*whole] == [*parts]
     for name, column in whole.items():

@@ -398,7 +398,7 @@ def test_stores_and_schedulers_that_cannot_be_used_are_refused(monkeypatch):
     assert Path("there.parquet").read_text() == "mine"
     assert "--out: expected a name that ends in .parquet or .zarr" in refused("--out", "x.csv")
     assert "--out: expected a place that can be written" in refused("--out", "nowhere/x.parquet")
-    monkeypatch.setattr(sweeps, "_SCHEDULER_CONNECTION_TIMEOUT_SECONDS", 0.2)
+    monkeypatch.setattr(sweeps, "_TIMEOUT", 0.2)
     assert "--scheduler: expected the address of" in refused("--scheduler", "tcp://127.0.0.1:1", "--out", "y.parquet")
     assert not Path("y.parquet.parts").exists()
     Path("z.parquet.parts").mkdir()

@@ -11,7 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.scenes.known_motion import MotionByBody1, MotionByCoordinates
-from hingepair.validation.report import MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
+from hingepair.validation.report import MAX_LOAD_RATIO
 from hingepair.validation.simulated import compare_forces, compare_rates
 from support.commands import run_command
 from support.states import generator, rotations
@@ -91,7 +91,7 @@ def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text
     assert [row.output for row in report.forces] == COMPARED[base]
     for row in report.forces:
         assert row.max_ratio < 16
-        assert (row.samples, row.bound) == (101, MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE)
+        assert (row.samples, row.bound) == (101, MAX_LOAD_RATIO)
     rates = ["psid", "psidd", *(["v1", "a1", "omega1", "alpha1"] if base in {"free", "pinned"} else [])]
     assert [row.rate for row in report.rates] == rates
     for row in report.rates:

@@ -38,10 +38,7 @@ SizesOption = Annotated[str, typer.Option(help="Batch sizes [samples], separated
 
 def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | None = None) -> None:
     """Call `measure()`, which returns a Report, and print the table and the notes of the Report and the facts of the
-    machine, or all of them as JSON if `show_json` is True. If `plot` is a path, draw the Report into that file; None
-    draws nothing.
-
-    The file of the picture is opened first, so that a file that cannot be written is refused before measuring.
+    machine, or all of them as JSON if `show_json` is True.
     """
     from hingepair.bench.measure import machine_facts, print_progress
 
@@ -66,8 +63,7 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
 @contextlib.contextmanager
 def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
     """Return a context manager that opens the picture file `path` for writing and yields a function that draws a
-    Report into the file. Raise an ArgumentError if the suffix is wrong or the file cannot be written, and a
-    MissingDependencyError if Matplotlib is not installed.
+    Report into the file.
     """
     from hingepair.bench.plot import new_figure, write_picture
 
@@ -82,9 +78,7 @@ def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
 
 
 def _parse_sizes(sizes: str) -> list[int]:
-    """Parse batch sizes, a string of integers separated by commas, and return them as a list of ints. Raise an
-    ArgumentError unless each integer is from 1 to 10 million.
-    """
+    """Parse batch sizes, a string of integers separated by commas, and return them as a list of ints."""
     counts = [int(part) if part.strip().isdecimal() else 0 for part in sizes.split(",")]
     if not all(1 <= count <= 10**7 for count in counts):
         raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(sizes))

@@ -25,9 +25,9 @@ from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.scenes.mechanisms.scene import MechanismScene
-from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES, Scene
+from hingepair.scenes.scene import FURTHER_OUTPUTS, Scene
 
-DEFAULT_DERIVED_OUTPUT_NAMES_OF_SPATIAL_PAIR = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
+_DERIVED = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""
 
 
@@ -121,10 +121,7 @@ def _derive_pair(
     short: bool | None,
 ) -> str:
     """Return the formulas of the motion of a Scene as text, or of an arbitrary motion if `scene_or_pair` is a pair or
-    a simulated Scene. `scene_file` is the path of a pair's file, from which exact values are read, or None. `symbols`
-    are the names of the constants that stay symbols. `outputs` are the names of outputs; None stands for the outputs
-    of the scene or the default. `output_format` is "text", "latex", "python" or "json". Repeated terms are
-    abbreviated if `short` is True, or if `short` is None and lines are long.
+    a simulated Scene.
     """
     from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, check_outputs, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
@@ -139,11 +136,9 @@ def _derive_pair(
         else derive_any_motion(scene_file, symbols)
     )
     title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
-    chosen = tuple(name for name in scene_outputs or () if name not in COORDINATE_AND_QUATERNION_OUTPUT_NAMES)
+    chosen = tuple(name for name in scene_outputs or () if name not in FURTHER_OUTPUTS)
     default_names = (
-        default_outputs(ACCELERATION, PLANAR_MOTION_KIND)
-        if forms.kind is PLANAR_MOTION_KIND
-        else DEFAULT_DERIVED_OUTPUT_NAMES_OF_SPATIAL_PAIR
+        default_outputs(ACCELERATION, PLANAR_MOTION_KIND) if forms.kind is PLANAR_MOTION_KIND else _DERIVED
     )
     names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
     if output_format == "latex":
@@ -158,9 +153,7 @@ def _derive_pair(
 
 def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
     """Return a tuple (robot, notes): the Mechanism of the robot or URDF file that `source` names, and a tuple of at
-    most one sentence. Angles that are closer than `snap` [rad] (None for 1e-6) to a multiple of pi/2 are replaced by
-    the multiple; the sentence says so if an angle changed. Return None for another source, such as a pair's scene
-    file. Raise an ArgumentError for an unknown name.
+    most one sentence.
     """
     robot = load_named_robot(source)
     if robot is None:
@@ -185,11 +178,7 @@ def _derive_robot(
     output_format: str,
     short: bool,
 ) -> str:
-    """Return formulas as text for a frame of a Mechanism. `frame` is the name of a link or joint, None for the last
-    link; `notes` are sentences that the text begins with. `symbols` are the names of the constants that stay symbols,
-    and `outputs` the names of outputs, or None for the default. `output_format` is "text", "latex", "python" or
-    "json". Repeated terms are abbreviated if `short` is True.
-    """
+    """Return formulas as text for a frame of a Mechanism."""
     from hingepair.symbolic.frame_forms import FrameForms
 
     forms = FrameForms(robot, frame, symbols, notes)

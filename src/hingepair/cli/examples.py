@@ -13,7 +13,7 @@ from hingepair.cli.output import make_console
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.tables import align_columns
 
-ALL_EXAMPLES_KEYWORD = "all"
+_ALL = "all"
 """The NAME that stands for every example."""
 
 
@@ -22,7 +22,7 @@ def examples_command(
         str | None,
         typer.Argument(
             metavar="NAME",
-            help=f"Copy this example and the files that it reads; {ALL_EXAMPLES_KEYWORD}: every example.",
+            help=f"Copy this example and the files that it reads; {_ALL}: every example.",
         ),
     ] = None,
     directory: Annotated[
@@ -40,15 +40,15 @@ def examples_command(
         lines = [*align_columns(rows, set()), "", "Copy one with: hingepair examples NAME [DIRECTORY]"]
         make_console().print(*lines, sep="\n")
         return
-    if name != ALL_EXAMPLES_KEYWORD and name not in scenes:
-        names = (ALL_EXAMPLES_KEYWORD, *scenes)
+    if name != _ALL and name not in scenes:
+        names = (_ALL, *scenes)
         raise ArgumentError("name", f"{choices(names)}{nearest(name, names)}", quoted(name))
-    wanted = scenes.values() if name == ALL_EXAMPLES_KEYWORD else [scenes[name]]
+    wanted = scenes.values() if name == _ALL else [scenes[name]]
     files = sorted({file for path in wanted for file in (path, *_referenced_files(path))})
     targets = [directory / file.relative_to(folder) for file in files]
     _copy_all(files, targets, directory)
     lines = [f"written: {target}" for target in targets]
-    if name != ALL_EXAMPLES_KEYWORD:
+    if name != _ALL:
         command = "sweep" if "scene" in _read_toml(scenes[name]) else "run"
         lines.append(f"Now try: hingepair {command} {directory / f'{name}.toml'}")
     make_console().print(*lines, sep="\n")
@@ -84,7 +84,7 @@ def _examples_folder() -> Path:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
-    """Return the contents of a TOML file as a dict. Raise a TOMLDecodeError if the text is not valid TOML."""
+    """Return the contents of a TOML file as a dict."""
     import tomllib
 
     return tomllib.loads(path.read_text(encoding="utf-8"))
@@ -105,10 +105,7 @@ def _referenced_files(path: Path) -> list[Path]:
 
 
 def _copy_all(files: Sequence[Path], targets: Sequence[Path], directory: Path) -> None:
-    """Copy each of `files` to the path at the same position in `targets`, and make missing folders. Raise an
-    ArgumentError, before anything is copied, if a target exists, and also if a target cannot be written. Messages
-    name `directory`.
-    """
+    """Copy each of `files` to the path at the same position in `targets`, and make missing folders."""
     existing = [target for target in targets if target.exists() or target.is_symlink()]
     if existing:
         expected = "a directory without files of these names, since nothing is overwritten"

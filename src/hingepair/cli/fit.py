@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_FILE_SUFFIXES,
+    PICTURE_SUFFIXES,
     JsonOption,
     check_output,
     check_picture_suffix,
@@ -66,9 +66,7 @@ def fit_command(
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help=f"Draw psi and the residuals over time ({', '.join(PICTURE_FILE_SUFFIXES)})."
-        ),
+        typer.Option(metavar="FILE", help=f"Draw psi and the residuals over time ({', '.join(PICTURE_SUFFIXES)})."),
     ] = None,
     scene: Annotated[
         Path | None,
@@ -145,7 +143,7 @@ def fit_command(
 
 def _check_suffixes(out: Path | None, plot: Path | None, scene: Path | None, report: Path | None) -> None:
     """Raise an ArgumentError if the suffix of a path does not fit what is written to it: a table of results to `out`,
-    a picture to `plot`, a scene (.toml) to `scene`, a report (.md) to `report`. A path that is None is not checked.
+    a picture to `plot`, a scene (.toml) to `scene`, a report (.md) to `report`.
     """
     if out is not None:
         check_ending(out)
@@ -161,10 +159,7 @@ def _check_output_paths(
     files: list[Path], out: Path | None, plot: Path | None, scene: Path | None, report: Path | None
 ) -> None:
     """Raise an ArgumentError if an output cannot be written or is one of `files`, which are read, if the scene or its
-    log (.csv) exists already, or if `out` is the log. A path that is None is not checked.
-
-    Results, figures and reports are overwritten, since their names are given; a scene is not, since users edit it,
-    nor its log, whose name is not given.
+    log (.csv) exists already, or if `out` is the log.
     """
     for option, path in (("out", out), ("plot", plot), ("report", report)):
         check_output(option, path, files)
@@ -189,8 +184,7 @@ def _save(
     report: Path | None,
 ) -> list[Path]:
     """Write the results of a HingeFit to `out`, its figure to `plot`, a scene and its log to `scene` and a report to
-    `report`, each unless the path is None. Return the list of the written paths. `body1` is the recorded BodyMotion
-    of body 1; `files` are the recordings, which are not overwritten.
+    `report`, each unless the path is None.
     """
     written: list[Path] = []
     try:
@@ -234,8 +228,7 @@ def _save_each(
 
 def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
     """Write a scene of a HingeFit's pair to `path`, and beside it a log (.csv) with the recorded BodyMotion `body1`
-    and the fitted psi. Return the list of both paths. Raise an ArgumentError if one of them is in `inputs` or cannot
-    be written.
+    and the fitted psi.
     """
     log = path.with_suffix(".csv")
     t = np.asarray(fitted.t)
@@ -267,9 +260,7 @@ def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Pa
 
 
 def _save_text(path: Path, text: str, inputs: list[Path]) -> None:
-    """Write text to the file `path`, completely or not at all. Raise an ArgumentError if `path` is one of the files
-    `inputs` or cannot be written.
-    """
+    """Write text to the file `path`, completely or not at all."""
     with whole_file(path, inputs) as file:
         file.write(text.encode())
 
@@ -282,9 +273,7 @@ def _report_without_hinge(error: FitError, inputs: list[Path]) -> str:
 
 
 def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
-    """Return the Markdown text of the report on a HingeFit. `inputs` are the paths of the recordings, which the
-    heading names; `figure` is the path of the figure relative to the report, or None for a report without a figure.
-    """
+    """Return the Markdown text of the report on a HingeFit."""
     verdict = "**ok**: the motion shows a hinge and determines it." if fitted.ok else "**Not reliable.**"
     missing = fitted.psi.size - fitted.samples
     lines = [

@@ -17,7 +17,7 @@ from hingepair.cli.derive import derive_command
 from hingepair.cli.examples import examples_command
 from hingepair.cli.fit import fit_command
 from hingepair.cli.options import with_option_names
-from hingepair.cli.output import BAD_INPUT_EXIT_CODE, INTERNAL_ERROR_EXIT_CODE, run_and_flush, set_up_process
+from hingepair.cli.output import BAD_INPUT, INTERNAL_ERROR, run_and_flush, set_up_process
 from hingepair.cli.pairs import mjcf_command, urdf_command
 from hingepair.cli.pictures import plot_command, view_command
 from hingepair.cli.robots import robots_command
@@ -39,7 +39,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMAND_FUNCTION_BY_NAME: dict[str, Callable[..., None]] = {
+COMMANDS: dict[str, Callable[..., None]] = {
     "run": run_command,
     "check": check_command,
     "forces": forces_command,
@@ -57,7 +57,7 @@ COMMAND_FUNCTION_BY_NAME: dict[str, Callable[..., None]] = {
 }
 """The commands by the names that users type, in the order of --help."""
 
-for command_name, command in COMMAND_FUNCTION_BY_NAME.items():
+for command_name, command in COMMANDS.items():
     app.command(command_name)(with_option_names(command))
 app.add_typer(bench_app, name="bench")
 
@@ -69,22 +69,20 @@ def main() -> None:
 
 
 def _run_app() -> int:
-    """Run the command that the process's arguments name, and return the exit code. Print the message of an error of
-    the user's input, or the traceback of an internal error, to standard error. Raise an OSError unchanged.
-    """
+    """Run the command that the process's arguments name, and return the exit code."""
     try:
         _command_tree()()
     except HingePairError as error:
         print("\n".join((f"hingepair: {error}", *getattr(error, "__notes__", ()))), file=sys.stderr)
-        return BAD_INPUT_EXIT_CODE
+        return BAD_INPUT
     except MemoryError as error:
         print(f"hingepair: not enough memory ({error})", file=sys.stderr)
-        return BAD_INPUT_EXIT_CODE
+        return BAD_INPUT
     except OSError:
         raise
     except Exception:
         traceback.print_exc()
-        return INTERNAL_ERROR_EXIT_CODE
+        return INTERNAL_ERROR
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 0
     return 0

@@ -13,7 +13,7 @@ from hingepair.cli.examples import missing_file_hint
 from hingepair.errors import ArgumentError
 
 # The parameters of commands whose values become arguments of the library, by the argument's name in errors.
-_COMMAND_PARAMETER_NAMES_BY_LIBRARY_ARGUMENT_NAME = {
+_PARAMETERS = {
     "path": ("out",),
     "path_or_text": ("source", "name_or_urdf_file"),
     "robot": ("source", "name_or_urdf_file", "names"),
@@ -34,7 +34,7 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
             command(*args, **values)
         except ArgumentError as error:
             typed_names = _typed_names(command)
-            parameters = _COMMAND_PARAMETER_NAMES_BY_LIBRARY_ARGUMENT_NAME.get(error.name, (error.name,))
+            parameters = _PARAMETERS.get(error.name, (error.name,))
             name = next((typed_names[name] for name in parameters if name in typed_names), error.name)
             missing = (
                 value
@@ -53,10 +53,7 @@ def with_option_names(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _typed_arguments(command: Callable[..., None], values: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the values of a command's positional arguments as strings, such as paths and names of robots. `values` is
-    a dict of all arguments by parameter name. If a value is a list, yield each of its entries; if it is None, yield
-    nothing.
-    """
+    """Yield the values of a command's positional arguments as strings, such as paths and names of robots."""
     for name, hint in typing.get_type_hints(command, include_extras=True).items():
         if any(isinstance(info, ArgumentInfo) for info in getattr(hint, "__metadata__", ())):
             value = values.get(name)

@@ -22,17 +22,17 @@ from hingepair.numeric.tables import ruled_table
 from hingepair.numeric.whole_file import check_writable, whole_file
 from hingepair.pair.results import RESULT_ROWS_PER_BLOCK
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
-from hingepair.scenes.scene import COORDINATE_AND_QUATERNION_OUTPUT_NAMES
+from hingepair.scenes.scene import FURTHER_OUTPUTS
 
 Piece = TypeVar("Piece")
 
-BAD_INPUT_EXIT_CODE = 2
+BAD_INPUT = 2
 """Of bad input and of output that cannot be written; 1 means that a check failed."""
 
-INTERNAL_ERROR_EXIT_CODE = 3
+INTERNAL_ERROR = 3
 """Of an internal error, whose traceback is printed."""
 
-PICTURE_FILE_SUFFIXES = (".png", ".svg", ".pdf")
+PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
 """File name suffixes of figures."""
 
 OutputsOption = Annotated[
@@ -41,7 +41,7 @@ OutputsOption = Annotated[
         metavar="NAMES",
         help=f"Outputs, separated by commas: {', '.join(SPATIAL_MOTION_KIND.levels)}; of a planar pair: "
         f"{', '.join(PLANAR_MOTION_KIND.levels)}; coordinates and, unless planar, quaternions: "
-        f"{', '.join(COORDINATE_AND_QUATERNION_OUTPUT_NAMES)}.",
+        f"{', '.join(FURTHER_OUTPUTS)}.",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -72,9 +72,9 @@ def terminal_width(screen: Console) -> int | None:
 
 
 def check_picture_suffix(option: str, path: Path) -> None:
-    """Raise an ArgumentError that names `option` unless a path ends in one of PICTURE_FILE_SUFFIXES."""
-    if path.suffix.lower() not in PICTURE_FILE_SUFFIXES:
-        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_FILE_SUFFIXES)}", quoted(str(path)))
+    """Raise an ArgumentError that names `option` unless a path ends in one of PICTURE_SUFFIXES."""
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        raise ArgumentError(option, f"a file name that ends in {', '.join(PICTURE_SUFFIXES)}", quoted(str(path)))
 
 
 def check_output(option: str, path: Path | None, inputs: Iterable[str | os.PathLike[str]] = ()) -> None:
@@ -97,8 +97,7 @@ def naming_option(option: str) -> Iterator[None]:
 
 def save_figure(option: str, figure: Any, path: Path, inputs: Iterable[Path], **settings: Any) -> None:
     """Write a Matplotlib figure to a file in the format of its suffix, completely or not at all. Further keyword
-    arguments are passed to `savefig`. Raise an ArgumentError that names `option` if the file is one of `inputs` or
-    cannot be written.
+    arguments are passed to `savefig`.
     """
     with naming_option(option), whole_file(path, inputs) as file:
         figure.savefig(file, format=path.suffix.lower()[1:], **settings)
@@ -131,7 +130,7 @@ def report_if_stopped(out: Path) -> Iterator[None]:
 
 def split_names(option: str, text: str | None) -> list[str] | None:
     """Return the names in the string `text`, the value of an option, as a list, split at commas outside of double
-    quotes; return None if `text` is None. Raise an ArgumentError that names `option` if there is no name in it.
+    quotes; return None if `text` is None.
     """
     cells = [] if text is None else next(csv.reader([text], skipinitialspace=True), [])
     names = None if text is None else [name.strip() for name in cells if name.strip()]
@@ -142,7 +141,7 @@ def split_names(option: str, text: str | None) -> list[str] | None:
 
 def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
     """Write text to the file `out`, completely or not at all, and print a message that it was written; if `out` is
-    None, write the text to standard output. Raise an ArgumentError if `out` is one of `inputs` or cannot be written.
+    None, write the text to standard output.
     """
     if out is None:
         sys.stdout.flush()
@@ -190,13 +189,13 @@ def run_and_flush(run_command: Callable[[], int]) -> int:
         os.dup2(
             os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
         )  # the text in the buffer would fail again at exit
-        return BAD_INPUT_EXIT_CODE
+        return BAD_INPUT
     return code
 
 
 def _print_new_warning(printed_texts: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
     """Print the message of a warning to standard error and add it to the set `printed_texts`, unless the message is
-    already in the set. Further arguments of `warnings.showwarning` are ignored.
+    already in the set.
     """
     if str(message) not in printed_texts:
         printed_texts.add(str(message))

@@ -25,7 +25,7 @@ from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.pair.results import RESULT_FILE_SUFFIXES
-from hingepair.scenes.motion import PRESCRIBED_BASE_NAME
+from hingepair.scenes.motion import PRESCRIBED
 from hingepair.scenes.scene import (
     Scene,
     describes_motion,
@@ -80,7 +80,7 @@ def load_named_pair(source: str, joint: str | None, *frames: str | None) -> Hing
     """Return the HingePair or PlanarPair of a scene file, or the HingePair of a hinge of a robot. `source` is a scene
     file, a robot's name or a URDF file; `joint` is the name of the hinge, None for a scene file. Two further
     positional arguments, for a hinge only, are the names of the links whose frames become those of body 1 and body 2;
-    None means the joint's own link. Raise an ArgumentError for a missing or superfluous `joint`.
+    None means the joint's own link.
     """
     if joint is not None and source.lower().endswith(".toml"):
         raise ArgumentError("JOINT", "no JOINT after a scene file, which describes its own pair", repr(joint))
@@ -97,8 +97,7 @@ def load_named_pair(source: str, joint: str | None, *frames: str | None) -> Hing
 
 def load_named_robot(source: str) -> Mechanism | None:
     """Return the Mechanism of a URDF file, of a robot named `source`, or of a mechanism's scene file that has no
-    table [motion]; return None for other sources. Raise an ArgumentError for a word that is neither a file nor a
-    robot's name.
+    table [motion]; return None for other sources.
     """
     if is_urdf(source):
         return Mechanism.from_urdf(source)
@@ -108,9 +107,7 @@ def load_named_robot(source: str) -> Mechanism | None:
 
 
 def load_named_scene(path: Path) -> Scene | MechanismScene:
-    """Read a scene file that has a motion, and return its Scene (of a pair) or MechanismScene. Raise an ArgumentError
-    if `path` is the name of a robot, or a word that is neither a file nor a robot's name.
-    """
+    """Read a scene file that has a motion, and return its Scene (of a pair) or MechanismScene."""
     word = str(path)
     if _names_robot(word):
         expected = f"a scene file with a motion, and [mechanism] robot = {word!r}"
@@ -119,9 +116,7 @@ def load_named_scene(path: Path) -> Scene | MechanismScene:
 
 
 def _names_robot(source: str) -> bool:
-    """Return whether a string names a robot and no file. Raise an ArgumentError that suggests similar robots for a
-    word that is neither a file nor a robot, and a MissingDependencyError for a word if the robots are not installed.
-    """
+    """Return whether a string names a robot and no file."""
     if os.path.exists(source):
         return False
     is_word = Path(source).name == source and not Path(source).suffix
@@ -205,10 +200,10 @@ def urdf_command(
     setup = _load_dynamics_setup(source, joint, body1_frame, body2_frame)
     if setup is None:
         return write_text(to_urdf(pair, base=requested_base or "free"), out, input_files(source))
-    base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED_BASE_NAME} else "free")
+    base = requested_base or ("fixed" if setup.base in {"fixed", PRESCRIBED} else "free")
     load = HingeLoad(**{key: value for key, value in setup.hinge.items() if key in {"damping", "friction", "stops"}})
     text = to_urdf(pair, base=base, hinge_torque=load, body1=setup.body1 if base == "fixed" else None)
-    written = {"damping", "friction", "stops", *(_BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE if base == "fixed" else ())}
+    written = {"damping", "friction", "stops", *(_START_POSE if base == "fixed" else ())}
     written |= {"base"} if requested_base or setup.base in {"free", "fixed"} else set()
     return write_text(_add_omission_comment("URDF", text, setup, written), out, input_files(source))
 
@@ -237,7 +232,7 @@ def mjcf_command(
     if setup is None:
         base = "fixed" if pair.body1 is None else "free"
     else:
-        base = "fixed" if setup.base == PRESCRIBED_BASE_NAME else setup.base
+        base = "fixed" if setup.base == PRESCRIBED else setup.base
     if fixed_base or free_base:
         base = "fixed" if fixed_base else "free"
     elif setup is None:
@@ -262,15 +257,15 @@ def mjcf_command(
     if assumed:
         print(f"hingepair: assumed: {'; '.join(assumed)}", file=sys.stderr)
     if setup is not None:
-        written = {*hinge_keys, "gravity", *_BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE}
-        written |= {"base"} if fixed_base or free_base or setup.base != PRESCRIBED_BASE_NAME else set()
+        written = {*hinge_keys, "gravity", *_START_POSE}
+        written |= {"base"} if fixed_base or free_base or setup.base != PRESCRIBED else set()
         text = _add_omission_comment("MJCF", text, setup, written)
     write_text(text, out, input_files(source))
 
 
 def parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
     """Return the finite numbers in the text of the option --gravity, which are separated by commas, as a tuple of
-    floats. Raise an ArgumentError unless there are `num_components` numbers, which is 3, or 2 for a planar scene.
+    floats.
     """
     with contextlib.suppress(ValueError):
         vector = tuple(map(float, text.split(",")))
@@ -280,14 +275,12 @@ def parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
     raise ArgumentError("--gravity", expected, repr(text))
 
 
-_BODY1_START_POSE_KEYS_OF_DYNAMICS_TABLE: Final = ("R1_0", "S1_0", "phi_0")
+_START_POSE: Final = ("R1_0", "S1_0", "phi_0")
 """Keys of the table [dynamics] for the pose of body 1 at the start."""
 
 
 def _load_dynamics_setup(source: str, joint: str | None, *frames: str | None) -> DynamicsSetup | None:
-    """Return the DynamicsSetup of the table [dynamics] of a scene file. Return None if the file has no such table, if
-    the source is not a scene file, or if `joint` or one of the further arguments, the names of frames, is not None.
-    """
+    """Return the DynamicsSetup of the table [dynamics] of a scene file."""
     return load_dynamics_setup(source) if _is_scene_file(source, joint, *frames) else None
 
 
@@ -300,8 +293,7 @@ def _is_scene_file(source: str, joint: str | None, *frames: str | None) -> bool:
 
 def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, written_keys: set[str]) -> str:
     """Return the text of a model with an added comment that lists the keys of a DynamicsSetup that are not in
-    `written_keys` (tol and breaks are never listed), and emit a DynamicsWarning with the same sentence. If there is
-    no such key, return `text` unchanged. `file_format`, "URDF" or "MJCF", is part of the sentence.
+    `written_keys` (tol and breaks are never listed), and emit a DynamicsWarning with the same sentence.
     """
     keys = [key for key in setup.keys if key not in {*written_keys, "tol", "breaks"}]
     if not keys:
@@ -318,9 +310,7 @@ def _to_spatial(pair: HingePair | PlanarPair) -> HingePair:
 
 
 def _require_joint(source: str, joint: str | None) -> str:
-    """Return `joint`, the name of a hinge, unchanged. If it is None, raise an ArgumentError that lists the hinges of
-    `source`, a robot's name or a URDF file.
-    """
+    """Return `joint`, the name of a hinge, unchanged."""
     if joint is None:
         hinges = read_urdf(source if is_urdf(source) else robot_urdf(source)).hinges()
         raise ArgumentError("JOINT", f"a hinge of {source}: {choices([hinge.name for hinge in hinges])}", "none")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_FILE_SUFFIXES,
+    PICTURE_SUFFIXES,
     OutputsOption,
     check_output,
     check_picture_suffix,
@@ -33,14 +33,14 @@ from hingepair.pictures.page import view as make_page
 from hingepair.pictures.plot import plot as plot_figure
 
 # Part of the help of --out.
-_OUT_OPTION_DEFAULT_HELP_TEXT = "default: the scene's name in the current folder, unless that file exists."
+_DEFAULT_OUT = "default: the scene's name in the current folder, unless that file exists."
 
 
 def plot_command(
     scene_file: SceneArgument,
     out: Annotated[
         Path | None,
-        out_option(f"Write the figure to FILE ({', '.join(PICTURE_FILE_SUFFIXES)}); {_OUT_OPTION_DEFAULT_HELP_TEXT}"),
+        out_option(f"Write the figure to FILE ({', '.join(PICTURE_SUFFIXES)}); {_DEFAULT_OUT}"),
     ] = None,
     outputs: OutputsOption = None,
 ) -> None:
@@ -67,9 +67,7 @@ def view_command(
     joint: JointArgument = None,
     body1_frame: Body1FrameOption = None,
     body2_frame: Body2FrameOption = None,
-    out: Annotated[
-        Path | None, out_option(f"Write the page to FILE (.html); {_OUT_OPTION_DEFAULT_HELP_TEXT}")
-    ] = None,
+    out: Annotated[Path | None, out_option(f"Write the page to FILE (.html); {_DEFAULT_OUT}")] = None,
 ) -> None:
     """Write a web page that shows a pair or a robot in motion.
 
@@ -91,9 +89,7 @@ def view_command(
 
 
 def _check_new_file(name: str) -> Path:
-    """Return a file name as a Path in the current folder. Raise an ArgumentError if such a file exists; the message
-    recommends the option --out, which overwrites it.
-    """
+    """Return a file name as a Path in the current folder."""
     path = Path(name)
     if path.exists() or path.is_symlink():
         raise ArgumentError("--out", f"a file name, since {name} exists (--out {name} overwrites it)", "none")

@@ -26,9 +26,9 @@ from hingepair.urdf.records import (
 )
 
 # Headings of the table of robots.
-HEADINGS_OF_TABLE_OF_ROBOTS = ("robot", "dof", "hinges", "sliders", "following")
+ROBOT_HEADINGS = ("robot", "dof", "hinges", "sliders", "following")
 # Headings of the table of joints.
-HEADINGS_OF_TABLE_OF_JOINTS = (
+JOINT_HEADINGS = (
     *(
         "q",
         "joint",
@@ -43,7 +43,7 @@ HEADINGS_OF_TABLE_OF_JOINTS = (
     *("body 2 [kg]", "moves [kg]", "follows"),
 )
 # Columns of numbers in the table of joints, which are right-aligned.
-_RIGHT_ALIGNED_COLUMN_INDICES_OF_TABLE_OF_JOINTS = {0, 6, 7, 8, 9, 10}
+_RIGHT_COLUMNS = {0, 6, 7, 8, 9, 10}
 
 
 def robots_command(
@@ -65,8 +65,8 @@ def robots_command(
         report: Any = rows
         lines = align_columns(
             [
-                HEADINGS_OF_TABLE_OF_ROBOTS,
-                *(tuple(str(row[key]) for key in HEADINGS_OF_TABLE_OF_ROBOTS) for row in rows),
+                ROBOT_HEADINGS,
+                *(tuple(str(row[key]) for key in ROBOT_HEADINGS) for row in rows),
             ],
             {1, 2, 3, 4},
         )
@@ -74,8 +74,8 @@ def robots_command(
         report = _joint_report(name_or_urdf_file)
         table = (
             align_columns(
-                [HEADINGS_OF_TABLE_OF_JOINTS, *map(_joint_cells, report["joints"])],
-                _RIGHT_ALIGNED_COLUMN_INDICES_OF_TABLE_OF_JOINTS,
+                [JOINT_HEADINGS, *map(_joint_cells, report["joints"])],
+                _RIGHT_COLUMNS,
             )
             if report["joints"]
             else []
@@ -88,9 +88,7 @@ def robots_command(
 
 
 def _robot_table_row(robot: str) -> dict[str, Any]:
-    """Return the row of the table of robots for the robot named `robot`, a dict by heading. The values are the name
-    and the numbers of degrees of freedom, hinges, sliders and mimic joints, counted in the robot's URDF file.
-    """
+    """Return the row of the table of robots for the robot named `robot`, a dict by heading."""
     joints = read_urdf(robot_urdf(robot)).joints
     hinges, sliders = (
         [joint for joint in joints if joint.type in types]
@@ -101,17 +99,11 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
         joint.follows in names for joint in hinges + sliders
     )  # a joint whose leader is missing does not count
     numbers = (len(hinges), len(sliders), following)
-    return dict(zip(HEADINGS_OF_TABLE_OF_ROBOTS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
+    return dict(zip(ROBOT_HEADINGS, (robot, sum(numbers[:2]) - following, *numbers), strict=True))
 
 
 def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
-    """Return the report on a robot, given by its name or the path of a URDF file, as a dict for JSON. The keys are
-    `robot` (the name), `dof`, `joints` (the rows of the moving joints), `folded` (the names of the fixed joints) and
-    `notes`. If the robot cannot be loaded as a Mechanism, dof is None and a note says why. Raise an ArgumentError for
-    an unknown name.
-
-    A robot that is not a tree of hinges and sliders has a note that says so; its joints are listed all the same.
-    """
+    """Return the report on a robot, given by its name or the path of a URDF file, as a dict for JSON."""
     path = name_or_urdf_file if is_urdf(name_or_urdf_file) else robot_urdf(name_or_urdf_file)
     robot = read_urdf(path)
     moving = [
@@ -135,10 +127,7 @@ def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
 
 
 def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
-    """Return a list with a dict for each joint of a Tree. The keys are `index`, the joint's index in q (None for a
-    mimic joint), `mimic`, a dict of the rule of a mimic joint (otherwise None), `mass1` and `mass2`, the masses [kg]
-    of the joint's bodies, and `mass_moved`, the mass of all bodies that the joint moves.
-    """
+    """Return a list with a dict for each joint of a Tree."""
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
     moved = list(masses)
     for number in range(len(tree.joints), 0, -1):
@@ -158,9 +147,7 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
 
 def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
     """Return a dict of the report's facts on a hinge or slider: the name, the kind, the names of the links, the axis,
-    n, u1, home and the limits. If the joint cannot be loaded, the key `error` with the message stands in place of the
-    axis and all that follows it. `robot` and `joint` are records of a URDF file. The index, the rule of a mimic joint
-    and the masses are None.
+    n, u1, home and the limits.
     """
     kind = "hinge" if joint.type in HINGE_JOINT_TYPE_NAMES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
@@ -200,7 +187,7 @@ def _joint_cells(row: dict[str, Any]) -> list[str]:
 
 def _mimic_text(row: dict[str, Any]) -> str:
     """Return the rule of a mimic joint as text, from the joint's dict `row`: "leader", or "-0.5 leader + 0.1" with a
-    multiplier and an offset. Return "" for a joint that follows no other joint.
+    multiplier and an offset.
     """
     mimic = row["mimic"]
     if mimic is None:
@@ -210,7 +197,7 @@ def _mimic_text(row: dict[str, Any]) -> str:
 
 def _joint_table_notes(name: str, report: dict[str, Any]) -> Sequence[str]:
     """Return a list of the sentences below the table of joints: the size of q, the fixed joints, an example command,
-    and the notes of `report`, the dict that `_joint_report` returns. The sentences call the robot `name`.
+    and the notes of `report`, the dict that `_joint_report` returns.
     """
     joints, folded = report["joints"], report["folded"]
     sentences = []

@@ -202,10 +202,7 @@ def forces_command(
 
 
 def _show_mechanism_forces(scene: MechanismScene, gravity: str | None, out: Path | None, as_json: bool) -> None:
-    """Compute the joint efforts and the forces on the base of a MechanismScene. Print them as tables, or as JSON if
-    `as_json` is True, and save them to the file `out` unless it is None. `gravity` is the text of the option
-    --gravity, such as 0,0,-9.81, or None for the scene's own gravity.
-    """
+    """Compute the joint efforts and the forces on the base of a MechanismScene."""
     result = scene.forces(None if gravity is None else parse_gravity(gravity, 3))
     written = None if out is None else str(result.save(out))
     notes = (*result.notes, *scene.notes())
@@ -233,10 +230,7 @@ def _print_gravity(screen: Console, gravity: tuple[float, ...]) -> None:
 def _component_rows(
     ranges_by_component: dict[str, dict[str, float]], with_noise: bool = False
 ) -> list[tuple[str, ...]]:
-    """Return the rows of a table of components as tuples of strings, headings first. `ranges_by_component` is the
-    dict that `_component_ranges` returns. `with_noise` says whether its ranges have the noise, for which a heading is
-    added.
-    """
+    """Return the rows of a table of components as tuples of strings, headings first."""
     headings = (
         "",
         "unit",
@@ -268,9 +262,7 @@ def _component_ranges(
     t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, NDArray[Any]] | None = None
 ) -> dict[str, dict[str, float]]:
     """Return a dict from the name of each component of `arrays`, a dict of outputs by name at the instants t, to a
-    dict of floats: the first, smallest, largest and rms value, and the time of the largest absolute value [s]. If
-    `noise`, a dict of arrays with the same names, is not None, the dict of floats also has the noise. Values that are
-    not finite are ignored; the floats of a component without a finite value are NaN.
+    dict of floats: the first, smallest, largest and rms value, and the time of the largest absolute value [s].
     """
     v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
     v = np.where(np.isfinite(v), v, np.nan)
@@ -289,10 +281,7 @@ def _component_ranges(
 
 
 def _scene_facts(scene: Scene | MechanismScene) -> dict[str, Any]:
-    """Return a dict for JSON of a Scene or MechanismScene: path, title, number of samples, first and last instant.
-    For a pair, it also has the Euler sequence, the error estimate, and u1, u2, n and home; for a mechanism, the name,
-    the kind of base, the names of the joints and frames, and the names of the joints that move.
-    """
+    """Return a dict for JSON of a Scene or MechanismScene: path, title, number of samples, first and last instant."""
     facts: dict[str, Any] = {"scene": str(scene.path), "title": scene.title, "samples": scene.samples}
     facts |= {"start": scene.start, "stop": scene.stop}
     if isinstance(scene, Scene):

@@ -14,21 +14,18 @@ from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.evaluate import compute_arrays
 from hingepair.pair.results import column_names
 from hingepair.scenes.known_motion import KnownMotion
-from hingepair.scenes.mechanisms.scene import FRAME_QUANTITY_NAMES, MechanismScene, MechanismSceneResult
+from hingepair.scenes.mechanisms.scene import FRAME_QUANTITIES, MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
 # Label, expression and unit of each residual.
-_LABEL_FORMULA_AND_UNIT_OF_EACH_RESIDUAL = (
+_RESIDUALS = (
     ("E1", "R1 + S1 u1 - (R2 + S2 u2)", "m"),
     ("E2", "omega2 - omega1 - S2 C^T n psi'", "rad/s"),
 )
 
 
 class LargestResidual(NamedTuple):
-    """Largest residual of a constraint over all instants. `label` is E1 or E2, `meaning` is the formula as text,
-    `unit` is the unit, `largest` is the absolute value, and `ratio` is the value in units of u * scale, the unit
-    roundoff times the scale of the terms.
-    """
+    """Largest residual of a constraint over all instants."""
 
     label: str
     meaning: str
@@ -38,9 +35,7 @@ class LargestResidual(NamedTuple):
 
 
 class RunSummary:
-    """Summary of a scene's run. The method `add` takes the results block by block. Then `table` returns the rows of a
-    table of the components' values and ranges, `ranges` returns the ranges as a dict, `residuals` the largest
-    residuals of a pair, and `notes` the notes as sentences.
+    """Summary of a scene's run.
 
     Attributes:
         lost: number of instants with a value that is not finite.
@@ -55,9 +50,7 @@ class RunSummary:
         self._names: list[str] = []
         self._smallest = self._largest = np.array(np.nan)
         self._coincident: dict[str, str] | None = None
-        self._residual_meanings = (
-            _LABEL_FORMULA_AND_UNIT_OF_EACH_RESIDUAL[: scene.motion.level + 1] if isinstance(scene, Scene) else ()
-        )
+        self._residual_meanings = _RESIDUALS[: scene.motion.level + 1] if isinstance(scene, Scene) else ()
         self._largest_residuals = np.full((len(self._residual_meanings), 2), np.nan)
         self.lost = 0
 
@@ -115,7 +108,7 @@ class RunSummary:
         heading = ("", "unit", *(f"t = {instant_text(t)}" for t in self._t), "smallest", "largest")
         texts = number_texts(self._names, numbers)
         rows = [(name, self._scene.unit(name), *row) for name, row in zip(self._names, texts, strict=True)]
-        hidden = {f"{quantity}_{frame}" for frame in self.coincident_frames for quantity in FRAME_QUANTITY_NAMES}
+        hidden = {f"{quantity}_{frame}" for frame in self.coincident_frames for quantity in FRAME_QUANTITIES}
         return [heading, *(row for row in rows if row[0].rpartition("_")[0] not in hidden)]
 
     def ranges(self) -> dict[str, dict[str, float]]:
@@ -135,12 +128,12 @@ class RunSummary:
 
 def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]) -> dict[str, str]:
     """Return a dict of names of frames that maps each frame that moves exactly as an earlier one of `frames` to this
-    earlier frame. `arrays` is a dict of the quantities of the frames by output name, such as R_tool.
+    earlier frame.
     """
     motions: dict[str, dict[str, NDArray[Any]]] = {}
     coincident = {}
     for frame in frames:
-        names = {quantity: f"{quantity}_{frame}" for quantity in FRAME_QUANTITY_NAMES}
+        names = {quantity: f"{quantity}_{frame}" for quantity in FRAME_QUANTITIES}
         motion = {quantity: arrays[name] for quantity, name in names.items() if name in arrays}
         for earlier, other in motions.items():
             if motion.keys() == other.keys() and all(
@@ -156,8 +149,7 @@ def _coincident_frames(arrays: Mapping[str, NDArray[Any]], frames: Sequence[str]
 
 def _largest_residuals(scene: Scene, known_motion: KnownMotion) -> NDArray[np.float64]:
     """Return the largest residuals of the equation E1 (position) and, if the KnownMotion has rates, of E2 (angular
-    velocity), as an array with a row for each. The columns are the absolute value, and the value in units of u *
-    scale, where u is the unit roundoff. A residual that is finite at no instant is NaN.
+    velocity), as an array with a row for each.
     """
     pair, a = scene.space, known_motion.body_arrays(scene.pair)
     W1, psid = a.pop("W1", None), a.pop("psid", None)

@@ -59,10 +59,7 @@ def sweep_command(
 
 @contextlib.contextmanager
 def _sweep_progress_bar() -> Iterator[Progress | None]:
-    """Return a context manager that shows a progress bar if standard error is a terminal. It yields a function that
-    updates the bar and takes the numbers of finished chunks and of all chunks. If standard error is not a terminal,
-    it yields None.
-    """
+    """Return a context manager that shows a progress bar if standard error is a terminal."""
     screen = Console(stderr=True)
     if not screen.is_terminal:
         yield None
@@ -76,10 +73,7 @@ def _sweep_progress_bar() -> Iterator[Progress | None]:
 
 @contextlib.contextmanager
 def _report_stopped_sweep(path: Path) -> Iterator[None]:
-    """Return a context manager for a block that computes a sweep into the file `path`. If the block is left by a
-    SystemExit, which a signal raises, print to standard error that the same command continues the sweep, and raise
-    the SystemExit again.
-    """
+    """Return a context manager for a block that computes a sweep into the file `path`."""
     try:
         yield
     except SystemExit:

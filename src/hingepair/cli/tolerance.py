@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.output import (
-    PICTURE_FILE_SUFFIXES,
+    PICTURE_SUFFIXES,
     JsonOption,
     check_output,
     check_picture_suffix,
@@ -22,11 +22,11 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import ruled_table
 from hingepair.sweeps.tolerance import study_tolerances
 
-_EXPECTED_ONE_OR_THREE_NUMBERS_TEXT = "a number, or three separated by commas"
+_EXPECTED = "a number, or three separated by commas"
 """Values of an option that has one or three components."""
 
 
-def _std_option(quantity: str, unit: str, numbers: str = _EXPECTED_ONE_OR_THREE_NUMBERS_TEXT) -> Any:
+def _std_option(quantity: str, unit: str, numbers: str = _EXPECTED) -> Any:
     """Return a Typer option for the standard deviation of a quantity."""
     return typer.Option(metavar="STD", help=f"Standard deviation of {quantity} [{unit}]: {numbers}.")
 
@@ -43,7 +43,7 @@ def tolerance_command(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help=f"Draw the bands over time and the share of each dimension ({', '.join(PICTURE_FILE_SUFFIXES)}).",
+            help=f"Draw the bands over time and the share of each dimension ({', '.join(PICTURE_SUFFIXES)}).",
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -82,10 +82,10 @@ def tolerance_command(
 
 def _parse_numbers(name: str, text: str) -> float | list[float]:
     """Return the number in the text of an option as a float, or several numbers separated by commas as a list of
-    floats. Raise an ArgumentError that names the option `name` if the text is anything else.
+    floats.
     """
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        raise ArgumentError(name, _EXPECTED_ONE_OR_THREE_NUMBERS_TEXT, repr(text)) from None
+        raise ArgumentError(name, _EXPECTED, repr(text)) from None
     return numbers[0] if len(numbers) == 1 else numbers

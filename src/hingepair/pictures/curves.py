@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Colours of the components x, y and z: Okabe and Ito's blue, vermilion and green.
-VECTOR_COMPONENT_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
-NAME_OF_CURVE_OF_ALL_PATHS: Final = "paths"
+XYZ_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
+PATHS: Final = "paths"
 """Name of the curve that holds the paths in space."""
 # A panel has fewer columns of pixels, also in print.
-_MAX_INTERVALS_OF_THINNED_TIME_CURVE: Final = 2000
+_TIME_INTERVALS: Final = 2000
 # More intervals than of a curve over time, since the shape of a path within an interval is visible.
-_MAX_INTERVALS_OF_THINNED_SPACE_PATH: Final = 20_000
+_PATH_INTERVALS: Final = 20_000
 
 
 _MAX_DRAWN: Final = 1e100
@@ -44,7 +44,7 @@ class Curve(NamedTuple):
 
 class CurveCollector:
     """Collects a figure's curves from consecutive pieces of a motion: `add_piece` adds a piece, and `curves` returns
-    a dict of the curves by name. Long curves are thinned, and attitudes become Euler angles XYZ [rad].
+    a dict of the curves by name.
     """
 
     def __init__(self) -> None:
@@ -52,9 +52,7 @@ class CurveCollector:
         self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
 
     def add_piece(self, t: Array, num_instants: int, arrays_by_name: Mapping[str, Array]) -> None:
-        """Append the arrays of one piece of the motion, a dict by name, to the curves of the same names. The arrays
-        are thinned as for a motion of `num_instants` instants, so that the curve looks the same, and rotation
-        matrices become Euler angles without jumps.
+        """Append the arrays of one piece of the motion, a dict by name, to the curves of the same names.
 
         Args:
             t: instants of the piece [s]; shape (N,).
@@ -68,8 +66,8 @@ class CurveCollector:
             if array.ndim == 3:
                 values = _continuous_euler_angles(array, self._angles.get(name, np.empty((0, 3))))
                 self._angles[name] = values[np.isfinite(values).all(axis=1)][-1:]
-            is_path = name == NAME_OF_CURVE_OF_ALL_PATHS
-            intervals = _MAX_INTERVALS_OF_THINNED_SPACE_PATH if is_path else _MAX_INTERVALS_OF_THINNED_TIME_CURVE
+            is_path = name == PATHS
+            intervals = _PATH_INTERVALS if is_path else _TIME_INTERVALS
             rows = _envelope_rows(values.reshape(len(t), -1), -(-num_instants // intervals))
             self._pieces.setdefault(name, []).append((t[rows], values[rows]))
 
@@ -80,10 +78,8 @@ class CurveCollector:
 
 
 def check_drawable(name: str, array: Array) -> None:
-    """Raise an ArgumentError if a finite number of an array is too large for a picture, which squares and multiplies.
-
-    Raises:
-        ArgumentError: a number is beyond 1e100.
+    """Raise an ArgumentError if a finite number of an array is too large for a picture, which squares and
+    multiplies.
     """
     largest = np.abs(array, where=np.isfinite(array), out=np.zeros(np.shape(array))).max(initial=0.0)
     if largest > _MAX_DRAWN:
@@ -91,12 +87,7 @@ def check_drawable(name: str, array: Array) -> None:
 
 
 def figure_class() -> type[Figure]:
-    """Import Matplotlib, and return its class `Figure`. Raise a MissingDependencyError if Matplotlib is not
-    installed.
-
-    Raises:
-        MissingDependencyError: matplotlib is not installed.
-    """
+    """Import Matplotlib, and return its class `Figure`."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
@@ -119,15 +110,7 @@ def finish_figure(figure: Figure, title: str) -> Figure:
 
 def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
     """Return the Euler angles XYZ [rad] of rotation matrices S, shape (N, 3), without jumps between samples; NaN for
-    a matrix that is not finite. They continue from `previous_angles`, the angles of the last finite sample before,
-    shape (1, 3), or (0, 3) if there is none.
-
-    Args:
-        S: attitudes; shape (N, 3, 3).
-        previous_angles: angles of the sample before the first [rad]; shape (1, 3), or (0, 3) at the start.
-
-    Returns:
-        Angles [rad], shape (N, 3).
+    a matrix that is not finite.
     """
     with np.errstate(invalid="ignore"):
         angles = np.array(matrix_to_euler(S))
@@ -141,18 +124,7 @@ def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
 
 def _envelope_rows(values: Array, interval_size: int) -> Array:
     """Return an increasing array of the indices of the samples through which a curve looks the same as through all
-    its samples `values`, shape (N, components). From each interval of `interval_size` samples it takes the ends, the
-    extremes of each component, and the first and the last sample that is not finite.
-
-    These are the first and the last row of each interval, those with the smallest and the largest value of each
-    component, and the first and the last with a value that is not finite.
-
-    Args:
-        values: samples of the curve's components; shape (N, components).
-        interval_size: number of samples of an interval; up to two, all samples are kept.
-
-    Returns:
-        Indices, increasing; shape (M,).
+    its samples `values`, shape (N, components).
     """
     count = len(values)
     if interval_size <= 2:
@@ -175,7 +147,7 @@ def draw_side_by_side(
     figure_type: type[Figure], curves: Mapping[str, Curve], title_and_unit: Callable[[str], tuple[str, str]]
 ) -> Figure:
     """Draw each curve over time in a panel of its own, up to three panels in a row, in a new figure of the class
-    `figure_type`; return the figure. `title_and_unit` is a function from a curve's name to its title and unit.
+    `figure_type`; return the figure.
 
     Args:
         figure_type: matplotlib's class of figures.
@@ -204,9 +176,7 @@ def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
     if values.ndim == 1:
         axes.plot(t, values, color="#222222", lw=1.2)
         return
-    for part, colour, letter, style in zip(
-        values.T, VECTOR_COMPONENT_COLOURS, "xyz", ("-", "--", "-."), strict=False
-    ):
+    for part, colour, letter, style in zip(values.T, XYZ_COLOURS, "xyz", ("-", "--", "-."), strict=False):
         axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
     if not axes.figure.legends:
         handles, letters = axes.get_legend_handles_labels()
@@ -232,8 +202,7 @@ def draw_paths(
     figure: Figure, grid_cell: Any, paths_by_name: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
 ) -> None:
     """Draw paths in space, a dict of arrays (N, 3) [m] by name, into a cell of a figure's grid, in 3D or, if z is
-    constant, in the plane, at equal scales. `colours` are the colours of the paths, in the order of the dict, and
-    `zoom` is the size of the drawing relative to its cell.
+    constant, in the plane, at equal scales.
 
     Args:
         figure: the figure.

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hingepair.pictures.curves import (
-    NAME_OF_CURVE_OF_ALL_PATHS,
-    VECTOR_COMPONENT_COLOURS,
+    PATHS,
+    XYZ_COLOURS,
     Curve,
     CurveCollector,
     draw_over_time,
@@ -29,17 +29,16 @@ if TYPE_CHECKING:
     from hingepair.mechanism.tree import Joint
 
 # Columns of panels; a motion without rates has the first only, a motion without accelerations the first two.
-_PLOTTED_JOINT_QUANTITY_NAMES: Final = ("q", "qd", "tau")
+_QUANTITIES: Final = ("q", "qd", "tau")
 # Titles of the columns of panels.
-_PANEL_COLUMN_TITLE_BY_QUANTITY_NAME: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
+_TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
 # Colours of joints that share a panel, and of the paths of frames; they repeat.
-_COLOUR_CYCLE_OF_JOINTS_AND_PATHS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
+_COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
 
 def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
     """Draw the motion of a scene of a mechanism, or of its result, in a new figure, and return the figure: position,
-    rate and motor torque or force of each moving joint over time, and the paths of the scene's frames in space. If
-    `outputs` is not None, draw instead only the outputs with these names over time.
+    rate and motor torque or force of each moving joint over time, and the paths of the scene's frames in space.
 
     Args:
         source: a scene of a mechanism, or its result, whose scene is drawn.
@@ -55,7 +54,7 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
             figure_type, collector.curves(), lambda name: _mechanism_title_and_unit(scene, name)
         )
         return finish_figure(figure, scene.title)
-    quantities = _PLOTTED_JOINT_QUANTITY_NAMES[: scene.joint_motion.level + 1]
+    quantities = _QUANTITIES[: scene.joint_motion.level + 1]
     frames = [f"R_{frame}" for frame in scene.frames]
     for part in scene.blocks((*quantities, *frames)):
         columns = {
@@ -64,7 +63,7 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
             for joint, values in _columns_by_joint(part, name).items()
         }
         positions = [part[frame].R for frame in scene.frames]
-        paths = {NAME_OF_CURVE_OF_ALL_PATHS: np.concatenate(positions, axis=1)} if positions else {}
+        paths = {PATHS: np.concatenate(positions, axis=1)} if positions else {}
         collector.add_piece(part.t, scene.samples, columns | paths)
     figure_type = figure_class()
     return finish_figure(_draw_joint_panels(figure_type, scene, quantities, collector.curves()), scene.title)
@@ -81,7 +80,7 @@ def _columns_by_joint(piece: MechanismSceneResult, quantity: str) -> dict[str, A
 
 def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, str]:
     """Return the title of the panel of the output called `name` of a scene, and the unit of the output, as a tuple of
-    strings. Attitudes are drawn as Euler angles.
+    strings.
     """
     if name.startswith("S_") and scene.unit(name) == "1":
         return f"{name}, Euler angles XYZ", "rad"
@@ -92,8 +91,7 @@ def _draw_joint_panels(
     figure_type: type[Figure], scene: MechanismScene, quantities: tuple[str, ...], curves: dict[str, Curve]
 ) -> Figure:
     """Draw a row of panels for each joint or group of joints, with a column for each of `quantities` (q, qd, tau),
-    and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure. `curves` is a dict
-    of the curves by name, such as q_elbow.
+    and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure.
     """
     joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.joint_motion.moving]
     groups = _panel_groups(scene, joints)
@@ -110,7 +108,7 @@ def _draw_joint_panels(
             name = group[0].name
             unit = scene.unit(f"tau_{name}" if quantity == "tau" else name + quantity[1:])
             _draw_joints(axes, group, quantity, curves)
-            axes.set(title=_PANEL_COLUMN_TITLE_BY_QUANTITY_NAME[quantity] if row == 0 else "", ylabel=unit)
+            axes.set(title=_TITLES[quantity] if row == 0 else "", ylabel=unit)
             if row < rows - 1:
                 axes.set(xlabel="")
                 axes.tick_params(labelbottom=False)
@@ -119,11 +117,9 @@ def _draw_joint_panels(
                 axes.set_ylabel(label, fontsize=8)
                 if len(group) > 1:
                     axes.legend(fontsize=6, loc="best")
-    if NAME_OF_CURVE_OF_ALL_PATHS in curves:
-        points = np.split(curves[NAME_OF_CURVE_OF_ALL_PATHS].values, len(scene.frames), axis=1)
-        colours = [
-            _COLOUR_CYCLE_OF_JOINTS_AND_PATHS[i % len(_COLOUR_CYCLE_OF_JOINTS_AND_PATHS)] for i in range(len(points))
-        ]
+    if PATHS in curves:
+        points = np.split(curves[PATHS].values, len(scene.frames), axis=1)
+        colours = [_COLOURS[i % len(_COLOURS)] for i in range(len(points))]
         draw_paths(
             figure,
             grid[:6, columns],
@@ -135,9 +131,7 @@ def _draw_joint_panels(
 
 
 def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
-    """Return a list of lists of joints; each list holds the joints of one row of panels. It holds one joint if there
-    are at most 12 joints, and otherwise several hinges or several sliders.
-    """
+    """Return a list of lists of joints; each list holds the joints of one row of panels."""
     size = -(-len(joints) // 12)  # joints in a row
     if size <= 1:
         return [[joint] for joint in joints]
@@ -148,11 +142,10 @@ def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[J
 
 def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve]) -> None:
     """Draw q, qd or tau, whichever `quantity` names, of joints over time into Matplotlib axes, with their limits as
-    lines. Limits far from the curve of a single joint are given as text. `curves` is a dict of the curves by name,
-    such as q_elbow.
+    lines.
     """
     alone = len(joints) == 1
-    for joint, colour in zip(joints, itertools.cycle(_COLOUR_CYCLE_OF_JOINTS_AND_PATHS), strict=False):
+    for joint, colour in zip(joints, itertools.cycle(_COLOURS), strict=False):
         curve = curves[f"{quantity}_{joint.name}"]
         draw_over_time(axes, "", "", curve)
         if not alone:
@@ -161,7 +154,7 @@ def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dic
             axes,
             _joint_limits(joint, quantity),
             curve.values,
-            VECTOR_COMPONENT_COLOURS[1] if alone else colour,
+            XYZ_COLOURS[1] if alone else colour,
             alone,
         )
 
@@ -180,7 +173,7 @@ def _draw_limits(
     axes: Axes, limits: tuple[float, float], values: Array, colour: str, writes_far_limits: bool
 ) -> None:
     """Draw the (lower, upper) limits that are near the curve's values as dashed lines of the given colour into
-    Matplotlib axes. If `writes_far_limits` is True, write the other finite limits as text.
+    Matplotlib axes.
     """
     finite = values[np.isfinite(values)]
     known = [limit for limit in limits if np.isfinite(limit)]

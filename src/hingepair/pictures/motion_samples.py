@@ -19,11 +19,11 @@ from hingepair.scenes.scene import Scene, SceneResult
 
 Array: TypeAlias = NDArray[Any]
 
-MAX_SAMPLES_SPREAD_OVER_MOTION: Final = 2000
+MAX_SHOWN: Final = 2000
 """Largest number of instants on a page, spread evenly over the motion; a plot uses all instants."""
 
 # By increasing level of derivatives.
-BODY2_VELOCITY_AND_ACCELERATION_OUTPUT_NAMES: Final = ("v2", "omega2", "a2", "alpha2")
+BODY2_RATES: Final = ("v2", "omega2", "a2", "alpha2")
 
 MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
 
@@ -34,25 +34,22 @@ RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str,
 class ShownMotion(NamedTuple):
     """Samples of the motion of a pair (`pair`), or of a piece of it: instants t, the poses of both bodies as a dict
     of the arrays R1, S1, R2 and S2 by name (`pose_arrays_by_name`), psi, further outputs by name, and a title.
-    `samples` is the number of instants of the whole motion.
-
-    Attributes:
-        pair: the pair that moves.
-        title: title of the plot or the page.
-        samples: number of instants of the whole motion.
-        t: instants [s]; shape (N,).
-        pose_arrays_by_name: R1, S1, R2 and S2 by name; shapes (N, 3), (N, 3, 3).
-        psi: hinge angle [rad]; shape (N,).
-        outputs_by_name: further outputs by name, such as v2: vectors in space, shape (N, 3), or the requested
-            outputs, of any shape (N, ...).
     """
 
+    #: the pair that moves
     pair: HingePair
+    #: title of the plot or the page
     title: str
+    #: number of instants of the whole motion
     samples: int
+    #: instants [s]; shape (N,)
     t: Array
+    #: R1, S1, R2 and S2 by name; shapes (N, 3), (N, 3, 3)
     pose_arrays_by_name: dict[str, Array]
+    #: hinge angle [rad]; shape (N,)
     psi: Array
+    #: further outputs by name, such as v2: vectors in space, shape (N, 3), or the requested outputs, of any shape (N,
+    #: ...)
     outputs_by_name: dict[str, Array]
 
     @property
@@ -63,39 +60,29 @@ class ShownMotion(NamedTuple):
 
 
 def spread_samples(source: object) -> ShownMotion:
-    """Return a `ShownMotion` of at most MAX_SAMPLES_SPREAD_OVER_MOTION evenly spread samples of the motion of a scene
-    or its result, a trajectory or a pair, with the available velocities and accelerations of body 2. Raise an
-    ArgumentError for any other source.
-
-    Raises:
-        ArgumentError: the source has no motion in space to show.
+    """Return a `ShownMotion` of at most MAX_SHOWN evenly spread samples of the motion of a scene or its result, a
+    trajectory or a pair, with the available velocities and accelerations of body 2.
     """
     source = source.scene if isinstance(source, SceneResult) else source
     if isinstance(source, Scene):
-        return _scene_samples(
-            source, source.sampled(MAX_SAMPLES_SPREAD_OVER_MOTION, _scene_outputs(source, None)), None
-        )
+        return _scene_samples(source, source.sampled(MAX_SHOWN, _scene_outputs(source, None)), None)
     motion = _recorded_motion(source)
     return _recorded_samples(motion, spread_rows(len(motion[0])), None)
 
 
 def spread_rows(count: int) -> Rows:
-    """Return the indices of at most MAX_SAMPLES_SPREAD_OVER_MOTION evenly spread instants out of `count`."""
-    return np.unique(np.linspace(0, count - 1, min(count, MAX_SAMPLES_SPREAD_OVER_MOTION)).astype(np.intp))
+    """Return the indices of at most MAX_SHOWN evenly spread instants out of `count`."""
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_SHOWN)).astype(np.intp))
 
 
 def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Iterator[ShownMotion]:
     """Yield all samples of the motion of a scene or its result, a trajectory or a pair, piece by piece, as
     `ShownMotion` objects, with the outputs named in `outputs` or, if `outputs` is None, the velocities and
-    accelerations of body 2. Raise an ArgumentError for another source, and if `outputs` is a string, is empty or has
-    an unknown name.
+    accelerations of body 2.
 
     Args:
         source: a scene or its result, a trajectory in space or by `simulate`, or a pair in space.
         outputs: names of the outputs; by default the available rates of body 2.
-
-    Raises:
-        ArgumentError: the source has no motion in space to show, or no such output.
     """
     if outputs is not None:
         outputs = () if isinstance(outputs, str) else tuple(outputs)
@@ -115,7 +102,7 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
     """
     if outputs is not None:
         return outputs
-    return (*BODY2_VELOCITY_AND_ACCELERATION_OUTPUT_NAMES[: 2 * scene.motion.level], "psi")
+    return (*BODY2_RATES[: 2 * scene.motion.level], "psi")
 
 
 def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
@@ -129,8 +116,7 @@ def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | 
 
 def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return a `ShownMotion` of a motion in memory at the instants that `rows`, indices or a slice, selects, with the
-    outputs named in `outputs`, or with the velocities and accelerations of body 2 if `outputs` is None. Raise an
-    ArgumentError for an unknown output.
+    outputs named in `outputs`, or with the velocities and accelerations of body 2 if `outputs` is None.
     """
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
@@ -145,8 +131,7 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 
 def _recorded_motion(source: object) -> RecordedMotion:
     """Return a tuple of t, the pair, the BodyMotion of body 1, psi and a dict of further recorded arrays of a
-    trajectory by name. For a pair, make a motion of 6 s that turns the hinge from the lower limit to the upper and
-    back, or through a whole turn if the pair has no limits. Raise an ArgumentError for another source.
+    trajectory by name.
     """
     if isinstance(source, Trajectory):
         recorded = source.recorded()  # refuses many motions
@@ -168,11 +153,7 @@ def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
     """Return a dict of the velocities and accelerations of body 2 among the given arrays, by name, as vectors in
     space; shape (N, 3).
     """
-    return {
-        name: _spatial_vectors(arrays[name])
-        for name in BODY2_VELOCITY_AND_ACCELERATION_OUTPUT_NAMES
-        if name in arrays
-    }
+    return {name: _spatial_vectors(arrays[name]) for name in BODY2_RATES if name in arrays}
 
 
 def _spatial_vectors(vectors: Array) -> Array:

@@ -30,7 +30,7 @@ from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.motion_samples import (
-    MAX_SAMPLES_SPREAD_OVER_MOTION,
+    MAX_SHOWN,
     Array,
     MotionSource,
     spread_rows,
@@ -49,8 +49,6 @@ def view(
     base_motion: BodyMotion | None = None,
 ) -> Page:
     """Return an HTML page on which a pair, a robot, a scene or a trajectory moves, with a slider for each joint.
-    Write the page to the file `path` if it is given. For a robot, q are the joint coordinates at the instants t, and
-    `base_motion` is the motion of the base. Raise an ArgumentError for arguments that cannot be used.
 
     A body is drawn with the boxes, cylinders and spheres that the URDF file or the pair defines for it. A body
     without such shapes is drawn with simple shapes: rods from joint to joint, a drum at a hinge, a prism at a
@@ -103,21 +101,18 @@ def view(
 @dataclass(frozen=True, eq=False, repr=False)
 class Page:
     """A page that shows a pair or a robot, as the text of one HTML file (`html`) that needs no other file and no
-    network. `frames` is the number of instants on the page, `samples` the number of instants of the motion, and
-    `joints` the number of sliders. The method `save` writes the file.
-
-    Attributes:
-        title: title of the motion.
-        frames: number of instants that it shows; 0 where there is no motion.
-        samples: number of instants of the motion; of more than 2,000 the page shows 2,000, spread evenly.
-        joints: number of joints that have a slider.
-        html: text of the file.
+    network.
     """
 
+    #: title of the motion
     title: str
+    #: number of instants that it shows; 0 where there is no motion
     frames: int
+    #: number of instants of the motion; of more than 2,000 the page shows 2,000, spread evenly
     samples: int
+    #: number of joints that have a slider
     joints: int
+    #: text of the file
     html: str
 
     def __repr__(self) -> str:
@@ -130,8 +125,7 @@ class Page:
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
         """Write the page to the file `path`, which ends in .html or .htm and must be none of `inputs`, the files that
-        are being read; return its path. Raise an ArgumentError if the name ends otherwise or the file cannot be
-        written.
+        are being read; return its path.
 
         Args:
             path: file to write; ends in .html.
@@ -160,28 +154,20 @@ def _shown_count(count: int, samples: int) -> str:
 
 class _PageMotion(NamedTuple):
     """The motion on a page: instants t, base poses R and S, coordinates q, and displayed outputs by name
-    (`readings`). Without a motion, t is empty. `samples` is the number of instants of the whole motion.
-
-    Attributes:
-        t: instants [s]; shape (N,).
-        samples: number of instants of the whole motion.
-        R: position of the base [m]; shape (N, 3), or (1, 3).
-        S: attitude of the base; shape (N, 3, 3), or (1, 3, 3).
-        q: coordinates [rad or m]; shape (N, dof).
-        readings: outputs whose numbers are shown, by name; shape (N, 3).
+    (`readings`).
     """
 
-    t: Array
-    samples: int
-    R: Array
-    S: Array
-    q: Array
-    readings: dict[str, Array]
+    t: Array  # instants [s]; shape (N,)
+    samples: int  # number of instants of the whole motion
+    R: Array  # position of the base [m]; shape (N, 3), or (1, 3)
+    S: Array  # attitude of the base; shape (N, 3, 3), or (1, 3, 3)
+    q: Array  # coordinates [rad or m]; shape (N, dof)
+    readings: dict[str, Array]  # outputs whose numbers are shown, by name; shape (N, 3)
 
 
 def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
     """Return a tuple of the page model and a _PageMotion of a pair, a scene of a pair, or a trajectory, with at most
-    MAX_SAMPLES_SPREAD_OVER_MOTION samples of the motion.
+    MAX_SHOWN samples of the motion.
     """
     samples = spread_samples(source)
     psi, readings = samples.psi[:, None], samples.outputs_by_name
@@ -193,10 +179,10 @@ def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
 
 
 def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
-    """Return a tuple of the page model and a _PageMotion of the scene of a mechanism, with at most
-    MAX_SAMPLES_SPREAD_OVER_MOTION samples of the motion.
+    """Return a tuple of the page model and a _PageMotion of the scene of a mechanism, with at most MAX_SHOWN samples
+    of the motion.
     """
-    robot, rows = scene.mechanism, scene.spread(MAX_SAMPLES_SPREAD_OVER_MOTION)
+    robot, rows = scene.mechanism, scene.spread(MAX_SHOWN)
     known = scene.known(rows, 0)
     t, q = np.asarray(scene.instants[rows]), known.array(0)
     motion = _PageMotion(t, scene.samples, *_base_poses(known.base, len(t)), q, {})
@@ -207,10 +193,7 @@ def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
 def _read_robot_motion(
     robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None, base_motion: BodyMotion | None
 ) -> _PageMotion:
-    """Check the arguments q, t and base_motion of `view`, each of which may be None. Return a _PageMotion of at most
-    MAX_SAMPLES_SPREAD_OVER_MOTION samples, at 30 per second if t is None. Raise an ArgumentError if one of the
-    arguments cannot be used.
-    """
+    """Check the arguments q, t and base_motion of `view`, each of which may be None."""
     if is_table(q):
         q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)
     positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
@@ -229,9 +212,7 @@ def _read_robot_motion(
 
 
 def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array]:
-    """Check the motion of a base, a BodyMotion or None for rest at the origin, at one or `count` instants. Return R,
-    shape (1 or count, 3) [m], and S, shape (1 or count, 3, 3), or raise an ArgumentError.
-    """
+    """Check the motion of a base, a BodyMotion or None for rest at the origin, at one or `count` instants."""
     if base_motion is None:
         return np.zeros((1, 3)), np.eye(3)[None]
     if not isinstance(base_motion, BodyMotion):
@@ -247,10 +228,7 @@ def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Arra
 
 
 def _page_html(model: PageModel, motion: _PageMotion) -> str:
-    """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script. Raise a
-    MissingDependencyError if MeshCat, which has the viewer's code, is not installed, and an ArgumentError if a length
-    is too large.
-    """
+    """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script."""
     check_drawable("R", motion.R)
     known = np.isfinite(motion.R).all(axis=1)
     # Positions are relative to the base's first position: a graphics processor computes with seven digits.
@@ -280,12 +258,7 @@ def _page_html(model: PageModel, motion: _PageMotion) -> str:
 
 
 def _viewer_script() -> str:
-    """Return MeshCat's JavaScript, read from the installed package without its import, which would load a server.
-    Raise a MissingDependencyError if MeshCat is not installed.
-
-    Raises:
-        MissingDependencyError: the package meshcat is not installed.
-    """
+    """Return MeshCat's JavaScript, read from the installed package without its import, which would load a server."""
     package = importlib.util.find_spec("meshcat")
     folders = package.submodule_search_locations if package else None
     for folder in folders or ():

@@ -27,10 +27,10 @@ from hingepair.pictures.simple_bodies import (
 from hingepair.urdf.rigid import FramePose
 
 BODY1_COLOUR, BODY2_COLOUR, AXIS_COLOUR = "#4477aa", "#ee7733", "#222222"  # of a pair
-_ROBOT_BASE_COLOUR: Final = "#8b919b"  # of a robot's base
-_SIMPLE_JOINT_SHAPE_COLOUR: Final = "#3c424b"  # of the drums and rails of simple bodies
+_BASE_COLOUR: Final = "#8b919b"  # of a robot's base
+_JOINT_COLOUR: Final = "#3c424b"  # of the drums and rails of simple bodies
 # Colours of the bodies of a robot's chains of joints, which repeat.
-_COLOUR_CYCLE_OF_JOINT_CHAINS: Final = ("#4477aa", "#ee7733", "#228833", "#aa3377", "#ccaa22", "#33a0b8")
+_CHAIN_COLOURS: Final = ("#4477aa", "#ee7733", "#228833", "#aa3377", "#ccaa22", "#33a0b8")
 
 
 class DrawnBody(NamedTuple):
@@ -44,37 +44,33 @@ class DrawnBody(NamedTuple):
 
 
 class PageModel(NamedTuple):
-    """Model that a page draws and moves: bodies, joints and frames, with colours and lengths. Body 0 is the base, and
-    joint k moves body k. `frame` is the name of the frame shown first.
+    """Model that a page draws and moves: bodies, joints and frames, with colours and lengths."""
 
-    Attributes:
-        title: title of the page.
-        bodies: bodies, the base first.
-        joints: joints, in the order of the bodies that they move.
-        chains: for each unbranched chain of joints, its name and the numbers of its joints, from 1 on.
-        frames: frames by name.
-        frame: name of the frame whose position the page shows first.
-        path_colours: colours of the paths that are always drawn, by the frame's name.
-        axes_shown: names of the frames whose axes are always drawn.
-        legend: pairs (colour, name) of the legend.
-        base: name of the base on the page.
-        size: length of the model, to which the lengths of lines are proportional [m].
-        axes_length: length of the axes of a frame [m].
-        opacity: opacity of the bodies; 1 is opaque.
-    """
-
+    #: title of the page
     title: str
+    #: bodies, the base first
     bodies: Sequence[DrawnBody]
+    #: joints, in the order of the bodies that they move
     joints: Sequence[Joint]
+    #: for each unbranched chain of joints, its name and the numbers of its joints, from 1 on
     chains: Sequence[tuple[str, Sequence[int]]]
+    #: frames by name
     frames: Mapping[str, Frame]
+    #: name of the frame whose position the page shows first
     frame: str
+    #: colours of the paths that are always drawn, by the frame's name
     path_colours: Mapping[str, str]
+    #: names of the frames whose axes are always drawn
     axes_shown: Sequence[str]
+    #: pairs (colour, name) of the legend
     legend: Sequence[tuple[str, str]]
+    #: name of the base on the page
     base: str
+    #: length of the model, to which the lengths of lines are proportional [m]
     size: float
+    #: length of the axes of a frame [m]
     axes_length: float
+    #: opacity of the bodies; 1 is opaque
     opacity: float
 
 
@@ -120,8 +116,7 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
 
 def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageModel:
     """Return the page model of a robot. Its bodies have the shapes of the URDF or of the pairs, and simple shapes are
-    added to a body that these do not draw completely. `frame` names the frame shown first; None stands for the last
-    link of the longest chain.
+    added to a body that these do not draw completely.
 
     Args:
         robot: the robot.
@@ -130,12 +125,10 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
     """
     tree, size = robot.tree, robot_size(robot.tree)
     chains = _joint_chains(tree)
-    colours = [_ROBOT_BASE_COLOUR] * (len(tree.joints) + 1)
+    colours = [_BASE_COLOUR] * (len(tree.joints) + 1)
     for place, (_, joints) in enumerate(chains):
         for along, number in enumerate(joints):
-            colours[number] = _lighten(
-                _COLOUR_CYCLE_OF_JOINT_CHAINS[place % len(_COLOUR_CYCLE_OF_JOINT_CHAINS)], 0.4 * (along % 2)
-            )
+            colours[number] = _lighten(_CHAIN_COLOURS[place % len(_CHAIN_COLOURS)], 0.4 * (along % 2))
     names = ["base", *(joint.name for joint in tree.joints)]
     bodies = [
         DrawnBody(name, colour, _coloured_shapes(colour, drawing.shapes, None if drawing.is_complete else simple))
@@ -161,8 +154,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
 
 
 def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return a page model as a dictionary for JSON. The ranges of its sliders include `positions`, the coordinates of
-    a motion, shape (N, dof).
+    """Return a page model as a dictionary for JSON.
 
     Args:
         model: the page model.
@@ -219,10 +211,7 @@ def placements(R: np.ndarray[Any, Any], S: np.ndarray[Any, Any]) -> list[list[fl
 
 def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
     """Return the slider of a joint as a dictionary for JSON: limits, range and neutral position, and the index of the
-    joint's chain. The range includes `positions`, the positions of the joint in the motion, shape (N,). Where a limit
-    is missing, the range of a sliding joint depends on `size`, the robot's size [m].
-
-    The range of the slider includes all positions of a motion.
+    joint's chain.
     """
     (lower, upper), (first, last) = drawn_limits(joint), drawn_range(joint, size)
     known = positions[np.isfinite(positions)]
@@ -237,19 +226,17 @@ def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.
 
 def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple_body: SimpleBody | None) -> list[tuple[str, Shape]]:
     """Return a list of pairs (colour, shape) of a body: its own shapes, then those of a simple body unless it is
-    None. Joints of the simple body have their own colour.
+    None.
     """
     drawn = [(colour, shape) for shape in shapes]
     if simple_body is not None:
         drawn += [(colour, shape) for shape in simple_body.links]
-        drawn += [(_SIMPLE_JOINT_SHAPE_COLOUR, shape) for shape in simple_body.joints]
+        drawn += [(_JOINT_COLOUR, shape) for shape in simple_body.joints]
     return drawn
 
 
 def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
-    """Return a list of the unbranched chains of a robot's joints. A chain is a tuple of its name and a list of the
-    numbers of its joints, counted from 1.
-    """
+    """Return a list of the unbranched chains of a robot's joints."""
     carried = [0] * (len(tree.joints) + 1)
     for joint in tree.joints:
         carried[joint.parent] += 1
@@ -299,8 +286,7 @@ def _lighten(colour: str, share: float) -> str:
 
 def _shape_json(shape: Shape) -> dict[str, Any]:
     """Return a box, sphere or cylinder as a dictionary for JSON: kind, dimensions [m] and placement (16 numbers, as
-    `placements` returns them). A cylinder's placement turns the y axis, which is its axis in three.js, into the
-    shape's axis.
+    `placements` returns them).
     """
     turn = np.eye(3)
     values: dict[str, Any] = {"kind": type(shape).__name__.lower()}

@@ -10,8 +10,8 @@ import numpy as np
 from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
-    NAME_OF_CURVE_OF_ALL_PATHS,
-    VECTOR_COMPONENT_COLOURS,
+    PATHS,
+    XYZ_COLOURS,
     Curve,
     CurveCollector,
     draw_over_time,
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Colours of the paths of the bodies' reference points and of the hinge point.
-_PATH_COLOUR_BY_POINT_NAME: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
+_PATH_COLOURS: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
 # Outputs in the rows of panels, by column.
-_OUTPUT_NAMES_IN_PANEL_ROWS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
-_OUTPUT_NAMES_DRAWN_AS_EULER_ANGLES: Final = ("S1", "S2")  # drawn as Euler angles
+_PANELS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
+_AS_ANGLES: Final = ("S1", "S2")  # drawn as Euler angles
 # Titles of the panels, by output.
-_PANEL_TITLE_BY_OUTPUT_NAME: Final = {
+_TITLES: Final = {
     "R2": "position of body 2, R2",
     "v2": "velocity, v2",
     "a2": "acceleration, a2",
@@ -53,8 +53,8 @@ def plot(
 ) -> Figure:
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`).
     For the motion of a pair, the figure shows position, attitude, velocities and accelerations of body 2 and the
-    hinge angle psi over time, the paths of R1, R2 and the hinge point, and the residual of equation E1. If `outputs`
-    is given, the figure shows only the outputs that `outputs` names, over time. No file is written.
+    hinge angle psi over time, the paths of R1, R2 and the hinge point, and the residual of equation E1. No file is
+    written.
 
     Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point. The residual is the largest
     component of the difference between the two [m]. For a scene of a robot, the figure shows position, rate and
@@ -102,8 +102,8 @@ def plot(
 
 
 def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tuple[str, dict[str, Curve]]:
-    """Collect the curves of the outputs named in `outputs` or, if it is None, of all quantities that a figure shows.
-    Return a tuple of the figure's title and a dict of curves by name.
+    """Collect the curves of the outputs named in `outputs` or, if it is None, of all quantities that a
+    figure shows.
     """
     title, collector = "", CurveCollector()
     for samples in sample_pieces(source, outputs):
@@ -132,37 +132,35 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
         "S2": S2,
         **samples.outputs_by_name,
         "psi": samples.psi,
-        NAME_OF_CURVE_OF_ALL_PATHS: paths,
+        PATHS: paths,
     }
     return {**quantities, "residual": np.stack([residual, rounding], axis=1)}
 
 
 def _title_and_unit(name: str) -> tuple[str, str]:
     """Return the title of the panel of the output called `name`, and the unit of the output, as two strings."""
-    return _PANEL_TITLE_BY_OUTPUT_NAME.get(
-        name, name
-    ), "rad" if name in _OUTPUT_NAMES_DRAWN_AS_EULER_ANGLES else unit_of(name)
+    return _TITLES.get(name, name), "rad" if name in _AS_ANGLES else unit_of(name)
 
 
 def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
     """Draw the curves of a pair's motion, a dict by name, the paths in space and the residual of E1 in a new figure
     of the class `figure_type`; return the figure.
     """
-    columns = max(2, *(sum(name in curves for name in row) for row in _OUTPUT_NAMES_IN_PANEL_ROWS))
+    columns = max(2, *(sum(name in curves for name in row) for row in _PANELS))
     figure = figure_type(figsize=(4.2 * columns, 8.4), layout="constrained")
     grid = figure.add_gridspec(3, 2 * columns, height_ratios=(1, 1, 1.25))
     first: Any = None
-    for row, names in enumerate(_OUTPUT_NAMES_IN_PANEL_ROWS):
+    for row, names in enumerate(_PANELS):
         for column, name in enumerate(name for name in names if name in curves):
             axes = figure.add_subplot(grid[row, 2 * column : 2 * column + 2], sharex=first)
             first = first or axes
             draw_over_time(axes, *_title_and_unit(name), curves[name])
-    points = np.split(curves[NAME_OF_CURVE_OF_ALL_PATHS].values, 3, axis=1)
+    points = np.split(curves[PATHS].values, 3, axis=1)
     draw_paths(
         figure,
         grid[2, :columns],
-        dict(zip(_PATH_COLOUR_BY_POINT_NAME, points, strict=True)),
-        tuple(_PATH_COLOUR_BY_POINT_NAME.values()),
+        dict(zip(_PATH_COLOURS, points, strict=True)),
+        tuple(_PATH_COLOURS.values()),
     )
     lower = grid[2, columns:].subgridspec(2, 1)
     draw_over_time(figure.add_subplot(lower[0], sharex=first), *_title_and_unit("psi"), curves["psi"])
@@ -172,11 +170,11 @@ def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
 
 def _draw_residual(axes: Axes, curve: Curve) -> None:
     """Draw the residual of equation E1 [m] and 16 times its rounding error over time into Matplotlib axes, on a
-    logarithmic scale. The two components of `curve` are the residual and the rounding error.
+    logarithmic scale.
     """
     residual, rounding = curve.values.T
     label = "residual of E1, exact ones at the bottom"
     axes.semilogy(curve.t, np.maximum(residual, rounding / 8), ".", color="#222222", ms=2, label=label)
-    axes.semilogy(curve.t, 16 * rounding, color=VECTOR_COMPONENT_COLOURS[1], lw=1, label="16 u scale")
+    axes.semilogy(curve.t, 16 * rounding, color=XYZ_COLOURS[1], lw=1, label="16 u scale")
     axes.set(ylabel="m", xlabel="t [s]")
     axes.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 0.97), frameon=False)

@@ -13,19 +13,17 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 
 # Length of a rod over the robot's size up to which the rod is not drawn.
-_MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO: Final = 1e-3
+_SHORTEST: Final = 1e-3
 
 
 class SimpleBody(NamedTuple):
     """Simple shapes that are drawn for a body without a drawing, in the body's axes: `links` are rods, spheres and
     blocks, `joints` are drums of hinges and rails of sliders.
-
-    Attributes:
-        links: rods and the blocks of sliders.
-        joints: drums of hinges and rails of sliders.
     """
 
+    #: rods and the blocks of sliders
     links: list[Shape]
+    #: drums of hinges and rails of sliders
     joints: list[Shape]
 
 
@@ -67,8 +65,7 @@ def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
 
 
 def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
-    """Return a list of the `SimpleBody` records of all bodies of a robot, the base first. `size` is the length of the
-    robot [m], on which the thicknesses of the shapes depend.
+    """Return a list of the `SimpleBody` records of all bodies of a robot, the base first.
 
     Args:
         tree: the robot.
@@ -84,9 +81,7 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
     lengths = [sum(math.hypot(*point) for point in body_points) for body_points in points]
     radii = [_rod_radius(mass, length, size) for mass, length in zip(masses, lengths, strict=True)]
     for number, joint in enumerate(tree.joints, 1):
-        if (
-            lengths[number] <= _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size
-        ):  # a body without a rod is as thick as its thinner neighbour
+        if lengths[number] <= _SHORTEST * size:  # a body without a rod is as thick as its thinner neighbour
             radii[number] = min(radii[joint.parent], *(radii[k] for k in carried[number]), math.inf)
     bodies = [SimpleBody([], []) for _ in range(count)]
     for number, body in enumerate(bodies):
@@ -121,18 +116,15 @@ def axes_along(axis: Any) -> Float64Array:
 
 def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
     """Return a list of the ends of the rods of the body with the number `body_number`, which must carry no joints, in
-    the axes of that body [m]. The list is empty if the ends are too near to the body's reference point. `size` is the
-    length of the robot [m].
-
-    They are its tip links or, if these are too near, the point twice as far as its centre of mass.
+    the axes of that body [m].
     """
     tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == body_number]
-    far = [tip for tip in tips if math.hypot(*tip) > _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size]
+    far = [tip for tip in tips if math.hypot(*tip) > _SHORTEST * size]
     if far:
         return far
     masses = tree.joints[body_number - 1].body if body_number else tree.base
     beyond = 2 * masses.center_of_mass
-    return [beyond] if _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size < math.hypot(*beyond) < size / 2 else []
+    return [beyond] if _SHORTEST * size < math.hypot(*beyond) < size / 2 else []
 
 
 def _rod_radius(mass: float, length: float, size: float) -> float:
@@ -140,7 +132,7 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
     size [m].
     """
     thinnest, thickest, thickest_of_short_rods = 0.016 * size, 0.03 * size, 0.3 * length
-    is_drawn = length > _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size
+    is_drawn = length > _SHORTEST * size
     least = min(thinnest, thickest_of_short_rods) if is_drawn else thinnest
     if not mass > 0:
         return max(least, min(0.02 * size, thickest_of_short_rods))
@@ -152,9 +144,9 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
     """Return a tuple of a cylinder of the given radius from the reference point of a body to `end`, in the body's
-    axes [m], and a sphere at `end`. Return an empty tuple if the cylinder is too short for the robot's size [m].
+    axes [m], and a sphere at `end`.
     """
     length = math.hypot(*end)
-    if length <= _MIN_DRAWN_ROD_LENGTH_TO_ROBOT_SIZE_RATIO * size:
+    if length <= _SHORTEST * size:
         return ()
     return Cylinder(radius, length, end / 2, end), Sphere(radius, end)

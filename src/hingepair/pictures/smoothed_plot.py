@@ -12,7 +12,7 @@ from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
-    VECTOR_COMPONENT_COLOURS,
+    XYZ_COLOURS,
     CurveCollector,
     draw_side_by_side,
     figure_class,
@@ -24,26 +24,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Outputs of a SmoothedMotion that can be drawn.
-_SMOOTHED_MOTION_OUTPUT_NAMES: Final = ("R", "v", "a", "S", "omega", "alpha")
+_MOTION_OUTPUTS: Final = ("R", "v", "a", "S", "omega", "alpha")
 # Outputs of a SmoothedAngle that can be drawn.
-_SMOOTHED_ANGLE_OUTPUT_NAMES: Final = ("psi", "psid", "psidd")
+_ANGLE_OUTPUTS: Final = ("psi", "psid", "psidd")
 
 
 def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
     """Draw the result of `smooth`, a motion or an angle, over time in a new figure, with bands of two standard
-    deviations; return the figure. `outputs` is a tuple of names, such as ("R", "v"), of what to draw; None draws
-    everything. An attitude S is drawn as Euler angles without a band. Raise an ArgumentError for an unknown name.
+    deviations; return the figure. An attitude S is drawn as Euler angles without a band.
 
     Args:
         source: the result of `smooth`.
         outputs: R, S, v, omega, a, alpha, or psi, psid, psidd; all of them unless given. S is drawn as Euler angles
             XYZ, without a band.
-
-    Raises:
-        ArgumentError: no such output.
-        MissingDependencyError: matplotlib is not installed.
     """
-    known = _SMOOTHED_ANGLE_OUTPUT_NAMES if isinstance(source, SmoothedAngle) else _SMOOTHED_MOTION_OUTPUT_NAMES
+    known = _ANGLE_OUTPUTS if isinstance(source, SmoothedAngle) else _MOTION_OUTPUTS
     names = known if outputs is None else tuple(outputs)
     for name in names:
         if name not in known:
@@ -61,9 +56,9 @@ def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str]
 
 def _draw_band(axes: Axes, t: Float64Array, values: Float64Array, instants: Float64Array, std: Float64Array) -> None:
     """Draw bands of two standard deviations around the components of a curve, `values` of shape (N, k) at times t,
-    into Matplotlib axes. `std` holds the standard deviations at `instants`, shape (M, k), and is interpolated to t.
+    into Matplotlib axes.
     """
-    colours = VECTOR_COMPONENT_COLOURS if values.shape[1] > 1 else ("#222222",)
+    colours = XYZ_COLOURS if values.shape[1] > 1 else ("#222222",)
     for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
         half = 2 * np.interp(t, instants, deviations)
         axes.fill_between(t, column - half, column + half, color=colour, alpha=0.25, lw=0)

@@ -32,8 +32,6 @@ def derive(
 ) -> Derivation | FrameForms:
     r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a Derivation with the
     equations E1-E11 (docs/concepts/equations.md). A Mechanism gives the FrameForms of one link, joint or frame.
-    `frame` is its name; by default, it is the only link without children. `symbolic` names the constants that stay
-    symbols, such as "u1". Raise an ArgumentError for arguments that cannot be used.
 
     The coordinates of a HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). The coordinates of a PlanarPair are x(t), y(t), phi(t), psi(t). The coordinates of a Scene
@@ -117,16 +115,11 @@ def derive(
 
 def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()) -> Derivation:
     """Return the Derivation of the pair in a scene file, ignoring the motion of the file: the coordinates are
-    unspecified functions of t. `symbolic` is a tuple of the names of the constants that stay symbols, such as "u1".
-    Raise a SceneError for a file that cannot be read, and an ArgumentError for an unknown name.
+    unspecified functions of t.
 
     Args:
         path: the scene file.
         symbolic: as for `derive`.
-
-    Raises:
-        SceneError: the file cannot be read as a scene.
-        ArgumentError: as for `derive`.
     """
     tables = load_tables(path)
     pair = load_pair(path)
@@ -136,10 +129,7 @@ def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
-    """Return the argument `symbolic` as a tuple of names. Raise an ArgumentError if the argument is a single string
-    or not an iterable, or if a name is not u1, u2, n (if the pair has an axis n) or one of `constants`, the names of
-    the scene's constants.
-    """
+    """Return the argument `symbolic` as a tuple of names."""
     allowed_names = (*(key for key in PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(allowed_names)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
@@ -155,14 +145,10 @@ def _exact_pair_values(
     pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
 ) -> dict[str, tuple[Expr, ...]]:
     """Return the exact u1, u2, n and home that the table [pair] of a scene file has, as a dict of flat tuples of
-    SymPy expressions by key; home has nine entries, row by row. `tables` is the file's top-level Table. Leave out
-    values that differ from the floats of `pair`, and an axis n in plain numbers. The constants named in
-    `symbolic_constants` stay symbols.
-
-    Someone may have given the scene another pair (`dataclasses.replace`).
+    SymPy expressions by key; home has nine entries, row by row.
     """
     table, planar = tables.table("pair"), isinstance(pair, PlanarPair)
-    numbers = pair.constants.values
+    numbers = pair.constants.values  # of a scene whose pair was replaced, not those of the file
     same = {
         key
         for key, exprs in pair_expressions(table, planar).items()

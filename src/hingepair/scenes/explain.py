@@ -13,7 +13,7 @@ from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, SPATIAL_PART_NAME
 from hingepair.scenes.known_motion import KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
-_DESCRIPTION_BY_PLAN_STEP_NAME = {
+_STEPS = {
     "hinge": "sine, versine and cosine of psi",
     "cosine": "cosine of psi, out of hinge",
     "angles": "Euler angles in canonical order",
@@ -52,18 +52,16 @@ _DESCRIPTION_BY_PLAN_STEP_NAME = {
 class ScenePlan:
     """Plan of a pair's scene: the names of the `outputs`; `computed`, pairs of the name of a computed step and "once"
     or, if it is computed at each instant, "each"; `skipped`, pairs (description, reason) on the skipped work; and the
-    numbers of `operations`. `str` returns the plan as text.
-
-    Attributes:
-        outputs: names of the outputs.
-        computed: (step name, "once" or "each") in order; "each" is a step that is computed at each instant.
-        skipped: (description of the work that is left out, reason).
-        operations: number of operations at each instant, and number before constants were folded.
+    numbers of `operations`.
     """
 
+    #: names of the outputs
     outputs: tuple[str, ...]
+    #: (step name, "once" or "each") in order; "each" is a step that is computed at each instant
     computed: tuple[tuple[str, str], ...]
+    #: (description of the work that is left out, reason)
     skipped: tuple[tuple[str, str], ...]
+    #: number of operations at each instant, and number before constants were folded
     operations: OperationCounts
 
     def __str__(self) -> str:
@@ -71,8 +69,7 @@ class ScenePlan:
         lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
         width = max(len(name) for name, _ in self.computed) + 2 if self.computed else 0
         lines += [
-            f"  {name:<{width}}{_DESCRIPTION_BY_PLAN_STEP_NAME[name]}{' - once' if often == 'once' else ''}"
-            for name, often in self.computed
+            f"  {name:<{width}}{_STEPS[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
         ]
         lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
         return "\n".join(lines)
@@ -95,7 +92,7 @@ def explain(
     for step in plan.steps:
         once = still.issuperset(step.arguments)
         still |= {step.result} if once else set()
-        if step.result in _DESCRIPTION_BY_PLAN_STEP_NAME:
+        if step.result in _STEPS:
             computed.append((step.result, "once" if once else "each"))
     reasons = ["no output needs them" if i < motion_level else "the motion does not give them" for i in range(2)]
     skipped = [
@@ -108,11 +105,7 @@ def explain(
     if operations.shared:
         skipped.append((f"{operations.shared} operations at each instant", "they depend on constants only"))
     made = {step.result for step in plan.steps}
-    skipped += [
-        (_DESCRIPTION_BY_PLAN_STEP_NAME[name], "no output needs it")
-        for name in others
-        if name in _DESCRIPTION_BY_PLAN_STEP_NAME and name not in made
-    ]
+    skipped += [(_STEPS[name], "no output needs it") for name in others if name in _STEPS and name not in made]
     if motion.sequence is None and kind is SPATIAL_MOTION_KIND:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if ATTITUDE2_STEP_WITHOUT_HOME in plan.steps:

@@ -24,29 +24,25 @@ from hingepair.scenes.integrated_motion import integrate_motion
 from hingepair.scenes.known_motion import MotionByCoordinates
 from hingepair.scenes.motion import Motion, euler_axes_phrase
 from hingepair.scenes.tables import Table
-from hingepair.scenes.waypoints import MAX_WAY_POINTS, WAY_POINT_PROFILE_NAMES, WayPoints, interpolate_way_points
+from hingepair.scenes.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import Expr
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
 
-_DEFAULT_INTEGRATED_ANGLE_TOLERANCE_RAD: Final = 1e-12
+_TOL: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FunctionsOfTime:
-    """Functions of t that a scene's `table`, a Table, has under the keys `names`. `functions` is a tuple of them in
-    the same order: SymPy expressions, exact numbers or WayPoints.
+    """Functions of t that a scene's `table`, a Table, has under the keys `names`."""
 
-    Attributes:
-        names: the keys of the table that they came from.
-        functions: SymPy expressions or way points.
-        table: where they were written.
-    """
-
+    #: the keys of the table that they came from
     names: tuple[str, ...]
+    #: SymPy expressions or way points
     functions: tuple[Expr | WayPoints, ...]
+    #: where they were written
     table: Table
 
     @property
@@ -92,9 +88,7 @@ class FunctionsOfTime:
         return expression_by_name
 
     def compiled(self) -> TimeFunctions:
-        """Return the TimeFunctions of all functions except way points, compiled and cached. Raise an ArgumentError if
-        an expression is never real and finite.
-        """
+        """Return the TimeFunctions of all functions except way points, compiled and cached."""
         kept = {name: f for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)}
         return _time_functions(tuple(kept.values()), tuple(kept))
 
@@ -106,18 +100,13 @@ def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> Ti
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByFunctions:
-    """Motion of a pair at the instants `t`. `functions` is the FunctionsOfTime of the pair's coordinates, and
-    `sequence` is the name of the Euler sequence of body 1, such as "XYZ", or None in the plane. `part` evaluates the
-    functions at some of the instants.
+    """Motion of a pair at the instants `t`."""
 
-    Attributes:
-        t: instants [s].
-        functions: of x, y, z, phi_x, phi_y, phi_z, psi, or in the plane of x, y, phi, psi [m, rad].
-        sequence: Euler sequence of body 1; None of a planar pair.
-    """
-
+    #: instants [s]
     t: Instants
+    #: of x, y, z, phi_x, phi_y, phi_z, psi, or in the plane of x, y, phi, psi [m, rad]
     functions: FunctionsOfTime
+    #: Euler sequence of body 1; None of a planar pair
     sequence: str | None
     level: ClassVar[int] = ACCELERATION
 
@@ -132,7 +121,7 @@ class MotionByFunctions:
 def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
     """Return the Motion that the Tables [motion] and [time] define by functions of t: coordinates, or angular
     velocity and hinge rate, which are integrated (equation E12). `planar` True means a motion in the plane, with
-    fewer coordinates. Raise a SceneError for unknown keys and bad values.
+    fewer coordinates.
     """
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _read_rate_motion(motion, read_instants_array(time), planar)
@@ -148,8 +137,7 @@ def read_coordinate_functions(
     motion: Table, names: tuple[str, ...], other_keys: tuple[str, ...] = ()
 ) -> tuple[FunctionsOfTime, str | None]:
     """Return (functions, sequence): the coordinates `names` of the Table `motion` as FunctionsOfTime, and the Euler
-    sequence, which is None if `names` contains phi, the angle of a motion in the plane. Raise a SceneError for bad
-    values, and for keys other than `names`, `constants`, `sequence` (in space) and `other_keys`.
+    sequence, which is None if `names` contains phi, the angle of a motion in the plane.
     """
     planar = "phi" in names
     motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *other_keys))
@@ -158,9 +146,7 @@ def read_coordinate_functions(
 
 def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
     """Return the Motion at the instants t that results from integrating the angular velocity omega1 and the hinge
-    rate psi_dot (equation E12). The Table [motion] gives these rates and the position of body 1 as functions of t.
-    `planar` True means a motion in the plane, where omega1 is one function. Raise a SceneError for unknown keys and
-    bad values, or if a tolerance that the table gives is missed.
+    rate psi_dot (equation E12).
     """
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", "constants", *start_keys))
@@ -174,7 +160,7 @@ def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
     arrays |= dict(zip(("omega1", "alpha1"), turning.stacked(t, 1), strict=True))
     arrays |= dict(zip(("psid", "psidd"), hinge.stacked(t, 1), strict=True))
     signals = _signal("omega1", turning), _signal("psi_dot", hinge)
-    tol = table.number("tol", _DEFAULT_INTEGRATED_ANGLE_TOLERANCE_RAD)
+    tol = table.number("tol", _TOL)
     return integrate_motion(table, t, signals, arrays, tol, planar=planar, functions=(turning, hinge, point))
 
 
@@ -183,9 +169,7 @@ def _signal(name: str, functions: FunctionsOfTime) -> Signal:
 
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
-    """Return the keys `names` of a table as FunctionsOfTime. Raise a SceneError for a value that is not a function,
-    or for an expression that is nowhere real and finite.
-    """
+    """Return the keys `names` of a table as FunctionsOfTime."""
     functions = FunctionsOfTime(names, tuple(_read_coordinate(table, key) for key in names), table)
     with table.naming():
         functions.compiled()
@@ -193,8 +177,8 @@ def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
 
 
 def _read_coordinate(table: Table, key: str) -> Expr | WayPoints:
-    """Return the function of t that a key of a Table defines: a SymPy expression, an exact SymPy number or WayPoints.
-    Raise a SceneError for any other value.
+    """Return the function of t that a key of a Table defines: a SymPy expression, an exact SymPy number or
+    WayPoints.
     """
     match table.values.get(key):
         case str() as text:
@@ -208,9 +192,7 @@ def _read_coordinate(table: Table, key: str) -> Expr | WayPoints:
 
 
 def _read_way_points(table: Table) -> WayPoints:
-    """Return the WayPoints of a table with the keys t, value, profile, speed and acceleration. Raise a SceneError for
-    other keys, for bad values, and for limits that the profile exceeds.
-    """
+    """Return the WayPoints of a table with the keys t, value, profile, speed and acceleration."""
     limit_keys = ("speed", "acceleration")
     table.check_keys(("t", "value", "profile", *limit_keys))
     instants: Any = table.values.get("t")
@@ -224,7 +206,7 @@ def _read_way_points(table: Table) -> WayPoints:
     for key, limit in limits.items():
         if limit <= 0:
             table.fail(key, "a number above 0")
-    profile = table.choice("profile", WAY_POINT_PROFILE_NAMES)
+    profile = table.choice("profile", PROFILES)
     with table.naming():
         try:
             return interpolate_way_points(t, values, profile, **limits)

@@ -20,20 +20,18 @@ from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.known_motion import KnownMotion, MotionByBody1
 from hingepair.scenes.log_noise import (
-    MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT,
+    NOISY_EFFORT,
     LogNoise,
     finite_rms,
     motion_with_errors,
     noise_rows,
 )
-from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ACCURACY_ORDER
+from hingepair.scenes.logged_motion import DIFFERENCE_ORDER
 from hingepair.scenes.motion import Motion, massive, non_finite_sentences
 
 
 class SceneForces(Record):
-    """Forces of a pair at the instants of a scene. Each force array is an attribute such as `hinge_torque`. `gravity`
-    is the gravity vector, `noise` is a dict of the standard deviations by name of the force, and `notes` is a tuple
-    of sentences. The forces print as a table and can be saved to a file.
+    """Forces of a pair at the instants of a scene.
 
     Args:
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
@@ -71,12 +69,7 @@ def pair_scene_forces(
 ) -> SceneForces:
     """Return the SceneForces that a pair's Motion requires; `t` holds all instants of the motion. `gravity` is a
     vector, with two components in the plane, or None for the motion's own gravity. `title` and `files` are the
-    scene's title and input files. Raise an ArgumentError if body 2 has no mass properties, the motion has no
-    accelerations, or `gravity` is given for a simulated motion.
-
-    Raises:
-        ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given beside
-            [dynamics].
+    scene's title and input files.
     """
     if motion.level < ACCELERATION:
         raise ArgumentError("scene", f"a motion with accelerations, which forces need{motion.hint}", motion.origin)
@@ -102,7 +95,7 @@ def pair_scene_forces(
     if motion.deviations is not None:
         noise, sentence = _smoothed_force_noise(pair, known_motion.in_space(pair), motion.deviations, fall, arrays)
         notes.append(sentence)
-    elif motion.derived is not None and len(t) > FINITE_DIFFERENCE_ACCURACY_ORDER:
+    elif motion.derived is not None and len(t) > DIFFERENCE_ORDER:
         noise, sentence = _force_noise(pair, t, known_motion, motion.derived, fall, arrays)
         notes.append(sentence)
     record = t, _plane_components(arrays) if flat else arrays, f"forces: {title}", files
@@ -112,11 +105,7 @@ def pair_scene_forces(
 def _required_forces(
     pair: HingePair | PlanarPair, body1_motion: MotionByBody1, gravity: tuple[float, ...]
 ) -> dict[str, NDArray[Any]]:
-    """Return the forces and torques that a pair's motion requires, a dict of arrays by name, in world axes.
-    `body1_motion` is a MotionByBody1 with accelerations, `gravity` a vector of three floats. hinge_torque has shape
-    (N,), and bearing_torque, hinge_force, force1 and torque1 have shape (N, 3). force1 and torque1 are left out if
-    body 1 has no mass properties. Raise an ArgumentError if body 2 has no mass properties.
-    """
+    """Return the forces and torques that a pair's motion requires, a dict of arrays by name, in world axes."""
     space = massive(pair)
     psi, psid, psidd = body1_motion.hinge
     wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity)
@@ -132,8 +121,7 @@ def _forces_from_body2_loads(
     pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion
 ) -> dict[str, NDArray[Any]]:
     """Return the part of each required force that the applied loads on body 2 of a simulated motion supply, a dict of
-    arrays by name, in world axes. `pair` is a HingePair, in the plane the converted one. The caller subtracts the
-    part from the required forces.
+    arrays by name, in world axes.
     """
     state = pair.forward_kinematics_from_body1(motion.body1, motion.psi, outputs=("S2", "d"))
     force, torque = motion.loads["force2"], motion.loads["torque2"]
@@ -151,7 +139,7 @@ def _forces_from_body2_loads(
 
 def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return a copy of a dict of arrays by name with the components in the plane only: x and y of hinge_force and
-    force1, z of torque1. Hinge torques are unchanged, and bearing_torque is left out.
+    force1, z of torque1.
     """
     components: dict[str, slice | int] = {"hinge_force": slice(2), "force1": slice(2), "torque1": 2}
     return {
@@ -165,7 +153,7 @@ def _torque_limit_sentences(
     pair: HingePair | PlanarPair, t: Float64Array, force_arrays: Mapping[str, NDArray[Any]]
 ) -> Iterator[str]:
     """Yield one sentence if the pair has a torque_limit and motor_torque, or hinge_torque if there is no motor,
-    exceeds this limit at any of the instants t; otherwise yield nothing. `force_arrays` has the torques by name.
+    exceeds this limit at any of the instants t; otherwise yield nothing.
     """
     limit = getattr(pair, "torque_limit", None)
     if limit is None:
@@ -186,14 +174,12 @@ def _force_noise(
     force_arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
     """Return (deviations, note): the standard deviation that noise of the log causes in each force, a dict of arrays
-    by name, and a sentence on that noise. Random noise of the estimated size is added to `motion`, a KnownMotion of
-    the pair with accelerations, and the forces of the noisy motion under `gravity` are compared with `force_arrays`.
-    `derived_names` are the names of the rates found by finite differences.
+    by name, and a sentence on that noise.
     """
     rows = noise_rows(len(t))
-    log = LogNoise(t[rows] - t[rows.start], derived_names, FINITE_DIFFERENCE_ACCURACY_ORDER)
+    log = LogNoise(t[rows] - t[rows.start], derived_names, DIFFERENCE_ORDER)
     noisy = _required_forces(pair, log.with_noise_added(motion.part(rows, ACCELERATION)).in_space(pair), gravity)
-    inside, sizes = slice(FINITE_DIFFERENCE_ACCURACY_ORDER // 2, -(FINITE_DIFFERENCE_ACCURACY_ORDER // 2)), log.sizes
+    inside, sizes = slice(DIFFERENCE_ORDER // 2, -(DIFFERENCE_ORDER // 2)), log.sizes
     changes = {name: (own - force_arrays[name][rows])[inside] for name, own in noisy.items()}
     noise = {name: finite_rms(change) for name, change in changes.items()}
     torque, rms = float(noise["hinge_torque"]), float(finite_rms(force_arrays["hinge_torque"]))
@@ -206,7 +192,7 @@ def _force_noise(
         f"{_two_digits(torque)} N m of hinge_torque, whose rms is {_two_digits(rms)} "
         "(standard deviations; more near the ends)"
     )
-    if torque > MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT * rms:
+    if torque > NOISY_EFFORT * rms:
         sentence += "; hp.smooth(t, psi) finds psi'' of noisy samples, hp.smooth(t, body1) the motion of body 1"
     return noise, sentence
 
@@ -219,9 +205,7 @@ def _smoothed_force_noise(
     force_arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
     """Return (force_deviations, note): the standard deviation that the errors of a smoothed motion cause in each
-    force, a dict of arrays by name, and a sentence on these errors. Random errors with the standard deviations
-    `deviations` of the smoothing are added to `motion`, and the forces under `gravity` are compared with
-    `force_arrays`.
+    force, a dict of arrays by name, and a sentence on these errors.
     """
     rows = noise_rows(len(deviations["psi"]))
     random = np.random.default_rng(0)

@@ -20,15 +20,13 @@ from hingepair.scenes.tables import Key, Table
 Rows: TypeAlias = slice | NDArray[np.intp]
 """Some of the instants, by their numbers."""
 
-MAX_SCENE_SAMPLES: Final = 1_000_000_000
+MAX_SAMPLES: Final = 1_000_000_000
 """Largest number of instants of a scene; results of many go into a file block by block."""
 
 
 @dataclass(frozen=True, slots=True)
 class UniformInstants:
-    """Evenly spaced instants [s] from `start` to `stop`, both included; `samples` is their number. They are not
-    stored: indexing by an integer, a slice or an array of integers computes the selected ones. The values equal those
-    of `numpy.linspace` to the bit.
+    """Evenly spaced instants [s] from `start` to `stop`, both included; `samples` is their number.
 
     >>> UniformInstants(0.0, 1.0, 5)[1:3]
     array([0.25, 0.5 ])
@@ -44,9 +42,7 @@ class UniformInstants:
         return self.samples
 
     def __getitem__(self, rows: int | Rows) -> Any:
-        """Return one instant as a float64, or an array of the instants with the given indices. Raise an IndexError if
-        an index is out of range.
-        """
+        """Return one instant as a float64, or an array of the instants with the given indices."""
         if isinstance(rows, slice):
             numbers: Any = np.arange(*rows.indices(self.samples), dtype=np.float64)
         else:
@@ -65,9 +61,7 @@ Instants: TypeAlias = UniformInstants | Float64Array
 
 
 class SampledScene(Shown, abc.ABC):
-    """Abstract base of Scene and MechanismScene. It has the instants of a scene, selects blocks of instants or evenly
-    spread ones, and knows the units of outputs.
-    """
+    """Abstract base of Scene and MechanismScene."""
 
     __slots__ = ()
 
@@ -97,12 +91,7 @@ class SampledScene(Shown, abc.ABC):
         return len(self.instants)
 
     def times(self) -> NDArray[np.float64]:
-        """Return all instants as a read-only array; shape (samples,) s. Raise an ArgumentError if they are too many
-        to be held in memory.
-
-        Raises:
-            ArgumentError: there are too many to be held in memory.
-        """
+        """Return all instants as a read-only array; shape (samples,) s."""
         if self.samples > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY:
             way = (
                 "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
@@ -141,12 +130,8 @@ class SampledScene(Shown, abc.ABC):
 
 
 def read_instants(time: Table) -> UniformInstants:
-    """Return the UniformInstants that the keys start, stop and samples of the Table [time] define. Raise a SceneError
-    for other keys and bad values.
-    """
-    start, stop, samples = time.read(
-        _READER_FUNCTION_BY_TIME_TABLE_KEY, required=_READER_FUNCTION_BY_TIME_TABLE_KEY
-    ).values()
+    """Return the UniformInstants that the keys start, stop and samples of the Table [time] define."""
+    start, stop, samples = time.read(_TIME_KEYS, required=_TIME_KEYS).values()
     if not 0 <= stop - start < np.inf:
         time.fail("stop", f"a number from start = {start!r} on, at a finite distance")
     if samples == 1 and stop > start:
@@ -158,9 +143,7 @@ def read_instants(time: Table) -> UniformInstants:
 
 
 def read_instants_array(time: Table) -> Float64Array:
-    """Return the instants of the Table [time] as a read-only array; shape (samples,) s. Raise a SceneError for bad
-    values or more instants than may be held in memory.
-    """
+    """Return the instants of the Table [time] as a read-only array; shape (samples,) s."""
     t = read_instants(time)
     if len(t) > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY:
         time.fail(
@@ -171,18 +154,16 @@ def read_instants_array(time: Table) -> Float64Array:
 
 
 def _read_sample_count(time: Table, key: str) -> int:
-    """Return the number of samples under a key of [time] as an int. Raise a SceneError unless the value is an integer
-    from 1 to MAX_SCENE_SAMPLES; a float without a fraction, such as 1e6, counts as an integer.
-    """
+    """Return the number of samples under a key of [time] as an int."""
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():
         value = int(value)
-    if type(value) is not int or not 1 <= value <= MAX_SCENE_SAMPLES:
-        time.fail(key, f"an integer from 1 to {MAX_SCENE_SAMPLES}")
+    if type(value) is not int or not 1 <= value <= MAX_SAMPLES:
+        time.fail(key, f"an integer from 1 to {MAX_SAMPLES}")
     return value
 
 
-_READER_FUNCTION_BY_TIME_TABLE_KEY: Final[Mapping[str, Key]] = {
+_TIME_KEYS: Final[Mapping[str, Key]] = {
     "start": Table.number,
     "stop": Table.number,
     "samples": _read_sample_count,

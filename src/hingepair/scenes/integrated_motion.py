@@ -32,10 +32,7 @@ def integrate_motion(
 ) -> Motion:
     """Integrate `signals`, the angular velocity of body 1 and the hinge rate as two Signal objects, over the instants
     t (equation E12; in the plane E11), and return the Motion. Start values, axes and method are read from the Table
-    [motion]. `arrays` has R1, v1, omega1, psid and other known quantities at t by name. `tol` is the error to aim at
-    [rad], or None for one step in each interval (for the method dop853, 1e-12 rad). `planar` True means a motion in
-    the plane. Further keyword arguments become fields of the Motion. Raise a SceneError for bad values, or if a
-    tolerance that the table gives is missed.
+    [motion]. Further keyword arguments become fields of the Motion.
 
     Args:
         table: the table [motion], with the start attitude and angle, the axes (`frame`) and the method.

@@ -32,33 +32,27 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
-_BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = (
+_GIVEN = (
     ("R1", "S1", "psi"),
     ("v1", "omega1", "psid"),
     ("a1", "alpha1", "psidd"),
 )
 """Names of body 1's position and attitude and of the hinge angle, and of their derivatives by order."""
-_BOTH_BODIES_POSE_OUTPUT_NAMES = ("R1", "S1", "R2", "S2")
+_POSES = ("R1", "S1", "R2", "S2")
 """Outputs of forward kinematics with the positions and attitudes of both bodies."""
-_BOTH_BODIES_ANGULAR_VELOCITY_OUTPUT_NAMES = ("omega1", "omega2")
+_TURNS = ("omega1", "omega2")
 """Outputs of forward kinematics with the angular velocities of both bodies."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByCoordinates:
-    """Motion of a pair at `count` instants, given by its seven coordinates (four in the plane). `derivatives` is (q[,
-    qd[, qdd]]), each of them a tuple of arrays, or of floats for values that do not change. `sequence` is the name of
-    the Euler sequence of body 1, such as "XYZ", or None in the plane.
+    """Motion of a pair at `count` instants, given by its seven coordinates (four in the plane)."""
 
-    Attributes:
-        count: number of instants.
-        derivatives: (q[, qd[, qdd]]), tuples of seven or four: arrays of shape (count,), floats for what does not
-            change.
-        sequence: Euler sequence of body 1; None in the plane.
-    """
-
+    #: number of instants
     count: int
+    #: (q[, qd[, qdd]]), tuples of seven or four: arrays of shape (count,), floats for what does not change
     derivatives: Derivatives
+    #: Euler sequence of body 1; None in the plane
     sequence: str | None
 
     @property
@@ -112,9 +106,7 @@ class MotionByCoordinates:
         return state
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation. Raise a
-        MissingDependencyError if Pinocchio is not installed.
-        """
+        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
         from hingepair.validation.cross_validate import cross_validate
 
         report: CrossValidation = cross_validate(pair, *self.derivatives, **self._sequence())
@@ -138,16 +130,10 @@ class MotionByCoordinates:
         if not self.sequence:
             body1, *hinge = motion_in_space(*self._of_many())
             return MotionByBody1(body1, tuple(hinge))
-        names = [
-            name for part in _BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[: self.level + 1] for name in part[:2]
-        ]
+        names = [name for part in _GIVEN[: self.level + 1] for name in part[:2]]
         arrays = self.forward_kinematics(pair, tuple(names)).arrays()
         return motion_by_body1(
-            arrays
-            | {
-                part[2]: self._column(i, -1)
-                for i, part in enumerate(_BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[: self.level + 1])
-            }
+            arrays | {part[2]: self._column(i, -1) for i, part in enumerate(_GIVEN[: self.level + 1])}
         )
 
     def body_arrays(self, pair: Any) -> dict[str, NDArray[Any]]:
@@ -156,9 +142,7 @@ class MotionByCoordinates:
         of omega1 are measured.
         """
         if self.sequence:
-            arrays = self.forward_kinematics(
-                pair, _BOTH_BODIES_POSE_OUTPUT_NAMES + _BOTH_BODIES_ANGULAR_VELOCITY_OUTPUT_NAMES * bool(self.level)
-            ).arrays()
+            arrays = self.forward_kinematics(pair, _POSES + _TURNS * bool(self.level)).arrays()
             if self.level:
                 W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
                 arrays |= {"psid": self._column(1, -1), "W1": np.asarray(W1)}
@@ -195,13 +179,11 @@ class MotionByCoordinates:
 class MotionByBody1:
     """Motion of a pair at some instants, given by `body1`, the motion of body 1 in space (a BodyMotion), and `hinge`,
     the tuple of the arrays psi and, as far as known, psi' and psi''.
-
-    Attributes:
-        body1: shape (count,); with v and omega where psi' is there, a and alpha where psi'' is.
-        hinge: (psi[, psi'[, psi'']]); shape (count,) each.
     """
 
+    #: shape (count,); with v and omega where psi' is there, a and alpha where psi'' is
     body1: BodyMotion
+    #: (psi[, psi'[, psi'']]); shape (count,) each
     hinge: tuple[Float64Array, ...]
     sequence: ClassVar[None] = None
     derivatives: ClassVar[Derivatives] = ()
@@ -230,7 +212,7 @@ class MotionByBody1:
         """Return columns of a log as a dict of arrays, shape (count,) each: position, quaternion and psi for `order`
         0, velocities and psi' for 1, accelerations and psi'' for 2.
         """
-        place, turning, angle = _BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[order]
+        place, turning, angle = _GIVEN[order]
         body1_arrays = {place: getattr(self.body1, place[:-1])}
         if order:
             body1_arrays[turning] = getattr(self.body1, turning[:-1])
@@ -264,9 +246,7 @@ class MotionByBody1:
         return state
 
     def cross_validate(self, pair: Any) -> CrossValidation:
-        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation. Raise a
-        MissingDependencyError if Pinocchio is not installed.
-        """
+        """Compare the pair's equations with Pinocchio along this motion; return a CrossValidation."""
         from hingepair.validation.cross_validate import cross_validate_from_body1
 
         return cross_validate_from_body1(pair, self.body1, *self.hinge)
@@ -280,11 +260,9 @@ class MotionByBody1:
         omega2, psid and W1, the size [rad/s] relative to which errors of omega1 are measured.
         """
         if not self.level:
-            return self.forward_kinematics(pair, _BOTH_BODIES_POSE_OUTPUT_NAMES).arrays()
+            return self.forward_kinematics(pair, _POSES).arrays()
         W1, _ = angular_rate_sizes(self.body1.omega)
-        return self.forward_kinematics(
-            pair, _BOTH_BODIES_POSE_OUTPUT_NAMES + _BOTH_BODIES_ANGULAR_VELOCITY_OUTPUT_NAMES
-        ).arrays() | {
+        return self.forward_kinematics(pair, _POSES + _TURNS).arrays() | {
             "psid": self.hinge[1],
             "W1": np.asarray(W1),
         }
@@ -306,19 +284,11 @@ def motion_by_body1(array_by_name: Mapping[str, NDArray[Any]]) -> MotionByBody1:
     """Return the MotionByBody1 of arrays by name: R1, S1, psi and, as far as known, v1, omega1, psid, a1, alpha1,
     psidd. Its derivatives go up to the highest order of which all three arrays are present.
     """
-    level = max(
-        i
-        for i, names in enumerate(_BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER)
-        if array_by_name.keys() >= {*names}
-    )
-    arrays = {
-        name[:-1]: array_by_name[name]
-        for names in _BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[: level + 1]
-        for name in names[:2]
-    }
+    level = max(i for i, names in enumerate(_GIVEN) if array_by_name.keys() >= {*names})
+    arrays = {name[:-1]: array_by_name[name] for names in _GIVEN[: level + 1] for name in names[:2]}
     return MotionByBody1(
         BodyMotion(**arrays),
-        tuple(array_by_name[names[2]] for names in _BODY1_AND_HINGE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[: level + 1]),
+        tuple(array_by_name[names[2]] for names in _GIVEN[: level + 1]),
     )
 
 

@@ -21,7 +21,7 @@ from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCo
 
 _HINGE_NAMES = ("psi", "psid", "psidd")
 """Names of the hinge angle and its derivatives."""
-MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT: Final = 0.01
+NOISY_EFFORT: Final = 0.01
 """Ratio of the noise of a joint's torque or force to its root mean square above which a note recommends smoothing."""
 
 
@@ -58,8 +58,7 @@ def motion_with_errors(motion: MotionByBody1, errors: Mapping[str, Float64Array]
 
 
 class LogNoise:
-    """Estimator of the noise in the samples of a log. Its methods return a motion with random noise of the estimated
-    size added, drawn from a fixed seed, and store its standard deviations in `sizes`, a dict by name of the quantity.
+    """Estimator of the noise in the samples of a log.
 
     Args:
         t: instants; shape (N,) s.
@@ -96,7 +95,7 @@ class LogNoise:
 
     def _add_to_coordinates(self, motion: MotionByCoordinates) -> MotionByCoordinates:
         """Return a copy of a MotionByCoordinates in space, which must have second derivatives, with random noise of
-        the estimated size added to all coordinates and derivatives. Store the sizes in the attribute `sizes`.
+        the estimated size added to all coordinates and derivatives.
         """
         columns = []
         for names, *derivatives in zip(
@@ -115,7 +114,7 @@ class LogNoise:
 
     def _add_to_body1(self, motion: MotionByBody1) -> MotionByBody1:
         """Return a copy of a MotionByBody1 with random noise of the estimated size added to the motion of body 1, to
-        psi and to their derivatives. Store the sizes in the attribute `sizes`.
+        psi and to their derivatives.
         """
         errors: dict[str, Float64Array] = {}
         hinge = self._draw_noise(_HINGE_NAMES, [angle[:, None] for angle in motion.hinge])
@@ -127,11 +126,7 @@ class LogNoise:
         return motion_with_errors(motion, errors)
 
     def _draw_noise(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
-        """Return random noise for a quantity and its two derivatives, a list of arrays (N, k). `values` are the
-        samples of all three, from which the size is estimated, and `names` their names. The noise of rotation
-        matrices S1 is given as rotation vectors. A derivative found by finite differences gets the differences of the
-        noise. Store the sizes in the attribute `sizes`.
-        """
+        """Return random noise for a quantity and its two derivatives, a list of arrays (N, k)."""
         noise: list[Float64Array] = []
         slopes: list[Float64Array] = []
         for name, samples in zip(names, values, strict=True):

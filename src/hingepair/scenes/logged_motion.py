@@ -42,10 +42,10 @@ from hingepair.scenes.log_noise import derivative_noise
 from hingepair.scenes.motion import Motion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.tables import NamedSource, Table
 
-FINITE_DIFFERENCE_ACCURACY_ORDER: Final = 6
+DIFFERENCE_ORDER: Final = 6
 """Order of the error of derivatives by finite differences, in the step between samples."""
 
-COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME: Final[dict[str, tuple[str, ...]]] = {
+LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     "R1": ("x", "y", "z"),
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
@@ -53,9 +53,7 @@ COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME: Final[dict[str, tuple[str, ...]]] = {
     **LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[SPATIAL_COORDINATE_NAMES],
 }
 """Names of the columns of each array that a log may have."""
-PAIR_LOG_COLUMN_NAMES: Final = tuple(
-    dict.fromkeys(("t", *(column for own in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME.values() for column in own)))
-)
+LOG_COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in LOG_ARRAYS.values() for column in own))))
 """Names of all columns that a log of a pair may have: t and the columns of the arrays."""
 
 Part: TypeAlias = dict[str, Float64Array]
@@ -64,24 +62,20 @@ Part: TypeAlias = dict[str, Float64Array]
 
 class LogLayout(NamedTuple):
     """Column names that a log may have: `arrays` groups them by array, `columns` lists all, and `angle_names` has the
-    arrays and columns that hold angles. `judged` names the arrays and columns whose unit is judged, with their
-    quantity in `hingepair.numeric.suspicions`. `result_prefixes` are the beginnings of names of results, which a log
-    must not have. `writing_hint`, a clause for messages, says which command writes such a log.
-
-    Attributes:
-        arrays: names of the columns of each array, by the name of the array.
-        columns: names of all columns.
-        angle_names: names of the arrays and columns that hold angles.
-        judged: quantity of each array or column whose unit is judged.
-        result_prefixes: beginnings (up to the first `_`) of the names of columns that hold results.
-        writing_hint: clause for messages with the command that writes such a log.
+    arrays and columns that hold angles.
     """
 
+    #: names of the columns of each array, by the name of the array
     arrays: Mapping[str, tuple[str, ...]]
+    #: names of all columns
     columns: tuple[str, ...]
+    #: names of the arrays and columns that hold angles
     angle_names: frozenset[str]
+    #: quantity of each array or column whose unit is judged
     judged: Mapping[str, str]
+    #: beginnings (up to the first `_`) of the names of columns that hold results
     result_prefixes: frozenset[str]
+    #: clause for messages with the command that writes such a log
     writing_hint: str
 
     def columns_of(self, name: str) -> tuple[str, ...]:
@@ -92,8 +86,8 @@ class LogLayout(NamedTuple):
 
 
 _PAIR_LOG_LAYOUT: Final = LogLayout(
-    COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME,
-    PAIR_LOG_COLUMN_NAMES,
+    LOG_ARRAYS,
+    LOG_COLUMNS,
     frozenset({"phi", "psi"}),
     {
         **dict.fromkeys(("phi_x", "phi_y", "phi_z", "psi"), "angle"),
@@ -105,21 +99,20 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
     "run --outputs q,qd,qdd --out FILE writes what is read here",
 )
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
-_BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("R1", "v1", "a1")
+_POSITION = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
-_HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER = ("psi", "psid", "psidd")
+_HINGE = ("psi", "psid", "psidd")
 """Columns of a log with the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
-_EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("phi", "phid", "phidd")
+_EULER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
-_QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER = ("quat_xyzw", "omega1", "alpha1")
+_QUATERNION = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
 _NOISY: Final = 0.1  # noise of a derivative to its rms; above, a note recommends smoothing
 
 
 def read_log(table: Table, folder: Path) -> Motion:
     """Return the Motion of the log file that the Table [motion] names; a relative path is relative to `folder`. The
-    samples are used as they are, differentiated, smoothed or integrated, as the table says. Raise a SceneError for
-    bad keys or columns.
+    samples are used as they are, differentiated, smoothed or integrated, as the table says.
     """
     integrated, completed = table.flag("integrate"), table.flag("differentiate")
     integration_keys = ("psi_0", "method", "S1_0")
@@ -142,9 +135,7 @@ def read_log(table: Table, folder: Path) -> Motion:
 
 
 def log_path(table: Table, folder: Path) -> Path:
-    """Return the path of the log that the key `file` of the Table [motion] names, relative to `folder`. Raise a
-    SceneError if there is no such file.
-    """
+    """Return the path of the log that the key `file` of the Table [motion] names, relative to `folder`."""
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
@@ -153,7 +144,7 @@ def log_path(table: Table, folder: Path) -> Path:
 
 def read_ignored_columns(table: Table) -> frozenset[str]:
     """Return the frozenset of the column names under the key `ignore` of the Table [motion]. Columns of these names
-    are not read. Without the key, the set is empty. Raise a SceneError unless the value is a list of strings.
+    are not read. Without the key, the set is empty.
     """
     names = table.values.get("ignore", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -162,16 +153,10 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
 
 
 def _velocity_frame(table: Table, log: Log) -> str:
-    """Return the axes of a log's angular velocities, "body" or "world", as the key `frame` of the table names them.
-    Raise a SceneError if the log has angular velocities and the table has no key `frame`, or if the table has the key
-    and the log has no angular velocities. If both are absent, return "world".
+    """Return the axes of a log's angular velocities, "body" or "world", as the key `frame` of the table
+    names them.
     """
-    rates = [
-        column
-        for name in _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[1:]
-        for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME[name]
-        if column in log.columns
-    ]
+    rates = [column for name in _QUATERNION[1:] for column in LOG_ARRAYS[name] if column in log.columns]
     if "frame" in table.values and not rates:
         table.fail("frame", "no such key, since the log has no omega1_x, omega1_y, omega1_z")
     if rates and "frame" not in table.values:
@@ -181,10 +166,7 @@ def _velocity_frame(table: Table, log: Log) -> str:
 
 
 class Log(NamedSource):
-    """Columns of a log file by name, read and checked by the constructor, which raises a SceneError for bad ones. Its
-    methods return quantities with their derivatives, and compute missing ones. `derived` lists the names of the
-    computed derivatives, `noise_shares` has the noise of each as a fraction of its rms, and `notes` lists sentences
-    on the log.
+    """Columns of a log file by name, read and checked by the constructor, which raises a SceneError for bad ones.
 
     Args:
         path: the file.
@@ -225,7 +207,7 @@ class Log(NamedSource):
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
             stamps = self.columns["t"]
-            t = instants_of("t", stamps, FINITE_DIFFERENCE_ACCURACY_ORDER if completed else 0)
+            t = instants_of("t", stamps, DIFFERENCE_ORDER if completed else 0)
             late = kind == ".csv" and abs(t[0]) > 1e5  # s: doubles of this size are rounded to more than 1e-11 s
             instants = csv_column(path, "t", np.longdouble) if late else t
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
@@ -245,9 +227,7 @@ class Log(NamedSource):
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
     def _check_column_names(self, column_names: list[str], known_names: tuple[str, ...]) -> list[str]:
-        """Return the list of `column_names` of the file without the ignored ones. Raise a SceneError for a column
-        that is not in `known_names`, holds results or comes twice, and for an ignored name that the file lacks.
-        """
+        """Return the list of `column_names` of the file without the ignored ones."""
         for name in sorted(self._ignored.difference(column_names)):
             expected = f"names of columns of the log in motion.ignore{nearest(name, tuple(column_names))}"
             self.refuse(repr(name[:40]), expected, "no such column")
@@ -290,8 +270,7 @@ class Log(NamedSource):
 
     def _stack_columns(self, array_name: str, required: bool) -> NDArray[np.float64] | None:
         """Return the columns that form the array `array_name`, shape (N, k); None if the log has none of them and
-        `required` is False. Raise a SceneError if the log lacks some of the columns, or if it lacks all and
-        `required` is True.
+        `required` is False.
         """
         column_names = self.layout.columns_of(array_name)
         present_names = [column for column in column_names if column in self.columns]
@@ -319,9 +298,7 @@ class Log(NamedSource):
             self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}{hint}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
-        """Return the rotation matrices (N, 3, 3) of quaternions (x, y, z, w), shape (N, 4). Raise a SceneError for a
-        zero quaternion.
-        """
+        """Return the rotation matrices (N, 3, 3) of quaternions (x, y, z, w), shape (N, 4)."""
         zero = np.flatnonzero((quat_xyzw == 0).all(axis=-1))
         if zero.size:
             self.refuse("qx, qy, qz, qw", "quaternions that are not zero", f"a zero quaternion at sample {zero[0]}")
@@ -331,33 +308,26 @@ class Log(NamedSource):
         self, name: str, array: Float64Array
     ) -> tuple[tuple[Float64Array, Float64Array], tuple[float, float]]:
         """Return ((first, second), (first deviation, second deviation)): derivatives of the array `name` by finite
-        differences, and the standard deviations of their noise. For a quaternion the derivatives are omega and alpha.
-        Angles are first unwrapped by `_unwrap_angles`, which may add notes. Raise a SceneError for numbers that are
-        not finite.
+        differences, and the standard deviations of their noise.
         """
         self.check_finite(name, array, "differentiated")
         if name == "quat_xyzw":
             S = self.rotations(array)
-            with self.naming(", ".join(COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME[name])):
-                omega, alpha = angular_velocity_from_samples(
-                    self.since, S, FINITE_DIFFERENCE_ACCURACY_ORDER, with_alpha=True
-                )
-            noises = derivative_noise(self.since, S, FINITE_DIFFERENCE_ACCURACY_ORDER)
+            with self.naming(", ".join(LOG_ARRAYS[name])):
+                omega, alpha = angular_velocity_from_samples(self.since, S, DIFFERENCE_ORDER, with_alpha=True)
+            noises = derivative_noise(self.since, S, DIFFERENCE_ORDER)
             return (np.asarray(omega), np.asarray(alpha)), noises
         columns = list(array.T)
         if name in self.layout.angle_names:
             named = zip(self.layout.columns_of(name), columns, strict=True)
             columns = [self._unwrap_angles(*own) for own in named]
-        derivatives = [differentiate(self.since, column, FINITE_DIFFERENCE_ACCURACY_ORDER) for column in columns]
-        noises = derivative_noise(self.since, np.stack(columns, axis=-1), FINITE_DIFFERENCE_ACCURACY_ORDER)
+        derivatives = [differentiate(self.since, column, DIFFERENCE_ORDER) for column in columns]
+        noises = derivative_noise(self.since, np.stack(columns, axis=-1), DIFFERENCE_ORDER)
         first, second = (np.stack(own, axis=-1) for own in zip(*derivatives, strict=True))
         return (first, second), noises
 
     def _unwrap_angles(self, name: str, angles: Float64Array) -> Float64Array:
-        """Return the angles [rad] of the column `name`. Remove jumps by whole turns if the attribute `unwrap` is
-        True, or if `unwrap` is None and the angles look wrapped. Append a sentence to the attribute `notes` if
-        `unwrap` is None and there are jumps.
-        """
+        """Return the angles [rad] of the column `name`."""
         jumps = np.abs(np.diff(angles))
         jumps = jumps[jumps > np.pi]
         unwrap = self.unwrap
@@ -401,25 +371,23 @@ class Log(NamedSource):
 
 def _read_stated_motion(table: Table, log: Log) -> Motion:
     """Return the Motion of a Log's position, attitude and psi, with derivatives up to the highest order that the log
-    has. The keys `sequence` and `frame` are read from the Table [motion]; angular velocities are converted to world
-    axes. Append sentences on suspicious angles and on noise to the notes of the log. Raise a SceneError if a quantity
-    lacks a derivative of that order, or for a key that does not fit the columns.
+    has.
     """
     attitude = _attitude_names(log)
-    if attitude is _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER and "sequence" in table.values:
+    if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
     parts = {
         names: log.quantity_and_rates(names)
         for names in (
-            _BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER,
+            _POSITION,
             attitude,
-            _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER,
+            _HINGE,
         )
     }
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
     sequence = table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     source: PairMotionSource
-    if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER:
+    if attitude is _EULER:
         rows = tuple(_seven_coordinates([part[names[i]] for names, part in parts.items()]) for i in range(level + 1))
         source, how = MotionByCoordinates(log.t.size, rows, sequence), euler_axes_phrase(sequence)
     else:
@@ -427,9 +395,7 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
         arrays["S1"] = log.rotations(arrays["quat_xyzw"])
         if frame == "body":  # of what was found from quaternions, omega1 is in world axes already
             start = 1 if "omega1" not in log.derived else 2
-            rate_names = [
-                name for name in _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[start:] if name in arrays
-            ]
+            rate_names = [name for name in _QUATERNION[start:] if name in arrays]
             arrays |= {name: rotate_to_world(arrays["S1"], arrays[name]) for name in rate_names}
         source, how = motion_by_body1(arrays), "attitude as quaternions"
     how += ", rates by finite differences" * bool(log.derived)
@@ -440,21 +406,18 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
 
 
 def _read_smoothed_motion(table: Table, log: Log) -> Motion:
-    """Return the Motion found by smoothing a Log's position, attitude and psi, with first and second derivatives. The
-    Euler sequence is read from the Table [motion]. Raise a SceneError for a column or a key that smoothing does not
-    use. Warnings of the smoothing become notes.
-    """
+    """Return the Motion found by smoothing a Log's position, attitude and psi, with first and second derivatives."""
     attitude = _attitude_names(log)
     read = {
         "t",
         *(
             column
             for names in (
-                _BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER,
+                _POSITION,
                 attitude,
-                _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER,
+                _HINGE,
             )
-            for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME.get(names[0], names[:1])
+            for column in LOG_ARRAYS.get(names[0], names[:1])
         ),
     }
     for column in log.columns:
@@ -467,18 +430,18 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
             "file",
             "ignore",
             "smooth",
-            *(("sequence",) if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER else ()),
+            *(("sequence",) if attitude is _EULER else ()),
         )
     )
     R1, turns, psi = (
         log.quantity_and_rates(names)[names[0]]
         for names in (
-            _BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER,
+            _POSITION,
             attitude,
-            _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER,
+            _HINGE,
         )
     )
-    if attitude is _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER:
+    if attitude is _EULER:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
@@ -498,9 +461,9 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
     for name, samples, result in (("position", R1, body.R), ("attitude", S1, body.S), ("psi", psi, angle.psi)):
         log.notes += _missing_log_sample_sentences(name, log.t, samples, result)
     deviations_by_name = {f"{name}1": body.std[name] for name in ("R", "v", "a", "S", "omega", "alpha")}
-    deviations_by_name |= {name: angle.std[name] for name in _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER}
+    deviations_by_name |= {name: angle.std[name] for name in _HINGE}
     arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    arrays |= {name: getattr(angle, name) for name in _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER}
+    arrays |= {name: getattr(angle, name) for name in _HINGE}
     deviations = {
         "position": (body.noise["R"], "m"),
         "attitude": (body.noise["S"], "rad"),
@@ -526,7 +489,7 @@ def _missing_log_sample_sentences(
     name: str, t: Float64Array, samples: NDArray[Any], result: NDArray[Any] | None
 ) -> list[str]:
     """Return a list of sentences, which begin with `name`, on missing (not finite) samples of a log and whether their
-    smoothed values, `result`, filled them; empty if no sample is missing. The first axis of both is that of t.
+    smoothed values, `result`, filled them; empty if no sample is missing.
     """
     is_missing = ~np.isfinite(samples.reshape(len(t), -1)).all(axis=1)
     is_filled = is_missing & np.isfinite(np.asarray(result).reshape(len(t), -1)).all(axis=1)
@@ -540,14 +503,13 @@ def _missing_log_sample_sentences(
 
 def _integrate_rates(table: Table, log: Log) -> Motion:
     """Return the Motion found by integrating a Log's omega1 and psi' (equation E12); without columns of its position,
-    body 1 stays at the origin. Start values, axes and method are read from the Table [motion]. Raise a SceneError for
-    columns other than rates and R1, and for rates that are not finite.
+    body 1 stays at the origin.
     """
     rates = (
-        _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER[1:],
-        _HINGE_ANGLE_COLUMN_NAMES_BY_DERIVATIVE_ORDER[1:],
+        _QUATERNION[1:],
+        _HINGE[1:],
     )
-    quantities = (name for names in (_BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER, *rates) for name in names)
+    quantities = (name for names in (_POSITION, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
     for column in log.columns:
         if column not in read:
@@ -557,14 +519,11 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
         name, array = next(iter(part.items()))
         log.check_finite(name, array, "integrated")
     position = log.quantity_and_rates(
-        _BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER,
-        required=any(
-            column in log.columns
-            for column in (*COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["v1"], *COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["a1"])
-        ),
+        _POSITION,
+        required=any(column in log.columns for column in (*LOG_ARRAYS["v1"], *LOG_ARRAYS["a1"])),
     )
     if not position:
-        position = dict.fromkeys(_BODY1_POSITION_ARRAY_NAMES_BY_DERIVATIVE_ORDER, np.zeros((log.t.size, 3)))
+        position = dict.fromkeys(_POSITION, np.zeros((log.t.size, 3)))
     if "v1" not in position:
         log.refuse("v1_x", "a column, since the log has x (or differentiate = true)", "no such column")
     _velocity_frame(table, log)
@@ -582,33 +541,24 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
 
 
 def _attitude_names(log: Log) -> tuple[str, ...]:
-    """Return the names of the attitude array and its derivatives in the log: Euler angles or quaternions. Raise a
-    SceneError if the log has both or neither.
-    """
-    euler = any(column in log.columns for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["phi"])
-    attitude_names, other_names = (
-        (_EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER, _QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER)
-        if euler
-        else (_QUATERNION_AND_RATE_ARRAY_NAMES_BY_DERIVATIVE_ORDER, _EULER_ANGLE_ARRAY_NAMES_BY_DERIVATIVE_ORDER)
-    )
-    if not euler and not any(column in log.columns for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME["quat_xyzw"]):
+    """Return the names of the attitude array and its derivatives in the log: Euler angles or quaternions."""
+    euler = any(column in log.columns for column in LOG_ARRAYS["phi"])
+    attitude_names, other_names = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
+    if not euler and not any(column in log.columns for column in LOG_ARRAYS["quat_xyzw"]):
         hint = ", or motion.integrate = true for a log of rates" if "omega1_x" in log.columns else ""
         log.refuse("phi_x", f"columns phi_x, phi_y, phi_z, or qx, qy, qz, qw{hint}", "neither")
-    for column in (column for name in other_names for column in COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME[name]):
+    for column in (column for name in other_names for column in LOG_ARRAYS[name]):
         if column in log.columns:
             log.refuse(
                 column,
-                f"no such column in a log with {COLUMN_NAMES_BY_PAIR_LOG_ARRAY_NAME[attitude_names[0]][0]}",
+                f"no such column in a log with {LOG_ARRAYS[attitude_names[0]][0]}",
                 "a column",
             )
     return attitude_names
 
 
 def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part]) -> int:
-    """Return the highest derivative order, 0, 1 or 2, that any quantity of a Log has. `arrays_by_quantity` maps a
-    tuple of the names of a quantity and its derivatives to a dict of their arrays. Raise a SceneError if a quantity
-    lacks a derivative of that order or a lower one.
-    """
+    """Return the highest derivative order, 0, 1 or 2, that any quantity of a Log has."""
     level = max(i for names, part in arrays_by_quantity.items() for i in range(3) if names[i] in part)
     for names, part in arrays_by_quantity.items():
         for name in names[: level + 1]:
@@ -622,7 +572,7 @@ def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part
 
 def _seven_coordinates(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
     """Return the seven coordinates of three arrays `parts`, position (N, 3), Euler angles (N, 3) and psi (N,), as a
-    tuple of arrays (N,). A coordinate that never changes is one float. The arrays may be derivatives.
+    tuple of arrays (N,).
     """
     columns = [np.ascontiguousarray(column) for column in np.column_stack(parts).T]
     return tuple(float(column[0]) if (column == column[0]).all() else column for column in columns)

@@ -20,15 +20,12 @@ from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.known_motion import KnownMotion
 
-PRESCRIBED_BASE_NAME: Final = "prescribed"
+PRESCRIBED: Final = "prescribed"
 """Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""
 
 
 class PairMotionSource(Protocol):
-    """Protocol of a pair's motion at all instants of a scene. `level` is the order of its highest derivative,
-    `sequence` the name of the Euler sequence of body 1, such as "XYZ", or None, and `part` returns the KnownMotion at
-    some of the instants.
-    """
+    """Protocol of a pair's motion at all instants of a scene."""
 
     @property
     def level(self) -> int:
@@ -44,43 +41,35 @@ class PairMotionSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of a pair at the instants `t` of a scene. `source` gives the motion at some of the instants. `origin`,
-    `how`, `doubt` and `hint` are phrases and `notes` sentences for reports, and `errors` has lazy error estimates by
-    unit. `functions` is a tuple of the functions of t that define the motion, `simulated` is the simulated motion or
-    None, and `stops` holds the lower and the upper stop of a simulated hinge. `derived` names the rates of a log that
-    were found by finite differences; it is None without a log and for a smoothed log. `deviations` holds the standard
-    deviations of a smoothed log by name, or None.
+    """Motion of a pair at the instants `t` of a scene."""
 
-    Attributes:
-        t: instants [s].
-        source: the motion at all instants.
-        origin: where the motion comes from, in words.
-        how: how body 1 turns, or how the motion was computed, in words.
-        errors: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion.
-        doubt: why an error is unknown, in words; otherwise empty.
-        hint: how to get derivatives that are missing, for messages.
-        functions: functions of t that define the motion; they tell in which intervals they have kinks.
-        simulated: the simulated motion; None if the motion was not simulated.
-        stops: lower and upper stop of the simulated hinge [rad]; infinite without a stop.
-        notes: sentences that every reader of the results should see.
-        derived: names of the rates of a log that were found by finite differences; None if it is no log, or if the
-            log was smoothed.
-        deviations: standard deviations of a smoothed log at each instant: (N, 3) by R1, v1, a1, S1 (of a rotation
-            vector), omega1 and alpha1, and (N,) by psi, psid and psidd; None if the motion was not smoothed.
-    """
-
+    #: instants [s]
     t: Instants
+    #: the motion at all instants
     source: PairMotionSource
+    #: where the motion comes from, in words
     origin: str
+    #: how body 1 turns, or how the motion was computed, in words
     how: str
+    #: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion
     errors: Mapping[str, LazyValue] = field(default_factory=dict)
+    #: why an error is unknown, in words; otherwise empty
     doubt: str = ""
+    #: how to get derivatives that are missing, for messages
     hint: str = ""
+    #: functions of t that define the motion; they tell in which intervals they have kinks
     functions: tuple[Any, ...] = ()
+    #: the simulated motion; None if the motion was not simulated
     simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
+    #: lower and upper stop of the simulated hinge [rad]; infinite without a stop
     stops: tuple[float, float] = (-math.inf, math.inf)
+    #: sentences that every reader of the results should see
     notes: tuple[str, ...] = ()
+    #: names of the rates of a log that were found by finite differences; None if it is no log, or if the log was
+    #: smoothed
     derived: tuple[str, ...] | None = None
+    #: standard deviations of a smoothed log at each instant: (N, 3) by R1, v1, a1, S1 (of a rotation vector), omega1
+    #: and alpha1, and (N,) by psi, psid and psidd; None if the motion was not smoothed
     deviations: Mapping[str, Float64Array] | None = None
 
     @property
@@ -122,7 +111,7 @@ class Motion:
 
 class LimitCounter:
     """Counter of the instants at which a quantity is outside its limits: `add` takes values, and `sentences` yields a
-    sentence on the instants outside. The attributes `least` and `most` are the minimum and the maximum of all values.
+    sentence on the instants outside.
 
     Args:
         shown: name of the quantity in the sentence.

@@ -20,7 +20,7 @@ Made = TypeVar("Made")
 
 def _read_inertia(table: Table, key: str) -> Any:
     """Return the inertia under a key of a Table as a 3 x 3 array or nested list of numbers; the value is three
-    principal moments or a matrix. Raise a SceneError for another shape.
+    principal moments or a matrix.
     """
     entries = table.values[key]
     diagonal = isinstance(entries, list) and not any(isinstance(row, list) for row in entries)
@@ -28,9 +28,7 @@ def _read_inertia(table: Table, key: str) -> Any:
 
 
 def _read_shapes(table: Table, key: str) -> list[Shape]:
-    """Return the list of shapes (Box, Cylinder, Sphere) under a key of a body's table, in the order of the file.
-    Raise a SceneError unless the value is a list of valid tables.
-    """
+    """Return the list of shapes (Box, Cylinder, Sphere) under a key of a body's table, in the order of the file."""
     shape_tables = table.values[key]
     if not isinstance(shape_tables, list) or not all(isinstance(shape, dict) for shape in shape_tables):
         table.fail(key, "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")
@@ -41,34 +39,28 @@ def _read_shapes(table: Table, key: str) -> list[Shape]:
 
 
 def _read_shape(table: Table) -> Shape:
-    """Return the Box, Cylinder or Sphere that a Table describes. Raise a SceneError unless the table has exactly one
-    of the keys box, cylinder, sphere.
-    """
-    named = [kind for kind in _CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY if kind in table.values]
+    """Return the Box, Cylinder or Sphere that a Table describes."""
+    named = [kind for kind in _SHAPES if kind in table.values]
     if len(named) != 1:
         table.refuse(
             "",
-            f"one of {', '.join(_CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY)}",
+            f"one of {', '.join(_SHAPES)}",
             ", ".join(named) or "none of them",
         )
     (kind,) = named
-    make, size, keys = _CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY[kind]
+    make, size, keys = _SHAPES[kind]
     values = table.read(keys, required=[key for key in keys if key in {kind, "length"}])
     return construct_from_table(table, make, {size: values.pop(kind), **values})
 
 
 def read_body(table: Table, key: str) -> Body:
-    """Return the Body (mass properties and shapes) that the table under `key` of a Table describes. Raise a
-    SceneError for bad keys or values.
-    """
+    """Return the Body (mass properties and shapes) that the table under `key` of a Table describes."""
     body_table = table.table(key)
-    return construct_from_table(body_table, Body, body_table.read(READER_FUNCTION_BY_BODY_TABLE_KEY))
+    return construct_from_table(body_table, Body, body_table.read(BODY_KEYS))
 
 
 # Class of each shape, the attribute that its first key becomes, and its keys with their readers.
-_CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY: Final[
-    Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]
-] = {
+_SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
     "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
     "cylinder": (
         Cylinder,
@@ -77,25 +69,25 @@ _CLASS_SIZE_ARGUMENT_NAME_AND_KEY_READERS_BY_SHAPE_KEY: Final[
     ),
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers_key(3)}),
 }
-READER_FUNCTION_BY_BODY_TABLE_KEY: Final[Mapping[str, Key]] = {
+BODY_KEYS: Final[Mapping[str, Key]] = {
     "mass": Table.number,
     "center_of_mass": numbers_key(3),
     "inertia": _read_inertia,
     "shapes": _read_shapes,
 }
 """Keys of a body and their readers."""
-_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
+_BODIES: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 """Keys of both bodies of a pair and their readers."""
-_READER_FUNCTION_BY_ROBOT_HINGE_KEY: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
+_ROBOT_HINGE_KEYS: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
 """Keys that take a pair from a hinge of a robot, and their readers."""
-_READER_FUNCTION_BY_PLANAR_PAIR_KEY: Final[Mapping[str, Key]] = {
+_PLANAR_KEYS: Final[Mapping[str, Key]] = {
     "u1": numbers_key(2),
     "u2": numbers_key(2),
     "name": Table.text,
-    **_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE,
+    **_BODIES,
 }
 """Keys of a pair in the plane and their readers; u1 and u2 in metres."""
-READER_FUNCTION_BY_SPATIAL_PAIR_KEY: Final[Mapping[str, Key]] = {
+PAIR_KEYS: Final[Mapping[str, Key]] = {
     **{
         "u1": numbers_key(3),
         "u2": numbers_key(3),
@@ -107,42 +99,36 @@ READER_FUNCTION_BY_SPATIAL_PAIR_KEY: Final[Mapping[str, Key]] = {
         "torque_limit": Table.number,
         "rate_limit": Table.number,
         "name": Table.text,
-        **_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE,
+        **_BODIES,
     },
 }
 """Keys of a pair in space, given by its own geometry, and their readers."""
-SPATIAL_PAIR_TABLE_KEYS: Final = (*READER_FUNCTION_BY_SPATIAL_PAIR_KEY, *_READER_FUNCTION_BY_ROBOT_HINGE_KEY)
+PAIR_TABLE_KEYS: Final = (*PAIR_KEYS, *_ROBOT_HINGE_KEYS)
 """Keys that the table [pair] of a pair in space may have."""
 
 
 def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
     """Return the pair of the Table [pair], which describes it or names a robot's hinge: a PlanarPair if `planar` is
     True, otherwise a HingePair. The name of the pair is the stem of the file's name unless the table has a name or
-    names a hinge. Raise a SceneError for bad keys or values.
+    names a hinge.
     """
     name = {"name": " ".join(printable(Path(table.file).stem).split()) or None}
     if planar:
-        return construct_from_table(
-            table, PlanarPair, name | table.read(_READER_FUNCTION_BY_PLANAR_PAIR_KEY, ("u1", "u2"))
-        )
-    table.check_keys(SPATIAL_PAIR_TABLE_KEYS)
-    if not table.values.keys() & _READER_FUNCTION_BY_ROBOT_HINGE_KEY:
-        return construct_from_table(
-            table, HingePair, name | table.read(READER_FUNCTION_BY_SPATIAL_PAIR_KEY, ("u1", "u2", "n"))
-        )
+        return construct_from_table(table, PlanarPair, name | table.read(_PLANAR_KEYS, ("u1", "u2")))
+    table.check_keys(PAIR_TABLE_KEYS)
+    if not table.values.keys() & _ROBOT_HINGE_KEYS:
+        return construct_from_table(table, HingePair, name | table.read(PAIR_KEYS, ("u1", "u2", "n")))
     from hingepair.formats.robots import load_robot_hinge
 
     for key in table.values:
-        if key not in {**_READER_FUNCTION_BY_ROBOT_HINGE_KEY, **_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE}:
+        if key not in {**_ROBOT_HINGE_KEYS, **_BODIES}:
             table.fail(key, "no such key together with robot: robot, joint, body1 and body2 describe the pair")
     values = table.read(
-        {**_READER_FUNCTION_BY_ROBOT_HINGE_KEY, **_READER_FUNCTION_BY_BODY_KEY_OF_PAIR_TABLE},
-        _READER_FUNCTION_BY_ROBOT_HINGE_KEY,
+        {**_ROBOT_HINGE_KEYS, **_BODIES},
+        _ROBOT_HINGE_KEYS,
     )
     return replace(
-        construct_from_table(
-            table, load_robot_hinge, {key: values.pop(key) for key in _READER_FUNCTION_BY_ROBOT_HINGE_KEY}
-        ),
+        construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_KEYS}),
         **values,
     )
 

@@ -50,18 +50,15 @@ if TYPE_CHECKING:
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
-_PAIR_SCENE_TOP_LEVEL_KEYS = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
+_PAIR_TABLES = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
 """Keys and tables that the file of a scene of a pair may have."""
-_MECHANISM_SCENE_TOP_LEVEL_KEYS = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
+_ROBOT_TABLES = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
 """Keys and tables that the file of a scene of a mechanism may have."""
-COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
+COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 """Names of the outputs that are coordinates, all or psi alone, and their derivatives."""
-_ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME: Final = {"quat1": "S1", "quat2": "S2"}
+_ATTITUDES: Final = {"quat1": "S1", "quat2": "S2"}
 """Attitude by the output that gives it as a quaternion (x, y, z, w)."""
-COORDINATE_AND_QUATERNION_OUTPUT_NAMES: Final = (
-    *COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES,
-    *_ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME,
-)
+FURTHER_OUTPUTS: Final = (*COORDINATE_OUTPUTS, *_ATTITUDES)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
 
 
@@ -75,21 +72,19 @@ class SceneResult(Frozen, Result):
     psi; qd is v1, omega1 and psi'; qdd is a1, alpha1 and psi''. quat1 and quat2, shape (samples, 4), are the
     quaternions (x, y, z, w), w >= 0, of S1 and S2. An output is None if it was not requested or the motion does not
     have it.
-
-    Attributes:
-        t: instants; shape (samples,) s.
-        state: the PairState, or PlanarState, at these instants.
-        scene: the Scene that was evaluated.
-        known: the motion that the state was computed from.
-        names: names of the requested outputs; None for all outputs of body 2, and the hinge angle.
-        first: index of the first instant; 0 except in blocks.
     """
 
+    #: instants; shape (samples,) s
     t: NDArray[np.float64]
+    #: the PairState, or PlanarState, at these instants
     state: PairState | PlanarState
+    #: the Scene that was evaluated
     scene: Scene
+    #: the motion that the state was computed from
     known: KnownMotion
+    #: names of the requested outputs; None for all outputs of body 2, and the hinge angle
     names: tuple[str, ...] | None
+    #: index of the first instant; 0 except in blocks
     first: int = 0
     _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
         "requested_arrays",
@@ -120,7 +115,7 @@ class SceneResult(Frozen, Result):
             names = (*state, *(name for name in ("psi", "psid", "psidd") if _output_level(name) <= self.known.level))
         arrays: dict[str, NDArray[Any]] = {name: array for name, array in state.items() if name in names}
         for name in names:
-            components = self._components(name) if name in COORDINATE_AND_QUATERNION_OUTPUT_NAMES else {}
+            components = self._components(name) if name in FURTHER_OUTPUTS else {}
             arrays |= {
                 key: components[key] for key in components if key.partition("_")[0] not in arrays
             }  # v1 has v1_x already
@@ -132,29 +127,18 @@ class SceneResult(Frozen, Result):
 
     def energy(self) -> Energy:
         """Compute the kinetic and potential Energy [J] of the pair at the instants (equation D7), in the scene's
-        gravity; return an Energy. Raise an ArgumentError if body 2 has no mass properties, or no output with second
-        derivatives was requested.
-
-        Raises:
-            ArgumentError: no output has second derivatives, or body 2 no mass properties.
+        gravity; return an Energy.
         """
         moved, gravity = self._motion_in_space(), self.scene.motion.gravity(self.scene.pair)
         return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity)
 
     def momentum(self) -> Momentum:
-        """Compute the linear and angular Momentum of the pair at the instants (equation D8); return a Momentum. Raise
-        an ArgumentError if mass properties of a body or second derivatives are missing.
-
-        Raises:
-            ArgumentError: no output has second derivatives, or a body no mass properties.
-        """
+        """Compute the linear and angular Momentum of the pair at the instants (equation D8); return a Momentum."""
         moved = self._motion_in_space()
         return massive(self.scene.pair).momentum(moved.body1, moved.psi, moved.hinge[1])
 
     def _motion_in_space(self) -> MotionByBody1:
-        """Return the motion of the result in space as a MotionByBody1. Raise an ArgumentError if it has no second
-        derivatives.
-        """
+        """Return the motion of the result in space as a MotionByBody1."""
         if self.known.level < ACCELERATION:
             raise ArgumentError("outputs", "some that need second derivatives, such as a2", self.state.outputs)
         return self.known.in_space(self.scene.pair)
@@ -163,8 +147,8 @@ class SceneResult(Frozen, Result):
         """Return the components of the output `name` (q, qd, qdd, psi, psid, psidd, quat1 or quat2) as a dict of
         arrays (samples,) by column name; empty if the output was not computed.
         """
-        if name in _ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME:
-            S = getattr(self.state, _ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME[name], None)
+        if name in _ATTITUDES:
+            S = getattr(self.state, _ATTITUDES[name], None)
             return {} if S is None else quaternion_columns(S, name[-1])
         if _output_level(name) > self.known.level:
             return {}
@@ -175,7 +159,7 @@ class SceneResult(Frozen, Result):
         )
 
     def __getattr__(self, name: str) -> Any:
-        if name in COORDINATE_AND_QUATERNION_OUTPUT_NAMES:
+        if name in FURTHER_OUTPUTS:
             components = [*self._components(name).values()]
             return None if not components else np.stack(components, -1) if name[0] == "q" else components[0]
         if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
@@ -196,29 +180,23 @@ class SceneResult(Frozen, Result):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene(SampledScene):
-    """Scene of a pair, as read from a scene file: the pair, its motion, and the instants. `evaluate` computes outputs
-    and `forces` the required forces at the instants; `plan`, `notes` and `cross_validate` explain and check the
-    scene.
+    """Scene of a pair, as read from a scene file: the pair, its motion, and the instants."""
 
-    Attributes:
-        path: path of the scene file.
-        title: title of the scene, a sentence.
-        pair: the HingePair, or for a planar scene the PlanarPair.
-        motion: the motion of the pair and its instants.
-        outputs: names of the outputs that `evaluate` computes by default; None for all outputs of body 2 that the
-            motion allows.
-        constants: constants of the file by name.
-        files: absolute paths of the files that the scene was read from: the scene file and the log, if any.
-        tables: contents of the file; expressions are kept as text.
-    """
-
+    #: path of the scene file
     path: Path
+    #: title of the scene, a sentence
     title: str
+    #: the HingePair, or for a planar scene the PlanarPair
     pair: HingePair | PlanarPair
+    #: the motion of the pair and its instants
     motion: Motion
+    #: names of the outputs that `evaluate` computes by default; None for all outputs of body 2 that the motion allows
     outputs: tuple[str, ...] | None
+    #: constants of the file by name
     constants: Mapping[str, float]
+    #: absolute paths of the files that the scene was read from: the scene file and the log, if any
     files: tuple[Path, ...]
+    #: contents of the file; expressions are kept as text
     tables: Table
 
     def __repr__(self) -> str:
@@ -255,11 +233,7 @@ class Scene(SampledScene):
         """Return a tuple of the names of the coordinate outputs, and in space of the quaternion outputs, that need
         derivatives of order `level` at most.
         """
-        names = (
-            COORDINATE_AND_QUATERNION_OUTPUT_NAMES
-            if self.kind == SPATIAL_MOTION_KIND
-            else COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES
-        )
+        names = FURTHER_OUTPUTS if self.kind == SPATIAL_MOTION_KIND else COORDINATE_OUTPUTS
         return tuple(name for name in names if _output_level(name) <= level)
 
     @property
@@ -270,21 +244,12 @@ class Scene(SampledScene):
     @property
     def expressions(self) -> dict[str, Expr | None]:
         """SymPy expressions of the coordinates by name (x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi,
-        psi). The value of a coordinate given by way points is None. Raises an ArgumentError if the motion is not
-        defined by functions of t.
-
-        Raises:
-            ArgumentError: the motion does not come as expressions.
+        psi). The value of a coordinate given by way points is None.
         """
         return self.functions().expressions()
 
     def functions(self) -> FunctionsOfTime:
-        """Return the coordinates as FunctionsOfTime, which evaluate and differentiate them. Raise an ArgumentError if
-        the motion is not defined by functions of t.
-
-        Raises:
-            ArgumentError: the motion does not come as expressions.
-        """
+        """Return the coordinates as FunctionsOfTime, which evaluate and differentiate them."""
         from hingepair.scenes.expression_motion import MotionByFunctions
 
         source = self.motion.source
@@ -295,8 +260,7 @@ class Scene(SampledScene):
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
         """Return the coordinates and their exact derivatives, (q, qd, qdd), at any instants t. Each of q, qd and qdd
-        is a tuple with one array or float per coordinate. Raise an ArgumentError if the motion is not defined by
-        functions of t.
+        is a tuple with one array or float per coordinate.
 
         Args:
             t: instants [s]; shape (...).
@@ -305,16 +269,11 @@ class Scene(SampledScene):
             (q, qd, qdd), tuples of seven (in the plane four): arrays of t's shape, Python floats for what does not
             depend on t. Samples where an expression has no real value are NaN; derivatives at a kink are those from
             the right.
-
-        Raises:
-            ArgumentError: the motion does not come as expressions.
         """
         return self.functions().derivatives(t, ACCELERATION)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute outputs of the pair at all instants of the scene; return a SceneResult. `outputs` are their names;
-        None means the outputs that the scene names, or else all of body 2. Raise an ArgumentError for outputs that
-        the motion does not allow, or for too many instants.
+        """Compute outputs of the pair at all instants of the scene; return a SceneResult.
 
         Args:
             outputs: names of outputs. In space: R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1,
@@ -331,8 +290,7 @@ class Scene(SampledScene):
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> SceneResult:
         """Compute outputs of the pair at `max_instants` evenly spread instants, or at every instant if there are
-        fewer; return a SceneResult whose motion has all derivatives of the scene. `outputs` None means the scene's
-        default outputs. Raise an ArgumentError for outputs that the motion does not allow.
+        fewer; return a SceneResult whose motion has all derivatives of the scene.
 
         Args:
             max_instants: largest number of instants.
@@ -342,16 +300,11 @@ class Scene(SampledScene):
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
         """Yield a SceneResult for each block of 131,072 instants in turn, for scenes that do not fit into memory.
-        `outputs` None means the scene's default outputs. Raise an ArgumentError for outputs that the motion does not
-        allow.
 
         The `known` motion of each block has first derivatives if the scene's motion has them.
 
         Args:
             outputs: as for `evaluate`.
-
-        Raises:
-            ArgumentError: as for `evaluate`, but for the number of instants.
         """
         names = self._check_outputs(outputs)
         for rows in self.block_rows():
@@ -359,8 +312,7 @@ class Scene(SampledScene):
 
     def _evaluate_rows(self, rows: Rows, names: tuple[str, ...] | None, min_order: int = 0) -> SceneResult:
         """Return the SceneResult of the outputs `names` at the instants with the indices `rows`, a slice or an array;
-        `names` None means all outputs of body 2. The motion in the result, `known`, has derivatives up to `min_order`
-        or higher.
+        `names` None means all outputs of body 2.
         """
         t = np.asarray(read_only(self.motion.t[rows]))
         state_outputs, order = self._needed_outputs_and_order(names)
@@ -376,22 +328,17 @@ class Scene(SampledScene):
 
     def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
         """Return the ScenePlan of `evaluate` with these outputs: its text lists what is computed and what is skipped,
-        and why. `outputs` None means the scene's default outputs. Raise an ArgumentError for outputs that the motion
-        does not allow.
+        and why.
 
         Args:
             outputs: as for `evaluate`.
-
-        Raises:
-            ArgumentError: as for `evaluate`.
         """
         state_outputs, order = self._needed_outputs_and_order(self._check_outputs(outputs))
         return explain(self.pair, self.motion.source.part(slice(1), order), state_outputs, self.motion.level)
 
     def cross_validate(self, max_instants: int | None = None) -> CrossValidation:
         """Compare the equations of body 2's motion with Pinocchio at `max_instants` evenly spread instants, by
-        default at all; return a CrossValidation. For a simulated motion, compare forces and rates too. Raise a
-        MissingDependencyError if Pinocchio is not installed.
+        default at all; return a CrossValidation. For a simulated motion, compare forces and rates too.
 
         For a motion that [dynamics] simulates, two more comparisons are made. Where loads alone determine the forces,
         the loads are compared with the forces that Pinocchio's `rnea` computes from the motion. The rates are
@@ -431,10 +378,7 @@ class Scene(SampledScene):
         return replace(report, forces=forces, rates=rates)
 
     def _error_notes(self, u: float) -> tuple[str, ...]:
-        """Return a tuple of at most two sentences for a comparison with Pinocchio. They say that errors of the motion
-        are unknown, or that errors exceed the bound of the comparison; otherwise the tuple is empty. `u` is the unit
-        roundoff.
-        """
+        """Return a tuple of at most two sentences for a comparison with Pinocchio."""
         from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 
         estimates = {unit: error() for unit, error in self.motion.errors.items()}
@@ -454,9 +398,7 @@ class Scene(SampledScene):
 
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
         """Compute the forces that the scene's motion requires at its instants (equations D1 to D5); return a
-        SceneForces. `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if mass
-        properties of body 2 or accelerations are missing, if `gravity` is given for a simulated motion, or if there
-        are too many instants.
+        SceneForces.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). By default the
@@ -477,10 +419,6 @@ class Scene(SampledScene):
             simulates the motion, the loads on body 2 are subtracted, since the hinge need not supply them, and
             hinge_torque is split into motor_torque, spring_torque, damper_torque, friction_torque and stop_torque, as
             far as they act.
-
-        Raises:
-            ArgumentError: body 2 has no mass properties, the motion has no accelerations, or gravity is given
-                although [dynamics] has a gravity of its own.
         """
         from hingepair.scenes.forces import pair_scene_forces
 
@@ -501,7 +439,7 @@ class Scene(SampledScene):
         """
         from hingepair.scenes import suspicions
 
-        rows, level = self.spread(suspicions.MAX_JUDGED_INSTANTS), self.motion.level
+        rows, level = self.spread(suspicions.MAX_JUDGED), self.motion.level
         t = np.asarray(self.motion.t[rows])
         sentences = judge("written angles", "limits of psi", self.space.limits or (), radians=DEGREES_IN_SCENES)
         sentences += suspicions.table_suspicions(self.tables.values, {})
@@ -519,13 +457,11 @@ class Scene(SampledScene):
         return SceneNoteCollector(self)
 
     def _check_outputs(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
-        """Return the output names as a tuple. For None, return the default outputs of the scene, a tuple or None.
-        Raise an ArgumentError for an output that does not exist or that the motion does not allow.
-        """
+        """Return the output names as a tuple."""
         if outputs is None:
             return self.outputs
         names, level = (
-            check_outputs(outputs, (*self.kind.levels, *COORDINATE_AND_QUATERNION_OUTPUT_NAMES)),
+            check_outputs(outputs, (*self.kind.levels, *FURTHER_OUTPUTS)),
             self.motion.level,
         )
         known_names = (
@@ -539,25 +475,15 @@ class Scene(SampledScene):
         return names
 
     def _needed_outputs_and_order(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
-        """Return (outputs, order) for the requested output names. `outputs` are the names of the outputs of the
-        equations that are needed, a tuple, or None for all outputs of body 2; `order` is the highest derivative order
-        that is needed. For `names` None, return (None, the highest order of the motion).
-        """
+        """Return (outputs, order) for the requested output names."""
         if names is None:
             return None, self.motion.level
-        equation_outputs = (
-            _ATTITUDE_OUTPUT_NAME_BY_QUATERNION_OUTPUT_NAME.get(name, name)
-            for name in names
-            if name not in COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES
-        )
+        equation_outputs = (_ATTITUDES.get(name, name) for name in names if name not in COORDINATE_OUTPUTS)
         return tuple(dict.fromkeys(equation_outputs)), max(map(_output_level, names))
 
 
 class SceneNoteCollector:
-    """Collector of notes on a pair's scene that is evaluated in blocks. `add` takes the result of a block.
-    `sentences` returns the notes on exceeded limits, on kinks, on angles that look like degrees, and on the motion
-    itself.
-    """
+    """Collector of notes on a pair's scene that is evaluated in blocks."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -596,7 +522,7 @@ class SceneNoteCollector:
 
 def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
     """Read a TOML scene file, whose format docs/scenes.md describes. Return a Scene if the file describes a pair, or
-    a MechanismScene if it describes a robot. Raise a SceneError if the file cannot be read as a scene.
+    a MechanismScene if it describes a robot.
 
     Args:
         path: path of the scene file. Relative paths in the file start from the folder of the file.
@@ -615,11 +541,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
 
 def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
     """Return the Scene or MechanismScene that `tables`, the top-level Table of the scene file at `path`, defines.
-    Paths in the tables are relative to the folder of the file. Raise a SceneError for tables that do not define a
-    scene.
-
-    Raises:
-        SceneError, MissingDependencyError: as for `load_scene`.
+    Paths in the tables are relative to the folder of the file.
     """
     files = tuple(file.absolute() for file in _source_files(tables, Path(path)))
     if _is_of_mechanism(tables):
@@ -641,21 +563,13 @@ def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> Scene | Me
 
 
 def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
-    """Read the pair of a scene file, which need not have a motion; return a HingePair or PlanarPair. Raise a
-    SceneError if the file cannot be read or is the scene of a mechanism.
-
-    Raises:
-        SceneError, MissingDependencyError: as for `load_scene`.
-    """
+    """Read the pair of a scene file, which need not have a motion; return a HingePair or PlanarPair."""
     return _read_pair(load_tables(path))
 
 
 def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
     """Read the mechanism of a scene file, which need not have a motion; return a Mechanism, or None if the scene
-    describes a pair. Raise a SceneError if the file cannot be read.
-
-    Raises:
-        SceneError, MissingDependencyError: as for `load_scene`.
+    describes a pair.
     """
     tables = load_tables(path)
     if not _is_of_mechanism(tables):
@@ -667,10 +581,7 @@ def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
 
 def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
     """Read the table [dynamics] of a scene file without simulating it; return a DynamicsSetup, or None if there is no
-    such table. Raise a SceneError if the file cannot be read or the table belongs to the scene of a mechanism.
-
-    Raises:
-        SceneError, MissingDependencyError: as for `load_scene`.
+    such table.
     """
     from hingepair.scenes.simulated_motion import read_dynamics_setup
 
@@ -679,32 +590,23 @@ def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
 
 
 def load_tables(path: str | os.PathLike[str]) -> Table:
-    """Read a scene file, evaluate its constants, and return its top-level Table. Raise a SceneError for a file that
-    cannot be read, an unknown table or a bad constant.
-
-    Raises:
-        SceneError: the file cannot be read, has an unknown table, or has a constant that cannot be evaluated.
-    """
+    """Read a scene file, evaluate its constants, and return its top-level Table."""
     return with_constants_evaluated(read_tables(path))
 
 
 def with_constants_evaluated(tables: Table) -> Table:
     """Return a copy of a scene's top-level Table whose attribute `constants` holds the evaluated constants of
-    [motion.constants]. Raise a SceneError for an unknown table, a sweep's file, or a constant that cannot be
-    evaluated.
-
-    Raises:
-        SceneError: there is an unknown table, or a constant that cannot be evaluated. The message names it.
+    [motion.constants].
     """
     if {"scene", "vary"} <= tables.values.keys():
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
     if _is_of_mechanism(tables):
         for key in tables.values:
-            if key in _PAIR_SCENE_TOP_LEVEL_KEYS and key not in _MECHANISM_SCENE_TOP_LEVEL_KEYS:
+            if key in _PAIR_TABLES and key not in _ROBOT_TABLES:
                 tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
-        tables.check_keys(_MECHANISM_SCENE_TOP_LEVEL_KEYS)
+        tables.check_keys(_ROBOT_TABLES)
     else:
-        tables.check_keys((*_PAIR_SCENE_TOP_LEVEL_KEYS, "mechanism", "joint"))
+        tables.check_keys((*_PAIR_TABLES, "mechanism", "joint"))
     motion = tables.table("motion", required=False)
     constants = motion.table("constants", required=False)
     value_by_name: dict[str, Any] = {}
@@ -729,19 +631,14 @@ def _is_of_mechanism(tables: Table) -> bool:
 
 
 def _read_pair(tables: Table) -> HingePair | PlanarPair:
-    """Return the HingePair or PlanarPair of a scene's top-level Table. Raise a SceneError for the scene of a
-    mechanism and for bad keys or values.
-    """
+    """Return the HingePair or PlanarPair of a scene's top-level Table."""
     if _is_of_mechanism(tables):
         tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
     return read_pair(tables.table("pair"), tables.flag("planar"))
 
 
 def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> Motion:
-    """Return the Motion of a pair that the tables [motion], [dynamics] and [time] define. If there is a table
-    [dynamics], the simulation is run here. The path of a log is relative to `folder`. Raise a SceneError for missing
-    or bad tables.
-    """
+    """Return the Motion of a pair that the tables [motion], [dynamics] and [time] define."""
     planar = isinstance(pair, PlanarPair)
     if "dynamics" in tables.values:
         from hingepair.scenes.simulated_motion import read_simulated_motion
@@ -765,12 +662,7 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
 
 
 def describes_motion(path: str | os.PathLike[str]) -> bool:
-    """Return whether a scene file has a motion: a table [dynamics], or a table [motion] with more than constants.
-    Raise a SceneError if the file cannot be read.
-
-    Raises:
-        SceneError: the file cannot be read.
-    """
+    """Return whether a scene file has a motion: a table [dynamics], or a table [motion] with more than constants."""
     tables = read_tables(path)
     motion = tables.table("motion", required=False).values
     return (
@@ -782,10 +674,7 @@ def describes_motion(path: str | os.PathLike[str]) -> bool:
 
 def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     """Return a tuple of the paths of the files that a scene is read from: the scene file, and its URDF file and log
-    if any. Raise a SceneError if the scene file cannot be read.
-
-    Raises:
-        SceneError: the file cannot be read.
+    if any.
     """
     return _source_files(read_tables(path), Path(path))
 

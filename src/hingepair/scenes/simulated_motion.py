@@ -31,23 +31,23 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.expression_motion import read_coordinate_functions
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.known_motion import MotionByBody1, MotionByCoordinates
-from hingepair.scenes.motion import PRESCRIBED_BASE_NAME, Motion
+from hingepair.scenes.motion import PRESCRIBED, Motion
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import constant_value
 from hingepair.symbolic.time_functions import TimeFunctions
 
-_HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS: Final = ("psi", "psid")
+_HINGE_NAMES: Final = ("psi", "psid")
 """Names in expressions, beside t, for the hinge angle [rad] and its rate [rad/s]."""
-_NUMBER_VALUED_HINGE_LOAD_KEYS: Final = (
+_HINGE_LOAD_KEYS: Final = (
     *("stiffness", "rest", "damping", "friction", "friction_rate"),
     *("stop_stiffness", "stop_damping", "stop_restitution"),
 )
 """Keys of [dynamics] for springs, dampers, friction and stops of the hinge."""
-_BODY1_START_STATE_KEYS: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
+_START_KEYS: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
 """Keys of [dynamics] for the state of body 1 at the first instant."""
-_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT_NAME_IN_ERRORS: Final = {
+_KEYS_OF_ARGUMENTS: Final = {
     "body1": "R1_0",
     "body1.v": "v1_0",
     "body1.omega": "omega1_0",
@@ -57,28 +57,27 @@ _DYNAMICS_KEY_BY_SIMULATE_ARGUMENT_NAME_IN_ERRORS: Final = {
 
 def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
     """Return the values under keys of a Table, in the order of `keys`: a list of floats, or, if any is an expression
-    in t, psi or psid, a callable of (t, psi, psid) that returns a tuple of all values. Raise a SceneError for a value
-    that is neither a number nor an expression.
+    in t, psi or psid, a callable of (t, psi, psid) that returns a tuple of all values.
     """
-    constants = {**table.constants, **dict.fromkeys(_HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS, 0.0)}
+    constants = {**table.constants, **dict.fromkeys(_HINGE_NAMES, 0.0)}
     expressions = []
     for key in keys:
         value = table.values.get(key)
         with table.naming(key):
             expressions.append(
-                parse_expression(key, value, constants, _HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS)
+                parse_expression(key, value, constants, _HINGE_NAMES)
                 if isinstance(value, str)
                 else exact(table.number(key))
             )
     with table.naming():
         if any(expression.free_symbols for expression in expressions):
-            return TimeFunctions(expressions, keys, _HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS).values
+            return TimeFunctions(expressions, keys, _HINGE_NAMES).values
         return [constant_value(expression) for expression in expressions]
 
 
 def _read_hinge_torque(table: Table, key: str) -> Any:
     """Return the torque under a key of a Table, about the hinge axis or in the plane: a float, or, for an expression,
-    a callable of (t, psi, psid). Raise a SceneError for any other value.
+    a callable of (t, psi, psid).
     """
     torque = _read_hinge_functions(table, (key,))
     return (lambda t, psi, psid: torque(t, psi, psid)[0]) if callable(torque) else torque[0]
@@ -87,8 +86,6 @@ def _read_hinge_torque(table: Table, key: str) -> Any:
 def _read_load(table: Table, key: str, component_count: int) -> Any:
     """Return the force or torque on a body under a key of a Table: a list of `component_count` floats, or, for
     expressions, a callable of (t, now) that returns an array of shape (N, component_count); `now` is the motion at t.
-    For `component_count` 1, a torque in the plane, return a float or a callable that returns shape (N,). Raise a
-    SceneError for other values.
     """
     if component_count == 1:
         torque = _read_hinge_torque(table, key)
@@ -104,23 +101,19 @@ def _read_load(table: Table, key: str, component_count: int) -> Any:
 
 def _read_stops(table: Table, key: str) -> Any:
     """Return the stops under a key of a Table: a tuple of two angles [rad], or True if the value is true, which means
-    the limits of the pair. Raise a SceneError for other values.
+    the limits of the pair.
     """
     return table.values[key] is True or tuple(table.numbers(key, 2))
 
 
 def _read_instants(table: Table, key: str) -> list[Any]:
-    """Return the list of instants [s], of any length, under a key of a Table. Raise a SceneError unless the value is
-    a list of numbers.
-    """
+    """Return the list of instants [s], of any length, under a key of a Table."""
     value = table.values[key]
     return table.numbers(key, len(value) if isinstance(value, list) else 1)
 
 
 def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
-    """Return a dict from each key of the table [dynamics] to the function (table, key) that reads its value.
-    `dimension` is 2 for a planar pair and 3 in space.
-    """
+    """Return a dict from each key of the table [dynamics] to the function (table, key) that reads its value."""
     vector, turn = numbers_key(dimension), Table.number if dimension == 2 else numbers_key(3)
     force, torque = (
         partial(_read_load, component_count=dimension),
@@ -132,65 +125,56 @@ def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
         **{
             "hinge_torque": _read_hinge_torque,
             "stops": _read_stops,
-            **dict.fromkeys(_NUMBER_VALUED_HINGE_LOAD_KEYS, Table.number),
+            **dict.fromkeys(_HINGE_LOAD_KEYS, Table.number),
         },
         **{"force1": force, "torque1": torque, "force2": force, "torque2": torque, "gravity": vector},
         **{
             "tol": Table.number,
             "max_steps": Table.number,
             "breaks": _read_instants,
-            "base": lambda table, key: table.choice(key, (*SIMULATION_BASE_NAMES, PRESCRIBED_BASE_NAME)),
+            "base": lambda table, key: table.choice(key, (*SIMULATION_BASE_NAMES, PRESCRIBED)),
         },
     }
 
 
-SPATIAL_DYNAMICS_KEYS: Final = tuple(_dynamics_key_readers(3))
+DYNAMICS_KEYS: Final = tuple(_dynamics_key_readers(3))
 """Keys that the table [dynamics] of a pair in space may have."""
 
 
 class DynamicsSetup(NamedTuple):
-    """Values of the table [dynamics] of a scene. `base` is "free", "pinned", "fixed" or "prescribed". `body1` is the
-    motion of body 1 at the first instant, or None. `hinge` is a dict of the arguments of a `HingeLoad` except its
-    motor, and `others` a dict of the other arguments of `simulate`. `keys` are the keys that the table has.
+    """Values of the table [dynamics] of a scene."""
 
-    Attributes:
-        base: "free", "pinned", "fixed" or "prescribed".
-        body1: motion of body 1 at the first instant; None if the base is prescribed.
-        hinge: arguments of a `HingeLoad` by name, except its motor.
-        others: the other arguments of `simulate` by name, as far as the table has them.
-        keys: the keys of the table.
-    """
-
+    #: "free", "pinned", "fixed" or "prescribed"
     base: str
+    #: motion of body 1 at the first instant; None if the base is prescribed
     body1: BodyMotion | None
+    #: arguments of a `HingeLoad` by name, except its motor
     hinge: dict[str, Any]
+    #: the other arguments of `simulate` by name, as far as the table has them
     others: dict[str, Any]
+    #: the keys of the table
     keys: tuple[str, ...]
 
 
 def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsSetup:
-    """Return the DynamicsSetup of the Table [dynamics] for a pair, without simulating it. Raise a SceneError for bad
-    keys or values, and for stops = true if the pair has no limits.
-    """
+    """Return the DynamicsSetup of the Table [dynamics] for a pair, without simulating it."""
     planar = isinstance(pair, PlanarPair)
     others = table.read(_dynamics_key_readers(2 if planar else 3))
     base = others.pop("base", SIMULATION_BASE_NAMES[0])
-    start: dict[str, Any] = {key: others.pop(key) for key in _BODY1_START_STATE_KEYS if key in others}
-    hinge: dict[str, Any] = {
-        key: others.pop(key) for key in (*_NUMBER_VALUED_HINGE_LOAD_KEYS, "stops") if key in others
-    }
+    start: dict[str, Any] = {key: others.pop(key) for key in _START_KEYS if key in others}
+    hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE_LOAD_KEYS, "stops") if key in others}
     if hinge.get("stops") is True:
         hinge["stops"] = getattr(pair, "limits", None)
         if hinge["stops"] is None:
             table.fail("stops", "[lower, upper], or true of a pair that has limits")
-    if base == PRESCRIBED_BASE_NAME:
+    if base == PRESCRIBED:
         for key in start:
             table.fail(
                 key,
-                f"no such key together with base = {PRESCRIBED_BASE_NAME!r}: [motion] prescribes body 1",
+                f"no such key together with base = {PRESCRIBED!r}: [motion] prescribes body 1",
             )
-    body1 = None if base == PRESCRIBED_BASE_NAME else _read_body1_start(table, start, planar)
-    for letter in _HINGE_ANGLE_AND_RATE_NAMES_IN_EXPRESSIONS:
+    body1 = None if base == PRESCRIBED else _read_body1_start(table, start, planar)
+    for letter in _HINGE_NAMES:
         if letter in table.constants:
             meaning = "psi and psid are the hinge angle and its rate in expressions of [dynamics]"
             NamedSource(table.file, "motion.constants").refuse(letter, f"another name: {meaning}", repr(letter))
@@ -199,7 +183,7 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
 
 def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> Motion:
     """Simulate the motion of a pair that the Tables [dynamics] (`table`), [motion] and [time] define, and return it
-    as a Motion. Raise a SceneError for bad values, missing mass properties, or a simulation that cannot be continued.
+    as a Motion.
     """
     kind, body1, hinge, arguments, _ = read_dynamics_setup(table, pair)
     for name in ("body1", "body2") if kind in {"free", "pinned"} else ("body2",):
@@ -208,14 +192,14 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
             expected = f"mass properties, as in [pair.{name}] mass = 2.0{instead}"
             NamedSource(table.file, "pair").refuse(name, expected, "nothing")
     base: Any = kind
-    if kind == PRESCRIBED_BASE_NAME:
+    if kind == PRESCRIBED:
         base = _prescribed_body1(motion, pair)
     else:
         motion.check_keys(("constants",))
     t = read_instants_array(time)
     angles = arguments.pop("psi_0", 0.0), arguments.pop("psid_0", 0.0)
     try:
-        with table.naming(**_DYNAMICS_KEY_BY_SIMULATE_ARGUMENT_NAME_IN_ERRORS), warnings.catch_warnings():
+        with table.naming(**_KEYS_OF_ARGUMENTS), warnings.catch_warnings():
             for said in ("psi (leaves|passes)", ".* is taken for ", ".* is it in seconds"):  # by the scene's notes
                 warnings.filterwarnings("ignore", said, DynamicsWarning)
             torque = HingeLoad(motor=arguments.pop("hinge_torque", 0.0), **hinge)
@@ -258,10 +242,7 @@ def _known_motion(simulated: SimulatedMotion | SimulatedPlanarMotion) -> MotionB
 
 
 def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) -> BodyMotion:
-    """Return the motion of body 1 at the first instant as a BodyMotion in space. `start_values` is a dict of the
-    values of [dynamics] by key, such as R1_0; missing values mean rest at the origin. If `planar` is True, the keys
-    are those of a pair in the plane, such as phi_0. Raise a SceneError that names `table` for a bad attitude.
-    """
+    """Return the motion of body 1 at the first instant as a BodyMotion in space."""
     R, v = ((*start_values.get(key, (0, 0, 0)), 0)[:3] for key in ("R1_0", "v1_0"))
     if planar:
         S: Any = rotation_exp((0, 0, start_values.get("phi_0", 0.0)))
@@ -274,7 +255,7 @@ def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) 
 
 def _prescribed_body1(motion: Table, pair: HingePair | PlanarPair) -> Callable[[Float64Array], BodyMotion]:
     """Return a callable of an array t that returns the BodyMotion of body 1, with accelerations, from the coordinates
-    in the Table [motion]; for a PlanarPair these are x, y, phi. Raise a SceneError for bad coordinates.
+    in the Table [motion]; for a PlanarPair these are x, y, phi.
     """
     names = PLANAR_COORDINATE_NAMES if isinstance(pair, PlanarPair) else SPATIAL_COORDINATE_NAMES
     functions, sequence = read_coordinate_functions(motion, names[:-1])

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
     from hingepair.scenes.instants import Instants
 
-MAX_JUDGED_INSTANTS: Final = 101
+MAX_JUDGED: Final = 101
 """Number of instants at which a motion is judged, evenly spread."""
 
 _ANGLES, _RATES, _LENGTHS = "written angles", "written rates", "written lengths"
@@ -29,7 +29,7 @@ _KIND_BY_KEY: Final[Mapping[str, str]] = {
     **dict.fromkeys(("u1", "u2", "center_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS),
 }
 """Quantities of the keys of a scene, wherever they stand."""
-_KIND_OF_FUNCTION: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}
+_FUNCTION_KINDS: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}
 """Quantity of samples of a function, by the quantity of its numbers."""
 
 
@@ -68,7 +68,7 @@ def _judged_numbers(
                 yield from _judged_numbers(f"{place}.", part, own_kinds)
             continue
         numbers = [part for part in parts if isinstance(part, int | float) and not isinstance(part, bool)]
-        if key in kinds and numbers and not (values.get("kind") == "slider" and kinds[key] in _KIND_OF_FUNCTION):
+        if key in kinds and numbers and not (values.get("kind") == "slider" and kinds[key] in _FUNCTION_KINDS):
             yield kinds[key], name, numbers
 
 
@@ -80,11 +80,11 @@ def function_suspicions(
     for group in (group for group in functions if group.names):
         for name, values in zip(group.names, group.derivatives(t, 0)[0], strict=True):
             kind = kinds.get(name.partition("[")[0])
-            if kind is not None and kind in _KIND_OF_FUNCTION and isinstance(group.table.values.get(name), str):
+            if kind is not None and kind in _FUNCTION_KINDS and isinstance(group.table.values.get(name), str):
                 constant = np.ptp(values) == 0 if np.ndim(values) else True
                 label = f"{group.table.name}.{name}"
                 yield from suspicions(
-                    kind if constant else _KIND_OF_FUNCTION[kind], label, values, radians=DEGREES_IN_SCENES
+                    kind if constant else _FUNCTION_KINDS[kind], label, values, radians=DEGREES_IN_SCENES
                 )
 
 
@@ -92,7 +92,7 @@ def motion_suspicions(t: Instants, rates: Float64Array, v: Any, a: Any) -> Itera
     """Yield a sentence if the instants t are probably not in seconds, judged by `rates` [rad/s], or if body 1, which
     has velocities v and accelerations a, (N, 3) or None, probably moves in millimetres.
     """
-    step = float(np.median(np.diff(np.asarray(t[:MAX_JUDGED_INSTANTS])))) if len(t) > 1 else 0.0
+    step = float(np.median(np.diff(np.asarray(t[:MAX_JUDGED])))) if len(t) > 1 else 0.0
     stamps = step * np.arange(len(rates))
     yield from suspicions("sampled motion", "t", np.stack((stamps, step * np.cumsum(rates)), axis=-1))
     if v is not None and a is not None:

@@ -16,21 +16,19 @@ from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis
 from hingepair.pair.results import RESULT_FILE_SUFFIXES
 
-MAX_TABLE_FILE_BYTES: Final = 1_000_000
+MAX_BYTES: Final = 1_000_000
 """Largest size of a file of tables that is read [bytes]."""
-MAX_DOTTED_KEY_PARTS: Final = 16
+MAX_KEY_PARTS: Final = 16
 """Largest number of parts of a dotted key; the time to read one grows with its square."""
 
 # One part of a dotted key, bare or in quotes, and the dot behind it; possessive, so that time stays linear.
-_TOML_KEY_PART_AND_OPTIONAL_DOT_PATTERN = re.compile(
-    r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+"""
-)
+_KEY_PART = re.compile(r"""(?:"(?:[^"\\\n]|\\.)*+"|'[^'\n]*'|[\w-]++)[ \t]*+(\.?)[ \t]*+""")
 
 # Line and column in a message of the TOML parser.
-_TOML_ERROR_POSITION_PATTERN = re.compile(r"\(at line (\d+), column (\d+)\)")
-_TOML_SEPARATOR_AND_BARE_VALUE_PATTERN = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
+_POSITION = re.compile(r"\(at line (\d+), column (\d+)\)")
+_BARE_VALUE = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a value
 # Bare text with a letter or an operator: an expression whose quotes are missing.
-_BARE_TOML_VALUE_LIKE_EXPRESSION_PATTERN = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
+_EXPRESSION = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
 
 _shown = reprlib.Repr()
 _shown.maxstring = _shown.maxother = 80
@@ -74,22 +72,16 @@ class NamedSource:
 
 @dataclass(eq=False)
 class Table(NamedSource):
-    """One table of a scene file, with its values by key and the constants that its expressions may use. Its methods
-    return the checked value of a key. The table without a name holds the top-level keys of the file.
+    """One table of a scene file, with its values by key and the constants that its expressions may use."""
 
-    Attributes:
-        values: values by key, as the TOML parser returns them.
-        constants: values by name of the constants that expressions may use: numbers, or SymPy expressions of
-            numbers.
-    """
-
+    #: values by key, as the TOML parser returns them
     values: dict[str, Any]
+    #: values by name of the constants that expressions may use: numbers, or SymPy expressions of numbers
     constants: Mapping[str, Any]
 
     def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
         """Return a dict of the values of the keys in `reader_by_key` that the table has or that are in `required`.
-        Each value is the result of the key's reader, a function of (table, key). Raise a SceneError for any other key
-        of the table.
+        Each value is the result of the key's reader, a function of (table, key).
         """
         self.check_keys(reader_by_key)
         return {key: read(self, key) for key, read in reader_by_key.items() if key in self.values or key in required}
@@ -108,7 +100,7 @@ class Table(NamedSource):
 
     def table(self, key: str, *, required: bool = True) -> Table:
         """Return the table under a key as a Table. If the key is absent, return an empty one, or raise a SceneError
-        if `required` is True. Raise a SceneError for a value that is not a table.
+        if `required` is True.
         """
         value = self.values.get(key, None if required else {})
         if not isinstance(value, dict):
@@ -116,9 +108,8 @@ class Table(NamedSource):
         return replace(self, name=f"{self.name}.{key}" if self.name else key, values=value)
 
     def entries(self, key: str, count: int, variables: str) -> Table:
-        """Return the list under a key as a Table with the keys key[0], key[1], .... Raise a SceneError unless the
-        list has the length `count`, 2 or 3. `variables` is a phrase for the message, which lists the variables of the
-        expressions.
+        """Return the list under a key as a Table with the keys key[0], key[1], .... `variables` is a phrase for the
+        message, which lists the variables of the expressions.
         """
         value = self.values.get(key)
         if not isinstance(value, list) or len(value) != count:
@@ -127,8 +118,7 @@ class Table(NamedSource):
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return the string under a key, with runs of blanks reduced to one. If the key is absent, return the
-        default, or raise a SceneError if there is none. Raise a SceneError for any other value, and for a string that
-        is empty or not printable.
+        default, or raise a SceneError if there is none.
         """
         value = self.values.get(key, default)
         text = " ".join(value.split()) if isinstance(value, str) else ""
@@ -137,7 +127,7 @@ class Table(NamedSource):
         return text
 
     def flag(self, key: str) -> bool:
-        """Return the boolean under a key; False if the key is absent. Raise a SceneError for any other value."""
+        """Return the boolean under a key; False if the key is absent."""
         value = self.values.get(key, False)
         if not isinstance(value, bool):
             self.fail(key, "true or false")
@@ -145,7 +135,7 @@ class Table(NamedSource):
 
     def choice(self, key: str, allowed_names: Sequence[str], default: str | None = None) -> str:
         """Return the string under a key. If the key is absent, return the default, or the first allowed name if there
-        is no default. Raise a SceneError unless the string is one of `allowed_names`.
+        is no default.
         """
         value = self.text(key, default or allowed_names[0])
         with self.naming(key):
@@ -154,13 +144,13 @@ class Table(NamedSource):
 
     def number(self, key: str, default: float | None = None) -> float:
         """Return the number or the constant expression under a key as a finite float. If the key is absent, return
-        the default, or raise a SceneError if there is none. Raise a SceneError for any other value.
+        the default, or raise a SceneError if there is none.
         """
         return default if key not in self.values and default is not None else self._number(key, self.values.get(key))
 
     def numbers(self, key: str, *shape: int) -> list[Any]:
         """Return the finite numbers, or constant expressions, under a key as nested lists of floats. The further
-        arguments are the shape, such as 3, 3. Raise a SceneError for another shape or another value.
+        arguments are the shape, such as 3, 3.
         """
         value: Any = self.values.get(key)
         if not _has_shape(value, shape):
@@ -171,13 +161,13 @@ class Table(NamedSource):
     def expressions(self, key: str, *shape: int, symbolic_constants: Collection[str] = ()) -> Any:
         """Return the number or constant expression under a key of the table as an exact SymPy expression, or nested
         lists of them if further arguments give a shape, such as 3, 3. The key must be present. The constants named in
-        `symbolic_constants` stay symbols. Raise a SceneError for another value or shape.
+        `symbolic_constants` stay symbols.
         """
         from hingepair.symbolic.exact_constants import exact
 
         def to_exact(value: Any, number: Any) -> Any:
             """Return a string or a number as an exact SymPy expression, or nested lists of them as nested lists of
-            expressions. `number` is the float, or nested list of floats, that equals `value`.
+            expressions.
             """
             if isinstance(value, list):
                 return [to_exact(*both) for both in zip(value, number, strict=True)]
@@ -189,8 +179,7 @@ class Table(NamedSource):
 
     def rotation(self, key: str) -> list[list[float]]:
         """Return the rotation matrix under a key as three lists of three floats; exact entries are rounded once. The
-        value is a matrix, { axis, deg | rad } or { rpy_deg | rpy }. Only the shape of a matrix is checked. Raise a
-        SceneError for any other value.
+        value is a matrix, { axis, deg | rad } or { rpy_deg | rpy }. Only the shape of a matrix is checked.
         """
         if isinstance(self.values.get(key), list):
             return self.numbers(key, 3, 3)
@@ -202,7 +191,7 @@ class Table(NamedSource):
     def exact_rotation(self, key: str, symbolic_constants: Collection[str] = ()) -> tuple[Any, ...]:
         """Return the nine entries, row by row, of the rotation matrix under a key as a tuple of exact SymPy
         expressions. Only the shape of a matrix in the file is checked. The constants named in `symbolic_constants`
-        stay symbols. Raise a SceneError for a value that does not describe a rotation.
+        stay symbols.
         """
         value = self.values.get(key)
         if isinstance(value, list):
@@ -244,9 +233,7 @@ class Table(NamedSource):
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
 
     def _number(self, key: str, value: Any) -> float:
-        """Return `value`, a number or a string that is an expression in the scene's constants, as a finite float.
-        Raise a SceneError that names `key` for any other value.
-        """
+        """Return `value`, a number or a string that is an expression in the scene's constants, as a finite float."""
         if isinstance(value, str):
             from hingepair.symbolic.kinks import constant_value
 
@@ -257,10 +244,7 @@ class Table(NamedSource):
             self.fail(key, "a finite number")
 
     def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Any:
-        """Parse a string in which t does not occur, and return it as a SymPy expression. The constants named in
-        `symbolic_constants` stay symbols, and other constants become numbers. Raise a SceneError that names `key` if
-        the string cannot be parsed.
-        """
+        """Parse a string in which t does not occur, and return it as a SymPy expression."""
         from hingepair.symbolic.expressions import parse_constant
 
         with self.naming(key):
@@ -279,13 +263,7 @@ def numbers_key(*shape: int) -> Key:
 
 
 def read_tables(path: str | os.PathLike[str]) -> Table:
-    """Read a TOML file, and return its contents as one Table without constants. Raise a SceneError for a file that
-    cannot be read, is a log, is too large, or is not TOML.
-
-    Raises:
-        SceneError: the file does not exist, cannot be read, has more than MAX_TABLE_FILE_BYTES bytes, or is not TOML
-            in UTF-8.
-    """
+    """Read a TOML file, and return its contents as one Table without constants."""
     import tomllib
 
     try:
@@ -295,15 +273,15 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
     file = name if name.isprintable() and name else repr(name)
     try:
         with Path(name).open("rb") as stream:
-            content = stream.read(MAX_TABLE_FILE_BYTES + 1)
+            content = stream.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise SceneError(file, "a scene or sweep file that can be read", reason) from None
     if Path(name).suffix.lower() in RESULT_FILE_SUFFIXES:
         expected = f"a scene file (TOML), which names a log by [motion] file = {Path(name).name!r}"
         raise SceneError(file, expected, "a log")
-    if len(content) > MAX_TABLE_FILE_BYTES:
-        raise SceneError(file, f"at most {MAX_TABLE_FILE_BYTES} bytes", "a larger file")
+    if len(content) > MAX_BYTES:
+        raise SceneError(file, f"at most {MAX_BYTES} bytes", "a larger file")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -318,25 +296,19 @@ def read_tables(path: str | os.PathLike[str]) -> Table:
 
 
 def _toml_error(file: str, text: str, reason: str) -> SceneError:
-    """Return a SceneError on a file whose text is not valid TOML, from the parser's message `reason`. It has a note
-    with the line and a caret if `reason` has a position, and suggests a correction if one is known.
-    """
-    place = _TOML_ERROR_POSITION_PATTERN.search(reason)
+    """Return a SceneError on a file whose text is not valid TOML, from the parser's message `reason`."""
+    place = _POSITION.search(reason)
     if place is None:
         return SceneError(file, "valid TOML", reason)
     column, line = int(place[2]), text.split("\n")[int(place[1]) - 1].rstrip("\r")
     value = next(
-        (
-            match
-            for match in _TOML_SEPARATOR_AND_BARE_VALUE_PATTERN.finditer(line)
-            if match.start() < column <= match.end() + 1
-        ),
+        (match for match in _BARE_VALUE.finditer(line) if match.start() < column <= match.end() + 1),
         None,
     )
     hint, word = "", value[1].strip() if value and reason.startswith(("Invalid value", "Expected newline")) else ""
     if word.lower() in {"true", "false"}:
         hint = f"; it is written {word.lower()}"
-    elif len(word) <= _shown.maxstring and _BARE_TOML_VALUE_LIKE_EXPRESSION_PATTERN.fullmatch(word):
+    elif len(word) <= _shown.maxstring and _EXPRESSION.fullmatch(word):
         hint = f'; an expression stands in quotes: "{word}"'
     error = SceneError(file, f"valid TOML{hint}", reason)
     error.add_note(line_with_caret(line, column))
@@ -358,13 +330,13 @@ def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
 
 
 def _check_key_parts(file: str, text: str) -> None:
-    """Raise a SceneError that names `file` if its text has a dotted key of more than MAX_DOTTED_KEY_PARTS parts,
-    which the TOML parser would take too long to read.
+    """Raise a SceneError that names `file` if its text has a dotted key of more than MAX_KEY_PARTS parts, which the
+    TOML parser would take too long to read.
     """
     end, parts = 0, 0
-    for part in _TOML_KEY_PART_AND_OPTIONAL_DOT_PATTERN.finditer(text):
+    for part in _KEY_PART.finditer(text):
         parts = parts + 1 if part[1] and part.start() == end else 1
         end = part.end()
-        if parts > MAX_DOTTED_KEY_PARTS:
+        if parts > MAX_KEY_PARTS:
             line = text.count("\n", 0, end) + 1
-            raise SceneError(file, f"keys of at most {MAX_DOTTED_KEY_PARTS} parts", f"a longer one at line {line}")
+            raise SceneError(file, f"keys of at most {MAX_KEY_PARTS} parts", f"a longer one at line {line}")

@@ -22,11 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
 
-WAY_POINT_PROFILE_NAMES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
+PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
 """Names of the curves from one waypoint to the next."""
 MAX_WAY_POINTS: Final = 200
 """Largest number of waypoints of one coordinate."""
-_UNIT_POLYNOMIAL_ASCENDING_COEFFS_BY_PROFILE_NAME: Final = {
+_UNIT_POLYNOMIALS: Final = {
     "linear": (0, 1),
     "cubic": (0, 0, 3, -2),
     "quintic": (0, 0, 0, 10, -15, 6),
@@ -37,15 +37,13 @@ _UNIT_POLYNOMIAL_ASCENDING_COEFFS_BY_PROFILE_NAME: Final = {
 @dataclass(frozen=True, slots=True, eq=False)
 class WayPoints:
     """Piecewise polynomial function of time through way points, with the `breaks` between polynomials and their
-    `coefficients`. The function is constant before the first and after the last break.
-
-    Attributes:
-        breaks: where one polynomial ends and the next begins; shape (m,) s.
-        coefficients: of the polynomials, in the time since a polynomial's beginning, lowest power first; shape
-            (m, degree + 1), the last one constant.
+    `coefficients`.
     """
 
+    #: where one polynomial ends and the next begins; shape (m,) s
     breaks: Float64Array
+    #: of the polynomials, in the time since a polynomial's beginning, lowest power first; shape (m, degree + 1), the
+    #: last one constant
     coefficients: Float64Array
 
     def derivatives(self, t: ArrayLike, order: int) -> tuple[Float64Array, ...]:
@@ -108,9 +106,8 @@ class WayPoints:
 def interpolate_way_points(
     t: Float64Array, values: Float64Array, profile: str, speed: float = math.inf, acceleration: float = math.inf
 ) -> WayPoints:
-    """Return WayPoints through values at increasing instants t; `profile`, one of the WAY_POINT_PROFILE_NAMES,
-    selects the polynomials between them. Raise an ArgumentError if the profile needs a larger rate or acceleration
-    than the limits `speed` and `acceleration` allow, or if an acceleration limit is given for the linear profile.
+    """Return WayPoints through values at increasing instants t; `profile`, one of the PROFILES, selects the
+    polynomials between them.
 
     >>> path = interpolate_way_points(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic")
     >>> position, speed = path.derivatives(1.0, 1)
@@ -122,7 +119,7 @@ def interpolate_way_points(
     pieces = (
         _spline_coefficients(t, values)
         if profile == "spline"
-        else _profile_coefficients(t, values, _UNIT_POLYNOMIAL_ASCENDING_COEFFS_BY_PROFILE_NAME[profile])
+        else _profile_coefficients(t, values, _UNIT_POLYNOMIALS[profile])
     )
     way_points = _with_constant_end(t, pieces, values[-1])
     for k, name, limit in ((1, "speed", speed), (2, "acceleration", acceleration)):
@@ -139,7 +136,7 @@ def _profile_coefficients(
     t: Float64Array, values: Float64Array, unit_coefficients: tuple[float, ...]
 ) -> Float64Array:
     """Return the coefficients of the polynomials between neighbouring points (t, values), lowest power first; shape
-    (m - 1, degree + 1). `unit_coefficients` belong to the polynomial that goes from 0 to 1 in unit time.
+    (m - 1, degree + 1).
     """
     powers = np.diff(t)[:, None] ** np.arange(len(unit_coefficients))
     coefficients: Float64Array = np.diff(values)[:, None] * np.array(unit_coefficients) / powers
@@ -149,7 +146,7 @@ def _profile_coefficients(
 
 def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
     """Return the coefficients, lowest power first, shape (m - 1, 6), of the spline of degree 5 through the points (t,
-    values). Its first and second derivatives are 0 at both ends.
+    values).
     """
     h, m, size = np.diff(t), len(t) - 1, 6
     ends = [_polynomials(_derived(np.eye(size), k), np.array([[0.0], [1.0]])) for k in range(size - 1)]
@@ -178,8 +175,7 @@ def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
 
 def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, acceleration: float) -> WayPoints:
     """Return the WayPoints of a function that has the given values at the instants t, stops there, and in between
-    accelerates, keeps a constant rate and brakes. Raise an ArgumentError if the limits `speed` and `acceleration`
-    allow no such function.
+    accelerates, keeps a constant rate and brakes.
     """
     breaks, coefficients = [t[0]], []
     for i, (start, stop) in enumerate(itertools.pairwise(t)):
@@ -207,8 +203,7 @@ def _with_constant_end(breaks: Float64Array, coefficients: Float64Array, last_va
 
 def _ramp_time(interval_text: str, duration: float, distance: float, speed: float, acceleration: float) -> float:
     """Return the duration [s] of acceleration, equal to that of braking, in a motion over `distance` in `duration`
-    with a trapezoidal rate. Raise an ArgumentError if the limits `speed` and `acceleration` allow no such motion;
-    `interval_text` names the interval in the message.
+    with a trapezoidal rate.
     """
     if distance == 0:
         return duration / 3
@@ -234,7 +229,5 @@ def _derived(coefficients: Float64Array, k: int) -> Float64Array:
 
 
 def _polynomials(coefficients: Float64Array, x: Float64Array) -> Float64Array:
-    """Return the value of each polynomial at the entry of x that belongs to it, an array of x's shape (...).
-    `coefficients` has shape (..., degree + 1), lowest power first.
-    """
+    """Return the value of each polynomial at the entry of x that belongs to it, an array of x's shape (...)."""
     return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients, -1, 0), tensor=False))

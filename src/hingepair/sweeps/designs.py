@@ -14,38 +14,29 @@ from hingepair.scenes.tables import Table
 
 DESIGN_NAMES: Final = ("grid", "random", "sobol")
 """Names of the ways to place the variants of a sweep in the ranges of its numbers."""
-MAX_VARIANT_COUNT_OF_SWEEP: Final = 10_000_000
+MAX_VARIANTS: Final = 10_000_000
 """Variants of one sweep at most."""
 
-_MAX_SOBOL_DIMENSIONS: Final = 21201  # that SciPy has directions for
+_MAX_SOBOL: Final = 21201  # that SciPy has directions for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VariedNumber:
-    """Number of a scene that a sweep varies, and its `key` in the scene file. In a grid, `values` is the array of its
-    values. In other designs, `spread` is its distribution: (low, high) or, if `normal` is True, (mean, standard
-    deviation).
+    """Number of a scene that a sweep varies, and its `key` in the scene file."""
 
-    Attributes:
-        key: where the number stands in the scene file, such as "pair.body2.mass" or "pair.u1[0]".
-        values: values of the number in a grid, each once; None in other designs.
-        spread: lower and upper end, or mean and standard deviation where `normal`; not used in a grid.
-        normal: whether the number is normally distributed; otherwise uniformly.
-    """
-
+    #: where the number stands in the scene file, such as "pair.body2.mass" or "pair.u1[0]"
     key: str
+    #: values of the number in a grid, each once; None in other designs
     values: Float64Array | None
+    #: lower and upper end, or mean and standard deviation where `normal`; not used in a grid
     spread: tuple[float, float]
+    #: whether the number is normally distributed; otherwise uniformly
     normal: bool = False
 
 
 def read_varied_number(table: Table, design: str) -> VariedNumber:
     """Return the `VariedNumber` that one Table [[vary]] of a sweep file describes. `design` is one of `DESIGN_NAMES`,
-    on which the allowed keys depend. Raise a SceneError that names the key if a key is missing, is unknown or belongs
-    to another design, or if a value cannot be used.
-
-    Raises:
-        SceneError: a key is missing, unknown, or of another design; the message names it.
+    on which the allowed keys depend.
     """
     table.check_keys(("key", "values", "low", "high", "count", "mean", "std"))
     key = table.text("key")
@@ -57,7 +48,7 @@ def read_varied_number(table: Table, design: str) -> VariedNumber:
             return VariedNumber(key, np.array(table.numbers("values", len(values))), (0.0, 0.0))
         low, high = _read_two_numbers(table, "low", "high", ("key", "low", "high", "count"))
         count = table.values.get("count")
-        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_VARIANT_COUNT_OF_SWEEP:
+        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_VARIANTS:
             table.fail("count", "a whole number from 1, of a grid; or a list of values")
         return VariedNumber(key, np.linspace(low, high, count), (low, high))
     if "mean" in table.values or "std" in table.values:
@@ -74,9 +65,7 @@ def read_varied_number(table: Table, design: str) -> VariedNumber:
 def _read_two_numbers(
     table: Table, first_key: str, second_key: str, allowed_keys: tuple[str, ...]
 ) -> tuple[float, float]:
-    """Return the numbers under `first_key` and `second_key` of a Table as a tuple of two floats. Raise a SceneError
-    if a number is missing, or if the table has a key that is not in `allowed_keys`.
-    """
+    """Return the numbers under `first_key` and `second_key` of a Table as a tuple of two floats."""
     for key in table.values:
         if key not in allowed_keys:
             table.refuse(key, f"only the keys {', '.join(allowed_keys)}", "this key")
@@ -87,10 +76,7 @@ def design_values(
     table: Table, design: str, varied: tuple[VariedNumber, ...], samples: int | None, seed: int
 ) -> Float64Array:
     """Return the values of the VariedNumbers `varied` in every variant of a design, an array of shape (variants,
-    numbers). `samples` is the number of variants of a random or Sobol design, and None in a grid; `seed` is the seed
-    of a random or Sobol design. Raise a SceneError that names `table` if a grid has too many variants, if a Sobol
-    design has too many numbers, or if `samples` is missing, and a MissingDependencyError for a Sobol design without
-    SciPy.
+    numbers).
 
     In a grid, the last number changes fastest.
 
@@ -100,16 +86,12 @@ def design_values(
         varied: the varied numbers.
         samples: number of variants of a random or Sobol design; None in a grid.
         seed: seed of a random or Sobol design.
-
-    Raises:
-        SceneError: too many variants, or too many numbers.
-        MissingDependencyError: SciPy, which computes Sobol points, is not installed.
     """
     if design == "grid":
         axes = [number.values for number in varied if number.values is not None]
         total = math.prod(len(axis) for axis in axes)
-        if total > MAX_VARIANT_COUNT_OF_SWEEP:
-            table.refuse("vary", f"at most {MAX_VARIANT_COUNT_OF_SWEEP} variants", total)
+        if total > MAX_VARIANTS:
+            table.refuse("vary", f"at most {MAX_VARIANTS} variants", total)
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
     if samples is None:
         table.fail("samples", f"the number of variants of a {design} design")
@@ -129,16 +111,13 @@ def design_values(
 
 
 def _sobol_points(table: Table, dimensions: int, samples: int, seed: int) -> Float64Array:
-    """Return scrambled Sobol points in the open unit cube, an array of shape (samples, dimensions). The `seed`
-    determines the scrambling. Raise a SceneError that names `table` if there are too many dimensions, and a
-    MissingDependencyError without SciPy.
-    """
+    """Return scrambled Sobol points in the open unit cube, an array of shape (samples, dimensions)."""
     try:
         from scipy.stats.qmc import Sobol
     except ImportError as error:
         raise MissingDependencyError("design", "SciPy (pip install 'hingepair[dask]')", str(error)) from None
-    if dimensions > _MAX_SOBOL_DIMENSIONS:
-        table.refuse("vary", f"at most {_MAX_SOBOL_DIMENSIONS} numbers of a Sobol design", dimensions)
+    if dimensions > _MAX_SOBOL:
+        table.refuse("vary", f"at most {_MAX_SOBOL} numbers of a Sobol design", dimensions)
     points = Sobol(dimensions, scramble=True, seed=seed).random_base2(max(0, math.ceil(math.log2(samples))))
     return np.asarray(np.clip(points[:samples], 2.0**-53, 1 - 2.0**-53))
 

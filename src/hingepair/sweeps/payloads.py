@@ -32,7 +32,7 @@ from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
 from hingepair.scenes.mechanisms.mechanism_table import with_payload
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
-from hingepair.scenes.pair_table import READER_FUNCTION_BY_BODY_TABLE_KEY, construct_from_table
+from hingepair.scenes.pair_table import BODY_KEYS, construct_from_table
 from hingepair.scenes.tables import Table
 
 
@@ -49,22 +49,17 @@ class _VariedProperty(NamedTuple):
 
 class _VariedPayload(NamedTuple):
     """Payload with varied mass properties: the tuple `varied` of _VariedProperty records, whether the inertia is
-    proportional to the mass (`inertia_per_mass`), and the Body `body` that the scene file describes. Its inertia is
-    for a mass of 1 kg if `inertia_per_mass`.
-
-    Attributes:
-        body: mass properties of the payload in the scene file; its inertia is that of 1 kg where `inertia_per_mass`.
-        inertia_per_mass: whether the inertia is proportional to the mass.
-        varied: the mass properties that are varied.
+    proportional to the mass (`inertia_per_mass`), and the Body `body` that the scene file describes.
     """
 
+    # mass properties of the payload in the scene file; its inertia is that of 1 kg where `inertia_per_mass`
     body: Body
-    inertia_per_mass: bool
-    varied: tuple[_VariedProperty, ...]
+    inertia_per_mass: bool  # whether the inertia is proportional to the mass
+    varied: tuple[_VariedProperty, ...]  # the mass properties that are varied
 
     def mass_properties(self, numbers: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return the payload's mass (variants,), centre of mass (variants, 3) and inertia (variants, 3, 3) as three
-        arrays in SI units. `numbers` are the values of the varied numbers; shape (variants, numbers).
+        arrays in SI units.
         """
         count = len(numbers)
         mass = np.full(count, self.body.mass)
@@ -81,8 +76,7 @@ class _VariedPayload(NamedTuple):
 
     def is_clearly_valid(self, numbers: Float64Array) -> bool:
         """Return True if all mass properties of all variants are below 1e100 in SI units, all masses are positive,
-        and varied principal moments of inertia are possible for a rigid body. Otherwise return False: some may be
-        invalid. `numbers` are the values of the varied numbers; shape (variants, numbers).
+        and varied principal moments of inertia are possible for a rigid body.
         """
         mass, centre, inertia = self.mass_properties(numbers)
         sizes = (np.abs(part).max(initial=0.0) for part in (mass, centre, inertia))
@@ -95,8 +89,7 @@ class _VariedPayload(NamedTuple):
 
     def mass_moments(self, numbers: Float64Array) -> list[Twofold]:
         """Return the payload's ten mass moments about the origin of its link (the mass, 3 first and 6 second moments)
-        as a list of Twofold numbers, pairs of arrays (variants,) with twice the precision of doubles. `numbers` are
-        the values of the varied numbers; shape (variants, numbers).
+        as a list of Twofold numbers, pairs of arrays (variants,) with twice the precision of doubles.
         """
         mass, centre, inertia = self.mass_properties(numbers)
         first = [Twofold(*exact_product(mass, centre[:, i])) for i in range(3)]
@@ -110,8 +103,7 @@ class _VariedPayload(NamedTuple):
 
 
 class PayloadVariantComputer:
-    """Computer of the outputs of a robot's scene for many variants in one call of the method `compute`. The variants
-    differ in mass properties of payloads only.
+    """Computer of the outputs of a robot's scene for many variants in one call of the method `compute`.
 
     Args:
         scene: scene as its file describes it.
@@ -154,9 +146,7 @@ class PayloadVariantComputer:
 
     @lock_free_cached_property
     def _result(self) -> MechanismSceneResult:
-        """Result of the scene as its file describes it, computed at first access. Its motion is the motion of every
-        variant.
-        """
+        """Result of the scene as its file describes it, computed at first access."""
         return self._scene.evaluate(self._outputs)
 
     @lock_free_cached_property
@@ -171,12 +161,6 @@ class PayloadVariantComputer:
 class _PayloadForceProgram:
     """Program whose method `compute` computes a robot's joint and base forces along a scene's motion for many
     variants of the payloads in one call.
-
-    Args:
-        result: the scene's result, which has the motion.
-        outputs: names of the forces to compute: some of tau, force1 and torque1.
-        robot: robot without the payloads.
-        links: names of the links that carry a payload.
     """
 
     def __init__(
@@ -217,9 +201,7 @@ class _PayloadForceProgram:
         return [column for column, known in enumerate(self._known) if known is None]
 
     def compute(self, mass_moments: Sequence[Twofold]) -> MechanismForces:
-        """Return the MechanismForces of all variants, arrays (variants, samples, ...). `mass_moments` is a list of
-        the ten moments of each payload, one payload after the other, as Twofold numbers: pairs of arrays (variants,).
-        """
+        """Return the MechanismForces of all variants, arrays (variants, samples, ...)."""
         numbers = np.tile(self._numbers, (len(mass_moments[0].high), 1))
         for column, exact, slopes in zip(self._varied, self._exact, self._slopes, strict=True):
             total = exact
@@ -247,8 +229,6 @@ def payload_variant_computer(
 ) -> PayloadVariantComputer | None:
     """Return a PayloadVariantComputer of variants of a MechanismScene if all `keys`, paths of the varied numbers in
     the scene file, lead to masses, centres of mass or principal inertias of payloads; otherwise return None.
-    `unloaded_robot` is the Mechanism without payloads, `mechanism_table` the scene's Table [mechanism], and `outputs`
-    names the outputs to compute (None for all of the scene). Raise a SceneError if a table does not describe a body.
 
     Args:
         scene: scene as its file describes it.
@@ -280,9 +260,9 @@ def payload_variant_computer(
 
 def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedPayload:
     """Return the _VariedPayload with the body that the Table of a payload describes, and with the tuple `varied` of
-    _VariedProperty records. Raise a SceneError if the table does not describe a body.
+    _VariedProperty records.
     """
-    values = table.read(READER_FUNCTION_BY_BODY_TABLE_KEY, ("mass",))
+    values = table.read(BODY_KEYS, ("mass",))
     per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)
     return _VariedPayload(
         construct_from_table(table, Body, values | ({"mass": 1.0} if per_mass else {})), per_mass, varied

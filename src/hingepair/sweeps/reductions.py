@@ -13,7 +13,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.results import column_names
 
 # By name, from values (variants, samples, components) and instants (samples,) to (variants, components).
-_REDUCTION_FUNCTION_BY_NAME: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = {
+_REDUCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = {
     "min": lambda x, _: x.min(axis=1),
     "max": lambda x, _: x.max(axis=1),
     "absmax": lambda x, _: np.abs(x).max(axis=1),
@@ -26,23 +26,21 @@ _REDUCTION_FUNCTION_BY_NAME: Final[Mapping[str, Callable[[Float64Array, Float64A
     "t_max": lambda x, t: t[x.argmax(axis=1)],
     "t_absmax": lambda x, t: t[np.abs(x).argmax(axis=1)],
 }
-REDUCTION_NAMES_WITH_EXAMPLE_QUANTILES: Final = (*_REDUCTION_FUNCTION_BY_NAME, "q5", "q50", "q95")
+REDUCTIONS: Final = (*_REDUCTIONS, "q5", "q50", "q95")
 """Names of reductions; of the quantiles, examples.
 
 A NaN at an instant makes a reduction NaN; of t_min, t_max and t_absmax, it makes it the first such instant.
 """
 
 # Name of a quantile; its group is the percentage, 0 to 100.
-_QUANTILE_NAME_PATTERN: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
+_QUANTILE: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
 
 
 def is_reduction(name: object) -> bool:
     """Return whether an object is the name of a reduction, such as "max", or of a quantile from "q0" to "q100", such
     as "q2.5".
     """
-    return isinstance(name, str) and (
-        name in _REDUCTION_FUNCTION_BY_NAME or _QUANTILE_NAME_PATTERN.fullmatch(name) is not None
-    )
+    return isinstance(name, str) and (name in _REDUCTIONS or _QUANTILE.fullmatch(name) is not None)
 
 
 def reduce_arrays(
@@ -56,9 +54,9 @@ def reduce_arrays(
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)
     reduced: dict[str, Any] = {}
     for reduction in reductions:
-        quantile = _QUANTILE_NAME_PATTERN.fullmatch(reduction)
+        quantile = _QUANTILE.fullmatch(reduction)
         if quantile:
             reduced[reduction] = np.quantile(flat, float(quantile[1]) / 100, axis=1)
         else:
-            reduced[reduction] = _REDUCTION_FUNCTION_BY_NAME[reduction](flat, t)
+            reduced[reduction] = _REDUCTIONS[reduction](flat, t)
     return {f"{name}_{r}": reduced[r][:, k] for k, name in enumerate(names) for r in reductions}

@@ -29,10 +29,7 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 class Store:
-    """Results of a sweep on disk. The method `add` writes a file for each finished chunk; `finish` writes the store
-    from these files and deletes them. The constructor makes the folder of the files, or finds the chunks of an
-    interrupted run there. It raises an ArgumentError if the suffix of the path is not in `STORE_SUFFIXES`, if the
-    store exists, or if the folder cannot be made or belongs to another sweep.
+    """Results of a sweep on disk.
 
     While a sweep runs, the files of its chunks are in the folder `<store>.parts`, which the constructor makes and
     locks; as a context manager, a Store unlocks it at the end of the block.
@@ -40,10 +37,6 @@ class Store:
     Args:
         path: path of the store; ends in one of `STORE_SUFFIXES`.
         identity: text that identifies the sweep; chunks of a sweep with another text are refused.
-
-    Raises:
-        ArgumentError: `out`: the store exists, another sweep is writing it, its folder has chunks of another sweep,
-            or it cannot be written.
     """
 
     def __init__(self, path: Path, identity: str) -> None:
@@ -87,15 +80,14 @@ class Store:
 
     def add(self, chunk: int, columns: Columns) -> None:
         """Write the columns of a finished chunk, a dict of arrays by name, to the file of the chunk, completely or
-        not at all. `chunk` is its index. Raise an ArgumentError if the file cannot be written.
+        not at all. `chunk` is its index.
         """
         with whole_file(self._part(chunk)) as file:
             write_npz(file, columns)
 
     def finish(self, chunk_count: int, chunk_size: int) -> None:
         """Write the store from the files of all `chunk_count` chunks, and delete the folder of these files.
-        `chunk_size` is the number of variants in each chunk but the last. Raise an ArgumentError if a file is missing
-        or damaged, or if the store cannot be written.
+        `chunk_size` is the number of variants in each chunk but the last.
         """
         write = _write_parquet if self.path.suffix.lower() == ".parquet" else _write_zarr
         with _convert_os_errors(self.path):
@@ -104,7 +96,7 @@ class Store:
 
     def read(self, chunk: int) -> dict[str, NDArray[Any]]:
         """Return the columns of the finished chunk with the index `chunk`, read from its file, as a dict of arrays by
-        name. Raise an ArgumentError about `out` if the file is damaged, and a FileNotFoundError if it is missing.
+        name.
         """
         path = self._part(chunk)
         try:
@@ -119,9 +111,7 @@ class Store:
 
 
 def _lock(path: Path) -> IO[bytes]:
-    """Open a file and lock it until it is closed or the process ends. Raise an ArgumentError about `out` if another
-    sweep has it.
-    """
+    """Open a file and lock it until it is closed or the process ends."""
     file = path.open("ab")
     try:
         import fcntl
@@ -164,10 +154,7 @@ def check_packages(path: Path) -> None:
 
 
 def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
-    """Write a Store as a Parquet file from the files of its `chunk_count` chunks. Each chunk is a row group, with a
-    row for each variant and instant, or for each variant if the results are reductions. The third argument, the chunk
-    size, is not used.
-    """
+    """Write a Store as a Parquet file from the files of its `chunk_count` chunks."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -184,8 +171,7 @@ def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
 
 def _scalar_columns(columns: Columns) -> dict[str, NDArray[Any]]:
     """Return the columns of a chunk as a dict of one-dimensional arrays by name, one for each component, such as
-    R2_x, with a row for each variant and instant. `columns` is a dict of arrays (variants, samples, ...) by name; if
-    it has no t, its arrays (variants,) are returned unchanged.
+    R2_x, with a row for each variant and instant.
     """
     if "t" not in columns:
         return dict(columns)
@@ -209,7 +195,7 @@ def _component_suffixes(shape: tuple[int, ...]) -> list[str]:
 
 def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
     """Write a Store as a Zarr group of arrays from the files of its `chunk_count` chunks, each of which, except the
-    last, has `chunk_size` variants. The first axis of an array counts variants, the second counts instants.
+    last, has `chunk_size` variants.
     """
     import zarr
 

@@ -24,19 +24,17 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.scene import scene_files
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.sweeps.designs import DESIGN_NAMES, design_values, read_varied_number
-from hingepair.sweeps.reductions import REDUCTION_NAMES_WITH_EXAMPLE_QUANTILES, is_reduction, reduce_arrays
+from hingepair.sweeps.reductions import REDUCTIONS, is_reduction, reduce_arrays
 from hingepair.sweeps.stores import Store, check_packages
 from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
 
 # Keys that the file of a sweep may have.
 _SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
-_NAMES_OF_TABLES_THAT_MARK_A_SCENE_FILE: Final = frozenset(
-    {"pair", "mechanism", "joint", "motion"}
-)  # one of which every scene has
+_SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 # States (variants times instants) whose arrays are in memory at a time, unless one variant has more.
-_MAX_VARIANTS_TIMES_INSTANTS_COMPUTED_AT_ONCE: Final = 200_000
+_MAX_STATES: Final = 200_000
 # Time after which a scheduler that does not answer is given up.
-_SCHEDULER_CONNECTION_TIMEOUT_SECONDS: Final = 10.0
+_TIMEOUT: Final = 10.0
 
 Progress = Callable[[int, int], None]
 """Takes the number of finished chunks and the number of all chunks."""
@@ -45,25 +43,22 @@ Progress = Callable[[int, int], None]
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
     """Sweep that a file describes: its title, the `task` (scene, varied keys, outputs and reductions), the varied
-    `numbers`, an array (variants, numbers), their `keys`, and `chunk`, the number of variants in a chunk. `identity`
-    is JSON text that holds all that the results depend on, and `files` are the paths of the files that were read.
-
-    Attributes:
-        title: title in a sentence.
-        task: the part of the sweep that workers need.
-        keys: keys of the varied numbers, as the file writes them, such as "pair.u1[0]".
-        numbers: values of the varied numbers; (variants, numbers).
-        chunk: number of variants in a chunk; the last chunk may have fewer.
-        identity: JSON text of all that the results depend on.
-        files: files that the sweep was read from: its own, and those of the scene.
+    `numbers`, an array (variants, numbers), their `keys`, and `chunk`, the number of variants in a chunk.
     """
 
+    #: title in a sentence
     title: str
+    #: the part of the sweep that workers need
     task: SweepTask
+    #: keys of the varied numbers, as the file writes them, such as "pair.u1[0]"
     keys: tuple[str, ...]
+    #: values of the varied numbers; (variants, numbers)
     numbers: Float64Array
+    #: number of variants in a chunk; the last chunk may have fewer
     chunk: int
+    #: JSON text of all that the results depend on
     identity: str
+    #: files that the sweep was read from: its own, and those of the scene
     files: tuple[Path, ...]
 
     @property
@@ -85,28 +80,24 @@ class Sweep:
 class SweepTask:
     """Part of a sweep that is sent to workers: `path` of the scene file, its `tables` as JSON text, `keys` of the
     varied numbers, and names of `outputs` (None for all of the scene) and `reductions`.
-
-    Attributes:
-        path: path of the scene file.
-        tables: tables of the scene file as JSON text.
-        keys: keys of the varied numbers, as the sweep file writes them.
-        outputs: names of the outputs to compute; None for all that the scene has.
-        reductions: names of the reductions to store; empty to store the outputs at all instants.
     """
 
+    #: path of the scene file
     path: str
+    #: tables of the scene file as JSON text
     tables: str
+    #: keys of the varied numbers, as the sweep file writes them
     keys: tuple[str, ...]
+    #: names of the outputs to compute; None for all that the scene has
     outputs: tuple[str, ...] | None
+    #: names of the reductions to store; empty to store the outputs at all instants
     reductions: tuple[str, ...]
 
 
 def load_sweep(path: str | Path) -> Sweep:
-    """Read a TOML sweep file, and return it as a Sweep. Compute its first variant as a check. Raise a SceneError,
-    whose message names file, table and key, if the file cannot be used. docs/scenes.md describes the format.
-    """
+    """Read a TOML sweep file, and return it as a Sweep. Compute its first variant as a check."""
     table = read_tables(path)
-    if "scene" not in table.values and not _NAMES_OF_TABLES_THAT_MARK_A_SCENE_FILE.isdisjoint(table.values):
+    if "scene" not in table.values and not _SCENE_TABLES.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
     table.check_keys(_SWEEP_FILE_KEYS)
     scene_path = Path(path).parent / table.text("scene")
@@ -134,7 +125,7 @@ def load_sweep(path: str | Path) -> Sweep:
         if not is_reduction(name):
             table.refuse(
                 "reduce",
-                f"{choices(REDUCTION_NAMES_WITH_EXAMPLE_QUANTILES)}; of quantiles any, such as q2.5",
+                f"{choices(REDUCTIONS)}; of quantiles any, such as q2.5",
                 quoted(name),
             )
     files = (Path(path), *scene_files(scene_path))
@@ -152,7 +143,7 @@ def load_sweep(path: str | Path) -> Sweep:
             ) from None
     if chunk_size is None:
         # At least four chunks and about 1000 at most, of as many variants as are computed at once where that fits.
-        variants_limit = max(len(numbers) // 1000, _MAX_VARIANTS_TIMES_INSTANTS_COMPUTED_AT_ONCE // first.samples)
+        variants_limit = max(len(numbers) // 1000, _MAX_STATES // first.samples)
         chunk_size = max(1, min(-(-len(numbers) // 4), variants_limit))
     return Sweep(
         title=table.text("title", default=f"{Path(path).stem}: {len(numbers)} variants of {scene_path.name}"),
@@ -166,9 +157,7 @@ def load_sweep(path: str | Path) -> Sweep:
 
 
 def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
-    """Return the integer under a key of a Table, or None if the key is missing. Raise a SceneError if the value is
-    not an integer from `minimum` to 10 million.
-    """
+    """Return the integer under a key of a Table, or None if the key is missing."""
     value = table.values.get(key)
     if value is None:
         return None
@@ -179,7 +168,7 @@ def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
 
 def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
     """Return the names in the list under a key of a Table, without repetitions, as a tuple, or None if the key is
-    missing. Raise a SceneError if the value is not a list of names, or is an empty list.
+    missing.
     """
     value = table.values.get(key)
     if value is None:
@@ -191,8 +180,7 @@ def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
 
 def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data_files: Sequence[Path]) -> str:
     """Return JSON text of all that the results of a sweep depend on: a SweepTask, the values of the varied numbers,
-    the chunk size, the version of hingepair, and the contents of `data_files`, which are read and hashed. The chunks
-    of one sweep can be reused by another with equal text.
+    the chunk size, the version of hingepair, and the contents of `data_files`, which are read and hashed.
     """
     from hingepair import __version__
 
@@ -214,11 +202,7 @@ def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data
 def run_sweep(
     sweep: Sweep, out: Path, scheduler: str | None = None, workers: int = -1, progress: Progress | None = None
 ) -> Path:
-    """Compute all chunks of a Sweep that are not stored yet, write the store, and return its path `out`. `scheduler`
-    is the address of a Dask scheduler; None computes on `workers` threads of this process (-1: one on every core).
-    Call `progress`, if not None, after each chunk with the numbers of finished and of all chunks. Raise an
-    ArgumentError if a variant cannot be computed or the store cannot be written; finished chunks are kept, and the
-    next call continues from them. Raise a MissingDependencyError if a package is not installed.
+    """Compute all chunks of a Sweep that are not stored yet, write the store, and return its path `out`.
 
     Args:
         sweep: a sweep from `load_sweep`.
@@ -227,11 +211,6 @@ def run_sweep(
         scheduler: address of a `dask.distributed` scheduler; None computes on threads of this process.
         workers: number of these threads; -1 for one on every core.
         progress: is called after each chunk with the numbers of finished chunks and of all chunks.
-
-    Raises:
-        ArgumentError: the store exists or cannot be written, the scheduler does not answer, or a variant cannot be
-            computed; the message then names the chunk, the variant and its numbers.
-        MissingDependencyError: the extra dask is not installed.
     """
     check_packages(out)
     with contextlib.ExitStack() as connected:
@@ -244,17 +223,13 @@ def run_sweep(
 
 def _compute_missing_chunks(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
     """Compute the chunks of a Sweep that a Store lacks, on the cluster of the Dask client `client` or, if it is None,
-    on `workers` threads, and then write the store. Call `progress`, if not None, after each chunk with the numbers of
-    finished and of all chunks. Add a note on the chunks that are kept to an ArgumentError about a file, the store or
-    the scheduler.
+    on `workers` threads, and then write the store.
     """
     missing = store.missing(sweep.chunks)
     finished, lock = itertools.count(sweep.chunks - len(missing) + 1), threading.Lock()
 
     def store_chunk(chunk_index: int, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Write the columns of a finished chunk, a dict of arrays by name, to the store. Call `progress`, if not
-        None, with the numbers of finished and of all chunks.
-        """
+        """Write the columns of a finished chunk, a dict of arrays by name, to the store."""
         store.add(chunk_index, columns)
         with lock:
             done = next(finished)
@@ -282,8 +257,7 @@ def _compute_on_threads(
     sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter, thread_count: int
 ) -> None:
     """Compute the chunks of a Sweep with the given indices on threads of this process, and call `store_chunk` with
-    the index and the columns of each chunk when it is finished. If a chunk cannot be computed, raise its error:
-    unchanged if it is an error of this package, a MemoryError or an OSError, and otherwise as an ArgumentError.
+    the index and the columns of each chunk when it is finished.
     """
     import dask
 
@@ -306,16 +280,14 @@ def _compute_on_threads(
 
 
 def _connect(scheduler_address: str) -> Any:
-    """Return a Dask client that is connected to the scheduler at an address such as tcp://127.0.0.1:8786. Raise an
-    ArgumentError if the scheduler does not answer, and a MissingDependencyError without the package distributed.
-    """
+    """Return a Dask client that is connected to the scheduler at an address such as tcp://127.0.0.1:8786."""
     try:
         from distributed import Client
     except ImportError as error:
         needed = "the package distributed: pip install 'hingepair[dask]'"
         raise MissingDependencyError("scheduler", needed, str(error)) from None
     try:
-        return Client(scheduler_address, timeout=_SCHEDULER_CONNECTION_TIMEOUT_SECONDS)
+        return Client(scheduler_address, timeout=_TIMEOUT)
     except (OSError, ValueError, TimeoutError) as error:
         expected = "the address of a dask.distributed scheduler that answers, such as tcp://127.0.0.1:8786"
         raise ArgumentError("scheduler", expected, f"{scheduler_address!r} ({str(error).splitlines()[0]})") from None
@@ -323,11 +295,7 @@ def _connect(scheduler_address: str) -> Any:
 
 def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter) -> None:
     """Compute the chunks of a Sweep with the given indices on the workers of a Dask client's cluster, and call
-    `store_chunk` with the index and the columns of each chunk when it is finished. If the cluster has no worker yet,
-    warn and wait for one. Raise the error of a chunk as `_error_of_chunk` returns it, or an ArgumentError if the
-    scheduler stops.
-
-    A chunk whose worker dies is computed by another worker.
+    `store_chunk` with the index and the columns of each chunk when it is finished.
     """
     from distributed import as_completed
 
@@ -380,9 +348,6 @@ def compute_chunk(
 ) -> dict[str, NDArray[Any]]:
     """Compute the variants of one chunk of a sweep, and return a dict of arrays with one row for each variant:
     "variant", the index; the varied numbers by key; and either the reductions or "t" and the outputs by name.
-    `numbers` are the values of the varied numbers, shape (variants, numbers), and `first_variant` is the index of the
-    first variant in the sweep; `chunk_index` is used in messages only. Raise an ArgumentError that names the chunk,
-    the variant that cannot be computed, and its numbers.
 
     Args:
         task: what to compute for each variant.
@@ -393,12 +358,9 @@ def compute_chunk(
     Returns:
         "variant", the varied numbers by key, and either the reductions, (variants,) each, or "t",
         (variants, samples), and the outputs, (variants, samples, ...).
-
-    Raises:
-        ArgumentError: a variant cannot be computed; the message names it.
     """
     computer = _variant_computer(task)
-    step = max(1, _MAX_VARIANTS_TIMES_INSTANTS_COMPUTED_AT_ONCE // computer.samples)
+    step = max(1, _MAX_STATES // computer.samples)
     parts: list[dict[str, NDArray[Any]]] = []
     for start in range(0, len(numbers), step):
         rows = numbers[start : start + step]
@@ -420,9 +382,7 @@ def _compute_one_by_one(
     computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
     """Compute variants one at a time with a VariantComputer; for each variant, yield a dict from a column's name to
-    an array of one row. The SweepTask `task` names the outputs and reductions, `numbers` are the values of the varied
-    numbers, shape (variants, numbers), and `first_variant` is the index of the first variant in the sweep. Raise an
-    ArgumentError that names the chunk and the variant that cannot be computed.
+    an array of one row.
     """
     for i, row in enumerate(numbers):
         try:
@@ -441,8 +401,7 @@ def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) ->
 
 def _result_columns(t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: SweepTask) -> dict[str, NDArray[Any]]:
     """Return a dict of the columns to store for some variants: the reductions that the SweepTask names, (variants,),
-    or, if it names none, "t" and the outputs, (variants, samples, ...). `t` are the instants, (samples,), and
-    `arrays` the outputs by name, (variants, samples, ...).
+    or, if it names none, "t" and the outputs, (variants, samples, ...).
     """
     if task.reductions:
         return {**reduce_arrays(t, arrays, task.reductions)}
@@ -450,12 +409,12 @@ def _result_columns(t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: S
     return {"t": np.broadcast_to(t, (count, len(t))), **arrays}
 
 
-_VARIANT_COMPUTER_CACHE_LOCK = threading.Lock()  # the threads of a worker make one computer for all of them
+_CACHE_LOCK = threading.Lock()  # the threads of a worker make one computer for all of them
 
 
 def _variant_computer(task: SweepTask) -> VariantComputer:
     """Return the VariantComputer of a SweepTask, which each process makes once and caches."""
-    with _VARIANT_COMPUTER_CACHE_LOCK:
+    with _CACHE_LOCK:
         return _cached_variant_computer(task)
 
 

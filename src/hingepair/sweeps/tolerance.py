@@ -25,38 +25,36 @@ if TYPE_CHECKING:
 
     from hingepair.scenes.mechanisms.scene import MechanismScene
 
-BODY2_POSE_COMPONENT_NAMES: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
+POSE_COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
 """Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
 
 # States (sampled pairs times instants) that are computed at a time.
-_MAX_SAMPLED_PAIRS_TIMES_INSTANTS_PER_BLOCK: Final = 200_000
+_MAX_STATES: Final = 200_000
 # Ends of the band, the middle 95 %.
-_QUANTILES_AT_ENDS_OF_95_PERCENT_BAND: Final = (0.025, 0.975)
+_BAND: Final = (0.025, 0.975)
 # Half the width of this band of a normal distribution, in standard deviations.
-_HALF_WIDTH_OF_95_PERCENT_BAND_IN_STD: Final = 1.96
+_HALF_BAND: Final = 1.96
 
 
 class Band(NamedTuple):
     """Deviations of one component of the pose of body 2 at the instant `t` [s]: the `component` by name, the `unit`
     of the deviations, the standard deviations `first_order_std` and `sampled_std`, and the ends `low` and `high` of
     the middle 95 % of the deviations of the sampled pairs.
-
-    Attributes:
-        component: one of `BODY2_POSE_COMPONENT_NAMES`.
-        unit: unit of the four numbers that follow: m or rad.
-        first_order_std: standard deviation to first order.
-        sampled_std: standard deviation of the sampled pairs.
-        low: lower end of the middle 95 % of the sampled pairs.
-        high: upper end of the middle 95 % of the sampled pairs.
-        t: the instant [s].
     """
 
+    #: one of `POSE_COMPONENTS`
     component: str
+    #: unit of the four numbers that follow: m or rad
     unit: str
+    #: standard deviation to first order
     first_order_std: float
+    #: standard deviation of the sampled pairs
     sampled_std: float
+    #: lower end of the middle 95 % of the sampled pairs
     low: float
+    #: upper end of the middle 95 % of the sampled pairs
     high: float
+    #: the instant [s]
     t: float
 
     def cells(self) -> tuple[str, ...]:
@@ -69,28 +67,26 @@ class ToleranceStudy(Frozen, Shown):
     """Deviations of the pose of body 2 along a scene under tolerances: at each instant of `t` the standard deviations
     to first order (`std`) and of sampled pairs (`sampled_std`), the lower and upper end of the middle 95 % of the
     sampled deviations (`band`), and, in a dict by the dimension's name, the variance that each dimension causes alone
-    (`contributions`). The columns are the components in `BODY2_POSE_COMPONENT_NAMES`.
-
-    Attributes:
-        title: title of the scene.
-        t: instants [s]; (N,).
-        std: standard deviations to first order; (N, 6).
-        sampled_std: standard deviations of the sampled pairs; (N, 6).
-        band: the middle 95 % of the sampled pairs, as deviations from the pair as designed; (N, 2, 6).
-        contributions: variances that each dimension causes alone, to first order, by name of the dimension; (N, 6).
-        samples: number of sampled pairs.
-        tolerances: standard deviations of the geometry, by argument of `sample_pairs`.
-        notes: sentences on standard deviations in doubtful units, and on instants that are left out.
+    (`contributions`).
     """
 
+    #: title of the scene
     title: str
+    #: instants [s]; (N,)
     t: Float64Array
+    #: standard deviations to first order; (N, 6)
     std: Float64Array
+    #: standard deviations of the sampled pairs; (N, 6)
     sampled_std: Float64Array
+    #: the middle 95 % of the sampled pairs, as deviations from the pair as designed; (N, 2, 6)
     band: Float64Array
+    #: variances that each dimension causes alone, to first order, by name of the dimension; (N, 6)
     contributions: Mapping[str, Float64Array]
+    #: number of sampled pairs
     samples: int
+    #: standard deviations of the geometry, by argument of `sample_pairs`
     tolerances: Mapping[str, Any]
+    #: sentences on standard deviations in doubtful units, and on instants that are left out
     notes: tuple[str, ...] = ()
 
     def shares(self) -> dict[str, tuple[float, float]]:
@@ -113,7 +109,7 @@ class ToleranceStudy(Frozen, Shown):
         first-order standard deviation.
         """
         rows = []
-        for k, name in enumerate(BODY2_POSE_COMPONENT_NAMES):
+        for k, name in enumerate(POSE_COMPONENTS):
             i = int(np.argmax(self.std[:, k]))
             sizes = (self.std[i, k], self.sampled_std[i, k], *self.band[i, :, k], self.t[i])
             rows.append(Band(name, "m" if k < 3 else "rad", *map(float, sizes)))
@@ -150,8 +146,7 @@ class ToleranceStudy(Frozen, Shown):
 
     def plot(self) -> Figure:
         """Return a Matplotlib figure with the 95 % bands of the pose components over time, to first order and of the
-        sampled pairs, and the shares of each dimension in the variance. Raise a MissingDependencyError without
-        Matplotlib.
+        sampled pairs, and the shares of each dimension in the variance.
         """
         try:
             from matplotlib.figure import Figure
@@ -160,7 +155,7 @@ class ToleranceStudy(Frozen, Shown):
 
         figure = Figure(figsize=(10, 10), layout="constrained")
         grid = figure.add_gridspec(4, 2)
-        for k, name in enumerate(BODY2_POSE_COMPONENT_NAMES):
+        for k, name in enumerate(POSE_COMPONENTS):
             axes = figure.add_subplot(grid[k % 3, k // 3])
             unit, scale = ("mm", 1e3) if k < 3 else ("mrad", 1e3)
             low, high = scale * self.band[:, :, k].T
@@ -169,7 +164,7 @@ class ToleranceStudy(Frozen, Shown):
                 label = "first order" if sign > 0 else None
                 axes.plot(
                     self.t,
-                    sign * scale * _HALF_WIDTH_OF_95_PERCENT_BAND_IN_STD * self.std[:, k],
+                    sign * scale * _HALF_BAND * self.std[:, k],
                     "k--",
                     linewidth=0.8,
                     label=label,
@@ -208,7 +203,6 @@ class ToleranceStudy(Frozen, Shown):
 def read_tolerances(scene: Scene) -> dict[str, Any]:
     """Return the standard deviations in the table [tolerances] of a Scene as a dict. The keys are argument names of
     `sample_pairs`, such as u1_std; each value is a float or three floats. The dict is empty if there is no table.
-    Raise a SceneError for an unknown key or a bad value.
     """
     table = scene.tables.table("tolerances", required=False)
     table.check_keys(STANDARD_DEVIATION_ARGUMENT_NAMES)
@@ -223,17 +217,13 @@ def study_tolerances(
 ) -> ToleranceStudy:
     """Return a `ToleranceStudy` of the pose of body 2 at up to 101 instants of a Scene, to first order and with
     `samples` random pairs that `seed` determines. Keyword arguments such as u1_std are standard deviations, which
-    override the values in the scene's table [tolerances]. Raise an ArgumentError if there are no standard deviations,
-    or for the scene of a mechanism.
+    override the values in the scene's table [tolerances].
 
     Args:
         scene: scene of a pair; the study takes at most 101 of its instants, evenly spread.
         samples: number of pairs that are sampled.
         seed: seed of the sampled pairs; None for other pairs at every call.
         **std: standard deviations by argument name of `sample_pairs`; the others are those of [tolerances].
-
-    Raises:
-        ArgumentError: no standard deviation is given, or a value cannot be used; the message names it.
     """
     if not isinstance(scene, Scene):
         scene.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
@@ -265,7 +255,7 @@ def study_tolerances(
     sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)
     mean = pair.forward_kinematics_from_body1(body1, psi, outputs=("d", "S2"))
     sampled_std, band = np.empty((len(t), 6)), np.empty((len(t), 2, 6))
-    step = max(1, _MAX_SAMPLED_PAIRS_TIMES_INSTANTS_PER_BLOCK // samples)
+    step = max(1, _MAX_STATES // samples)
     for start in range(0, len(t), step):
         part = slice(start, start + step)
         some = BodyMotion(R=body1.R[part, None], S=body1.S[part, None])  # instants down, pairs across
@@ -273,7 +263,7 @@ def study_tolerances(
         turn = rotation_log(sampled.S2 @ np.swapaxes(mean.S2[part, None], -1, -2))
         pose = np.concatenate((sampled.d - mean.d[part, None], turn), axis=-1)
         sampled_std[part] = pose.std(axis=1)
-        band[part] = np.moveaxis(np.quantile(pose, _QUANTILES_AT_ENDS_OF_95_PERCENT_BAND, axis=1), 0, 1)
+        band[part] = np.moveaxis(np.quantile(pose, _BAND, axis=1), 0, 1)
     return ToleranceStudy(
         title=scene.title,
         t=t,

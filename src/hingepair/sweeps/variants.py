@@ -20,8 +20,8 @@ from hingepair.scenes.mechanisms.mechanism_table import read_mechanism, with_pay
 from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.scene import (
-    COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES,
-    COORDINATE_AND_QUATERNION_OUTPUT_NAMES,
+    COORDINATE_OUTPUTS,
+    FURTHER_OUTPUTS,
     Scene,
     scene_from_tables,
     with_constants_evaluated,
@@ -29,18 +29,17 @@ from hingepair.scenes.scene import (
 from hingepair.scenes.tables import Key, Table, numbers_key
 from hingepair.sweeps.payloads import PayloadVariantComputer, payload_variant_computer
 
-PAIR_FORCE_OUTPUT_NAMES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
+PAIR_FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
 """Outputs of a scene of a pair with masses, beside those of its motion."""
 
 # One part of the path to a number of a scene: a key, then indices in brackets. Each number has one spelling.
 _KEY_PART: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[(?:0|[1-9][0-9]{0,8})\])*)")
 # Keys of [[joint]] that the motion of the coordinates does not depend on.
-_JOINT_TABLE_KEYS_WITHOUT_EFFECT_ON_COORDINATES: Final = ("u1", "u2", "n", "home", "body1", "body2")
+_NOT_IN_MOTION: Final = ("u1", "u2", "n", "home", "body1", "body2")
 
 
 class CachedMotion:
-    """Motion of a scene that the scenes of all variants share. The method `part` computes the motion at a slice of
-    the instants once and keeps it.
+    """Motion of a scene that the scenes of all variants share.
 
     Args:
         motion: the motion whose parts are kept.
@@ -69,8 +68,7 @@ class CachedMotion:
 
 def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
     """Parse the string `key` into a path of keys and list indices, and return the path as a tuple of strings and
-    integers: "pair.u1[0]" gives ("pair", "u1", 0). Raise a SceneError that names `table` if the string is not of this
-    form.
+    integers: "pair.u1[0]" gives ("pair", "u1", 0).
     """
     steps: list[str | int] = []
     for part in key.split("."):
@@ -103,7 +101,7 @@ def check_number_path(table: Table, values: Mapping[str, Any], steps: Sequence[s
 
 class VariantComputer:
     """Computer of the outputs of a scene for any values of the varied numbers: the method `compute` computes one
-    variant, and `compute_together` many. What does not depend on the varied numbers is computed once and kept.
+    variant, and `compute_together` many.
 
     Args:
         path: path of the scene file.
@@ -125,11 +123,7 @@ class VariantComputer:
         if self._motion_unaffected and isinstance(self._scene, Scene):
             motion = self._scene.motion
             coordinates, sequence = motion.source, self._scene.sequence
-            if (
-                sequence is not None
-                and self._outputs
-                and not {*COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES[:3]} & {*self._outputs}
-            ):
+            if sequence is not None and self._outputs and not {*COORDINATE_OUTPUTS[:3]} & {*self._outputs}:
                 coordinates = coordinates.part(slice(None), motion.level).in_space(self._scene.pair)
                 sequence = None
             self._scene = replace(
@@ -154,8 +148,7 @@ class VariantComputer:
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
         """Return (t, arrays) for one variant: the instants [s], (samples,), and a dict of the outputs by name,
-        (samples, ...). `numbers` are the values of the varied numbers; shape (numbers,). Raise an ArgumentError if
-        the scene cannot be read or computed with them.
+        (samples, ...). `numbers` are the values of the varied numbers; shape (numbers,).
         """
         scene = self._scene_of_variant(numbers)
         if isinstance(scene, MechanismScene):
@@ -171,7 +164,7 @@ class VariantComputer:
 
     def _scene_of_variant(self, numbers: Float64Array) -> Scene | MechanismScene:
         """Return a copy of the Scene or MechanismScene in which the varied numbers have the values `numbers`; shape
-        (numbers,). Raise a SceneError if these values give no scene.
+        (numbers,).
         """
         values = dict(self._tables.values)
         for root in {steps[0] for steps in self._keys}:
@@ -196,7 +189,7 @@ class VariantComputer:
 
 def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
     """Return the values of the Table [pair] as a dict, with numbers in place of expressions except under varied keys,
-    the paths `keys`. Shapes that determine no masses, beside inertia and centre of mass, are left out unless varied.
+    the paths `keys`.
     """
     varied = {steps[1] for steps in keys}
     size = 2 if len(table.values.get("u1", ())) == 2 else 3
@@ -218,11 +211,7 @@ def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence
     """
     if isinstance(scene, Scene):
         return scene.motion.simulated is None and all(steps[0] == "pair" for steps in keys)
-    of_joints = all(
-        steps[0] == "joint" and steps[2] in _JOINT_TABLE_KEYS_WITHOUT_EFFECT_ON_COORDINATES
-        for steps in keys
-        if len(steps) > 2
-    )
+    of_joints = all(steps[0] == "joint" and steps[2] in _NOT_IN_MOTION for steps in keys if len(steps) > 2)
     payload = all(steps[:2] == ("mechanism", "payload") for steps in keys)
     return payload or (of_joints and all(steps[0] == "joint" for steps in keys))
 
@@ -230,13 +219,10 @@ def _is_motion_unaffected(scene: Scene | MechanismScene, keys: Sequence[Sequence
 def _compute_pair_outputs(
     scene: Scene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return (t, arrays) of a Scene: all its instants [s] and a dict of the outputs by name, which may be forces. If
-    `outputs` is None, these are all outputs of the motion. Raise an ArgumentError if an output is unknown, or is a
-    force and the scene lacks the masses or accelerations for it.
-    """
-    force_names = [name for name in outputs or () if name in PAIR_FORCE_OUTPUT_NAMES]
-    motion_names = None if outputs is None else [name for name in outputs if name not in PAIR_FORCE_OUTPUT_NAMES]
-    known = (*scene.kind.levels, *COORDINATE_AND_QUATERNION_OUTPUT_NAMES, *PAIR_FORCE_OUTPUT_NAMES)
+    """Return (t, arrays) of a Scene: all its instants [s] and a dict of the outputs by name, which may be forces."""
+    force_names = [name for name in outputs or () if name in PAIR_FORCES]
+    motion_names = None if outputs is None else [name for name in outputs if name not in PAIR_FORCES]
+    known = (*scene.kind.levels, *FURTHER_OUTPUTS, *PAIR_FORCES)
     for name in outputs or ():
         if name not in known:
             raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))
@@ -258,7 +244,5 @@ def _compute_pair_outputs(
 def _compute_mechanism_outputs(
     scene: MechanismScene, outputs: tuple[str, ...] | None
 ) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-    """Return (t, arrays) of a MechanismScene: all its instants [s] and a dict of the outputs by name. If `outputs` is
-    None, these are the outputs that the scene names or, if it names none, its default outputs.
-    """
+    """Return (t, arrays) of a MechanismScene: all its instants [s] and a dict of the outputs by name."""
     return scene.t, scene.evaluate(outputs).requested_arrays()

@@ -66,8 +66,7 @@ def cross_validate(
 ) -> CrossValidation | RobotValidation:
     """Compare the outputs that hingepair computes for a pair or a robot at the states q, qd, qdd with the outputs
     that Pinocchio computes. Return a report that says whether they agree: a CrossValidation for a pair, a
-    RobotValidation for a robot. `sequence` is the Euler sequence of a pair's coordinates; `frames`, `base_motion` and
-    `gravity` are for robots only.
+    RobotValidation for a robot.
 
     The two computations share no code. For a pair, Pinocchio also computes the attitude and the angular velocity of
     body 1 from the Euler angles, with a chain of three revolute joints in the order of the Euler sequence.
@@ -206,8 +205,7 @@ def cross_validate_from_body1(
 
 def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
     """Return a dict of the named arguments as float64 arrays (N, ...), broadcast to the leading shape `shape`, which
-    has N samples. Each argument is an array or a tuple of components. If one argument is not finite at a sample, all
-    arrays are NaN there.
+    has N samples.
     """
     arrays: dict[str, Float64Array] = {}
     for name, value in arguments.items():
@@ -231,9 +229,7 @@ def _compare_with_pinocchio(
     sequence: str | None,
 ) -> CrossValidation:
     """Compute the motion of body 2 by Pinocchio's model `twin`, compare it with `state`, the outputs of the pair, and
-    return a CrossValidation. `body1` has shape (N,); `hinge` is a list of psi and, as far as given, its derivatives,
-    shape (N,) each. `rate_sizes` is a tuple of the sizes of omega1 and alpha1, None if unknown, for the error scales;
-    `sequence` is only for the report.
+    return a CrossValidation.
     """
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
@@ -254,9 +250,8 @@ def _compare_with_pinocchio(
 
 
 def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute the motion of body 2 by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by output name.
-    The output d is the position of body 2 if R1 is zero. `body1` has shape (N,), and `hinge` is a list of psi and, as
-    far as given, its derivatives, shape (N,) each.
+    """Compute the motion of body 2 by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by
+    output name.
     """
     q = twin.configuration(body1, hinge[0])
     v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None
@@ -269,10 +264,7 @@ def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Floa
 
 
 def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
-    """Return a dict of the components in the plane z = 0 of spatial outputs by name. S2 is replaced by the angle
-    `phi2` of body 2 about z [rad], to which whole turns are added so that it is nearest to the argument phi2, shape
-    (N,).
-    """
+    """Return a dict of the components in the plane z = 0 of spatial outputs by name."""
     planar = {}
     for name, values in outputs.items():
         if name == "S2":
@@ -284,10 +276,7 @@ def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[s
 
 
 def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyMotion:
-    """Compute the motion of body 1 by Pinocchio, and return it as a BodyMotion, shape (N,). Body 1 is the last link
-    of a chain of three joints that rotate by the Euler angles (for an extrinsic sequence in reverse order).
-    `coordinates` is a list of q and, as far as given, its derivatives, shape (N, 7) each.
-    """
+    """Compute the motion of body 1 by Pinocchio, and return it as a BodyMotion, shape (N,)."""
     pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1
     model, joint, identity = pin.Model(), 0, pin.SE3.Identity()

@@ -13,12 +13,7 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 
 
 def import_pinocchio(caller_name: str) -> Any:
-    """Import the module pinocchio, and return it. Raise a MissingDependencyError, which names the caller, if it is
-    not installed.
-
-    Raises:
-        MissingDependencyError: it is not installed, or another package has its name.
-    """
+    """Import the module pinocchio, and return it."""
     try:
         import pinocchio
     except ImportError as error:
@@ -31,11 +26,7 @@ def import_pinocchio(caller_name: str) -> Any:
 
 def pinocchio_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
     """Return the pose of body 1 in the form of Pinocchio's free-flyer, as a dict with two keys: "R", the position
-    [m], shape (..., 3), and "S", the attitude as a quaternion (x, y, z, w), shape (..., 4). Raise an ArgumentError if
-    R or S is missing.
-
-    Raises:
-        ArgumentError: body1 lacks R or S.
+    [m], shape (..., 3), and "S", the attitude as a quaternion (x, y, z, w), shape (..., 4).
     """
     quat_wxyz = matrix_to_quaternion(_required_array(body1, "S"))
     return {"R": _required_array(body1, "R"), "S": np.roll(quat_wxyz, -1, axis=-1)}
@@ -43,10 +34,7 @@ def pinocchio_configuration(body1: BodyMotion) -> dict[str, Float64Array]:
 
 def pinocchio_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
     """Return the velocity of body 1 in the form of Pinocchio's free-flyer, as a dict with two keys: "v" [m/s] and
-    "omega" [rad/s], both in body axes, shape (..., 3). Raise an ArgumentError if S, v or omega is missing.
-
-    Raises:
-        ArgumentError: body1 lacks S, v or omega.
+    "omega" [rad/s], both in body axes, shape (..., 3).
     """
     S, v, omega = (_required_array(body1, name) for name in ("S", "v", "omega"))
     return {"v": to_body(S, v), "omega": to_body(S, omega)}
@@ -54,14 +42,10 @@ def pinocchio_velocity(body1: BodyMotion) -> dict[str, Float64Array]:
 
 def pinocchio_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
     """Return the spatial acceleration of body 1 in the form of Pinocchio's free-flyer, as a dict with two keys: "a"
-    [m/s^2] and "alpha" [rad/s^2], both in body axes, shape (..., 3). Raise an ArgumentError if S, v, omega, a or
-    alpha is missing.
+    [m/s^2] and "alpha" [rad/s^2], both in body axes, shape (..., 3).
 
     Returns:
         a [m/s^2] and alpha [rad/s^2]; shape (..., 3) each.
-
-    Raises:
-        ArgumentError: body1 lacks S, v, omega, a or alpha.
     """
     S, v, omega, a, alpha = (_required_array(body1, name) for name in ("S", "v", "omega", "a", "alpha"))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -70,12 +54,7 @@ def pinocchio_acceleration(body1: BodyMotion) -> dict[str, Float64Array]:
 
 
 def _required_array(body1: BodyMotion, name: str) -> Float64Array:
-    """Return the attribute called `name` of the motion of body 1 as a float64 array. Raise an ArgumentError if it is
-    None.
-
-    Raises:
-        ArgumentError: the attribute is None.
-    """
+    """Return the attribute called `name` of the motion of body 1 as a float64 array."""
     value = getattr(body1, name)
     if value is None:
         raise ArgumentError("body1", f"a motion with {name}", "one without")
@@ -101,8 +80,7 @@ def to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
 def frame_motion(model: Any, data: Any, frame: int, coordinates: list[Float64Array]) -> dict[str, Float64Array]:
     """Compute the motion of the frame with index `frame` by Pinocchio's model at `coordinates`, a list of q, of q and
     v, or of q, v and a. Return a dict of arrays (N, ...) with the keys R and S, also v and omega if v is given, and a
-    and alpha if a is given. Vectors are in world axes, and accelerations are classical. Pinocchio's `data` is
-    overwritten.
+    and alpha if a is given. Vectors are in world axes, and accelerations are classical.
 
     Args:
         model: Pinocchio's model.

@@ -42,63 +42,49 @@ MotionTuple = tuple[BodyMotion, Float64Array, Float64Array | None, Float64Array 
 class PinocchioTwin:
     """A pair as a Pinocchio model: `model` and its `data`, the index `body2_frame` of the frame of body 2, and
     methods that convert coordinates to Pinocchio's and back, and that compute body 2.
-
-    Attributes:
-        model: Pinocchio model with the free-flyer "root_joint", then the revolute joint "hinge"; the frames "body1"
-            and "body2"; and inertias and limits if the pair has them.
-        data: Pinocchio's `Data` of the model, in which its algorithms store results.
-        body2_frame: index of the frame "body2", whose placement is (S2, R2).
     """
 
+    #: Pinocchio model with the free-flyer "root_joint", then the revolute joint "hinge"; the frames "body1" and
+    #: "body2"; and inertias and limits if the pair has them
     model: Any
+    #: Pinocchio's `Data` of the model, in which its algorithms store results
     data: Any
+    #: index of the frame "body2", whose placement is (S2, R2)
     body2_frame: int
 
     def configuration(self, body1: BodyMotion, psi: ArrayLike) -> Float64Array:
-        """Return Pinocchio's q, shape (..., 8), for a pose of body 1 and the hinge angle. Raise an ArgumentError if R
-        or S is missing.
+        """Return Pinocchio's q, shape (..., 8), for a pose of body 1 and the hinge angle.
 
         Args:
             body1: its R [m] and S; leading shape (...,).
             psi: hinge angle [rad]; shape (...,).
-
-        Raises:
-            ArgumentError: body1 lacks R or S.
         """
         return _join_base_and_hinge(pinocchio_configuration(body1), psi=psi)
 
     def velocity(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Float64Array:
-        """Return Pinocchio's v, shape (..., 7), for a motion of body 1 and of the hinge. Raise an ArgumentError if S,
-        v or omega is missing.
+        """Return Pinocchio's v, shape (..., 7), for a motion of body 1 and of the hinge.
 
         Args:
             body1: its S, v [m/s] and omega [rad/s], world axes; leading shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
-
-        Raises:
-            ArgumentError: body1 lacks S, v or omega.
         """
         return _join_base_and_hinge(pinocchio_velocity(body1), psi=psi, psid=psid)
 
     def acceleration(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, psidd: ArrayLike) -> Float64Array:
         """Return Pinocchio's a, the spatial acceleration, shape (..., 7), for a motion of body 1 and of the hinge.
-        Raise an ArgumentError if S, v, omega, a or alpha is missing.
 
         Args:
             body1: its S, v [m/s], omega [rad/s], a [m/s^2] and alpha [rad/s^2], world axes; leading shape (...,).
             psi: hinge angle [rad]; shape (...,).
             psid: hinge rate [rad/s]; shape (...,).
             psidd: hinge acceleration [rad/s^2]; shape (...,).
-
-        Raises:
-            ArgumentError: body1 lacks S, v, omega, a or alpha.
         """
         return _join_base_and_hinge(pinocchio_acceleration(body1), psi=psi, psid=psid, psidd=psidd)
 
     def body2(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> BodyMotion:
         """Compute the motion of body 2 by Pinocchio from Pinocchio's q, v and a, one sample after another; return it
-        as a BodyMotion. Raise an ArgumentError for a wrong shape or a zero quaternion.
+        as a BodyMotion.
 
         Args:
             q: configuration; shape (..., 8); its quaternion may have any length but zero.
@@ -108,9 +94,6 @@ class PinocchioTwin:
         Returns:
             R2 and S2; v2 and omega2 if v is given; a2 and alpha2 if a is given. Vectors are in world axes, and
             accelerations are classical.
-
-        Raises:
-            ArgumentError: an argument has another shape, a quaternion is zero, or a is given without v.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -133,7 +116,7 @@ class PinocchioTwin:
 
     def motion(self, q: ArrayLike, v: ArrayLike | None = None, a: ArrayLike | None = None) -> MotionTuple:
         """Convert Pinocchio's q, v and a to the tuple (motion of body 1, psi, psi', psi''). psi' is None without v,
-        and psi'' without a. Raise an ArgumentError for a wrong shape or a zero quaternion.
+        and psi'' without a.
 
         Args:
             q: configuration; shape (..., 8); its quaternion may have any length but zero.
@@ -143,9 +126,6 @@ class PinocchioTwin:
         Returns:
             (body1, psi, psid, psidd). Vectors are in world axes, and accelerations are classical. Rates are None
             without v, accelerations without a.
-
-        Raises:
-            ArgumentError: an argument has another shape, a quaternion is zero, or a is given without v.
         """
         if a is not None and v is None:
             raise ArgumentError("v", "the velocity that belongs to a", None)
@@ -245,7 +225,7 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PinocchioTwin | RobotTwin:
 def _join_base_and_hinge(base_parts: dict[str, Float64Array], **hinge: ArrayLike) -> Float64Array:
     """Join the coordinates of the base, a dict of arrays, and the coordinate of the hinge along the last axis, and
     return one array. psi, psid and psidd are given by further keyword arguments; the last of these is the coordinate
-    that is joined. The leading axes of all arguments are broadcast. Raise an ArgumentError if they do not broadcast.
+    that is joined.
     """
     numbers = {name: real_array(name, value).astype(np.float64)[..., None] for name, value in hinge.items()}
     shape = broadcast_shape({name: part.shape[:-1] for name, part in (base_parts | numbers).items()})

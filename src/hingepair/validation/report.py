@@ -20,43 +20,38 @@ from hingepair.pair.accuracy import (
 )
 
 # The headings of the table of rates.
-_RATE_TABLE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
-MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE: Final = 64
+_RATE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
+MAX_LOAD_RATIO: Final = 64
 """Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
 
 A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations. The
 largest difference in 1,000 motions was 11.
 """
 # Descriptions of the scales of the loads' differences, by the load.
-_ERROR_SCALE_TEXT_BY_LOAD_NAME: Final[Mapping[str, str]] = {
+_LOAD_SCALES: Final[Mapping[str, str]] = {
     "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
     "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
     "hinge_torque": "as for torque1, but of body 2 alone",
 }
 # The headings of the table of outputs.
-_OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
+_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Comparison of one output of the equations with Pinocchio's. The fields are the name `output`, the largest error
-    over all samples in the unit of the output (`max_error`) and as a ratio to u * scale (`max_ratio`), the index
-    `worst_sample` or None, the number of compared `samples`, and the `bound`, which is the largest ratio that passes.
+    """Comparison of one output of the equations with Pinocchio's."""
 
-    Attributes:
-        output: name of the output.
-        max_error: largest difference of a component, in the unit of the output; inf if only one result is finite.
-        max_ratio: largest difference in units of u * scale, where each sample has its own scale.
-        worst_sample: index of the sample with the largest ratio; None if nothing was compared.
-        samples: number of compared samples.
-        bound: the largest ratio that passes.
-    """
-
+    #: name of the output
     output: str
+    #: largest difference of a component, in the unit of the output; inf if only one result is finite
     max_error: float
+    #: largest difference in units of u * scale, where each sample has its own scale
     max_ratio: float
+    #: index of the sample with the largest ratio; None if nothing was compared
     worst_sample: tuple[int, ...] | None
+    #: number of compared samples
     samples: int
+    #: the largest ratio that passes
     bound: float = MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 
     @property
@@ -68,8 +63,8 @@ class Comparison:
     def scale(self) -> str:
         """Formula of the scale of this output's error, as text for a reader."""
         added_terms = PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT.get(self.output)
-        if self.output in _ERROR_SCALE_TEXT_BY_LOAD_NAME:
-            return _ERROR_SCALE_TEXT_BY_LOAD_NAME[self.output]
+        if self.output in _LOAD_SCALES:
+            return _LOAD_SCALES[self.output]
         formula = SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT.get(self.output) or PROMISED_BOUND_BY_OUTPUT[self.output].scale
         return f"{formula} + {added_terms}" if added_terms else formula
 
@@ -97,25 +92,19 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class RateComparison:
-    """Comparison of a rate, such as v1, with the slope of a quantity, such as R1, by finite differences. The fields
-    are the names `rate` and `of` (of the quantity), the largest difference `max_error`, the largest difference
-    `allowed`, the index `worst_sample` or None, and the number of compared `samples`. A rate that was not compared
-    passes.
+    """Comparison of a rate, such as v1, with the slope of a quantity, such as R1, by finite differences."""
 
-    Attributes:
-        rate: name of the rate.
-        of: name of the quantity whose rate it is.
-        max_error: largest difference of a component, in the rate's unit.
-        allowed: largest difference that passes.
-        worst_sample: the sample with the largest difference; None where nothing was compared.
-        samples: how many samples were compared.
-    """
-
+    #: name of the rate
     rate: str
+    #: name of the quantity whose rate it is
     of: str
+    #: largest difference of a component, in the rate's unit
     max_error: float
+    #: largest difference that passes
     allowed: float
+    #: the sample with the largest difference; None where nothing was compared
     worst_sample: int | None
+    #: how many samples were compared
     samples: int
 
     @property
@@ -139,29 +128,27 @@ class RateComparison:
 @dataclass(frozen=True, slots=True, repr=False)
 class CrossValidation(Shown):
     """Report on the comparison of the outputs of a pair with Pinocchio's: a row for each output, a verdict, and
-    conversions to a table and to JSON. For a simulated motion, forces and rates are compared too.
-
-    Attributes:
-        name: name of the pair.
-        sequence: Euler sequence; None if the attitude of body 1 was given as a matrix, and for planar pairs.
-        shape: leading shape of the samples.
-        skipped: number of samples that were left out because their input is not finite.
-        u: unit roundoff of the dtype of the computation.
-        rows: one comparison for each output.
-        forces: for a simulated motion, comparisons of the loads with the forces that the motion requires according to
-            Pinocchio's `rnea`.
-        rates: for a simulated motion, comparisons of each rate with the slope of its quantity.
-        notes: remarks on the comparison, as sentences.
+    conversions to a table and to JSON.
     """
 
+    #: name of the pair
     name: str
+    #: Euler sequence; None if the attitude of body 1 was given as a matrix, and for planar pairs
     sequence: str | None
+    #: leading shape of the samples
     shape: tuple[int, ...]
+    #: number of samples that were left out because their input is not finite
     skipped: int
+    #: unit roundoff of the dtype of the computation
     u: float
+    #: one comparison for each output
     rows: tuple[Comparison, ...]
+    #: for a simulated motion, comparisons of the loads with the forces that the motion requires according to
+    #: Pinocchio's `rnea`
     forces: tuple[Comparison, ...] = ()
+    #: for a simulated motion, comparisons of each rate with the slope of its quantity
     rates: tuple[RateComparison, ...] = ()
+    #: remarks on the comparison, as sentences
     notes: tuple[str, ...] = ()
 
     @property
@@ -194,11 +181,7 @@ class CrossValidation(Shown):
             return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
         outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
         forces = ", ".join(row.output for row in self.forces)
-        more = (
-            f", and {forces} within {MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale of its rnea"
-            if forces
-            else ""
-        )
+        more = f", and {forces} within {MAX_LOAD_RATIO} u*scale of its rnea" if forces else ""
         limit = f"{MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale"
         return f"PASSED: {outputs} within {limit} of Pinocchio{more}{beside}"
 
@@ -210,15 +193,15 @@ class CrossValidation(Shown):
         unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
         lines = [
             title,
-            *align_columns([_OUTPUT_TABLE_HEADINGS, *map(_comparison_cells, self.rows)], {1, 2, 3, 4, 5}),
+            *align_columns([_HEADINGS, *map(_comparison_cells, self.rows)], {1, 2, 3, 4, 5}),
             unit,
         ]
         if self.forces:
             lines += ["the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"]
-            lines += align_columns([_OUTPUT_TABLE_HEADINGS, *map(_comparison_cells, self.forces)], {1, 2, 3, 4, 5})
+            lines += align_columns([_HEADINGS, *map(_comparison_cells, self.forces)], {1, 2, 3, 4, 5})
         if self.rates:
             lines += ["the rates against slopes by finite differences, where the instants are close enough for them"]
-            lines += align_columns([_RATE_TABLE_HEADINGS, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
+            lines += align_columns([_RATE_HEADINGS, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
         return "\n".join((*lines, *(f"note: {note}" for note in self.notes), self.verdict))
 
     def __repr__(self) -> str:
@@ -230,7 +213,7 @@ class CrossValidation(Shown):
         """
         title = f"{self.name}: the equations against Pinocchio"
         rows = (
-            _OUTPUT_TABLE_HEADINGS,
+            _HEADINGS,
             *map(_comparison_cells, (*self.rows, *self.forces)),
             *map(_rate_cells, self.rates),
         )

@@ -18,15 +18,13 @@ from hingepair.pair.accuracy import unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.robot_report import RobotComparison, RobotValidation
-from hingepair.validation.robot_scales import FRAME_MOTION_QUANTITY_NAMES, RobotScales
-from hingepair.validation.robot_twin import BASE_MOTION_AT_REST_AT_ORIGIN, RobotTwin, robot_twin
+from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
+from hingepair.validation.robot_twin import BASE_AT_REST, RobotTwin, robot_twin
 from hingepair.validation.urdf_twin import compare_descriptions, urdf_twin
 
-_BASE_WRENCH_COMPONENT_LABELS = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
+_BASE_WRENCH = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 """Labels of the force [N] and the torque [N m] on the base, by component."""
-_MIN_EIGENVALUE_OF_REGULAR_UNIT_DIAGONAL_MASS_MATRIX = (
-    1e-12  # smaller eigenvalues consist of rounding errors, and the mass matrix counts as singular
-)
+_SINGULAR = 1e-12  # smaller eigenvalues consist of rounding errors, and the mass matrix counts as singular
 
 
 def cross_validate_robot(
@@ -37,8 +35,7 @@ def cross_validate_robot(
     gravity: ArrayLike,
 ) -> RobotValidation:
     """Compute the outputs of a robot by the equations and by Pinocchio; return a RobotValidation, the report on their
-    comparison. `coordinates` is a mapping of q and, as far as given, qd and qdd. `frames` is a name or an iterable of
-    names of frames; None stands for all links. Raise an ArgumentError for an unknown frame or unusable coordinates.
+    comparison.
 
     Args:
         robot: the robot.
@@ -67,10 +64,8 @@ def cross_validate_robot(
             robot, twin, samples, our_outputs, pinocchio_outputs
         )
     scales = _output_scales(robot, twin, samples, frame_by_name, tips, gravity_array, our_outputs)
-    labels = dict.fromkeys((*FRAME_MOTION_QUANTITY_NAMES, "d"), names) | {"jacobian": tips, "tau": robot.names}
-    labels["forward_dynamics"] = (
-        (*_BASE_WRENCH_COMPONENT_LABELS, *robot.names) if robot.base == "free" else robot.names
-    )
+    labels = dict.fromkeys((*FRAME_MOTION, "d"), names) | {"jacobian": tips, "tau": robot.names}
+    labels["forward_dynamics"] = (*_BASE_WRENCH, *robot.names) if robot.base == "free" else robot.names
     rows = []
     for name, expected in pinocchio_outputs.items():
         parts = labels.get(name, ("",))
@@ -84,17 +79,7 @@ def cross_validate_robot(
 
 class _RobotSamples:
     """Coordinates of a robot and motion of its base at N samples: `joints` is a list of the arrays q and, as far as
-    given, qd and qdd, and `base` is a BodyMotion. A sample at which one input is not finite is NaN in all arrays.
-    `shape` is the leading shape of the samples, `finite` a mask of shape (N,), `skipped` the number of samples that
-    are not finite, and `u` the unit roundoff.
-
-    Attributes:
-        shape: leading shape, of N elements.
-        joints: q, and as far as given qd and qdd; shape (N, dof) each.
-        base: motion of the base, with as many derivatives; shape (N,).
-        finite: whether each sample is finite; shape (N,).
-        skipped: number of samples that are not finite.
-        u: unit roundoff of the dtype of the robot's computation.
+    given, qd and qdd, and `base` is a BodyMotion.
     """
 
     def __init__(
@@ -104,8 +89,7 @@ class _RobotSamples:
         values = read_arguments(robot.names, coordinates, base_motion, needed, {})
         self.shape = broadcast_shape(values.shape_by_argument)
         parts = {
-            name: np.asarray(getattr(BASE_MOTION_AT_REST_AT_ORIGIN, BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]))
-            for name in needed
+            name: np.asarray(getattr(BASE_AT_REST, BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name])) for name in needed
         } | values.value_by_input
         flat = {
             name: _samples_of_argument(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()
@@ -124,7 +108,7 @@ class _RobotSamples:
 
 def _samples_of_argument(value: Any, shape: tuple[int, ...], sample_rank: int) -> Float64Array:
     """Return a copy of `value`, an array or a tuple of components, as a float64 array (N, ...) with `sample_rank`
-    axes after the first. It is broadcast to the leading shape `shape` of the N samples.
+    axes after the first.
     """
     array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
     sample_shape = array.shape[array.ndim - sample_rank :]
@@ -141,9 +125,8 @@ def _outputs_by_equations(
     gravity: Float64Array,
     shape: tuple[int, ...],
 ) -> dict[str, Float64Array]:
-    """Compute the compared outputs of a robot by the equations, and return a dict of arrays (N, ...) by output name.
-    `coordinates` is a mapping of q and, as far as given, qd and qdd. Jacobians are computed for the frames named in
-    `tips` only. `shape` is the leading shape of the N samples.
+    """Compute the compared outputs of a robot by the equations, and return a dict of arrays (N, ...) by
+    output name.
     """
     q, *rates = coordinates.values()
     base_argument: dict[str, Any] = {"base_motion": base_motion}
@@ -173,8 +156,7 @@ def _outputs_by_pinocchio(
     robot: Mechanism, twin: RobotTwin, samples: _RobotSamples, frames: tuple[str, ...], tips: tuple[str, ...]
 ) -> dict[str, Float64Array]:
     """Compute the compared outputs of a robot by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by
-    output name, which are NaN at samples that are not finite. Motions are computed for the named `frames`, Jacobians
-    only for the frames named in `tips`.
+    output name, which are NaN at samples that are not finite.
     """
     pin = import_pinocchio("cross_validate")
     frame_numbers, tip_numbers = (
@@ -205,7 +187,7 @@ def _outputs_by_pinocchio(
 
 def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Array]:
     """Return a list of Pinocchio's arrays q, v (if the samples have rates) and a (if they have accelerations), shape
-    (N, ...) each. `twin` is Pinocchio's model of the robot.
+    (N, ...) each.
     """
     joints, base = samples.joints, samples.base
     conversions: list[Callable[..., Float64Array]] = [twin.configuration, twin.velocity, twin.acceleration]
@@ -214,8 +196,7 @@ def _pinocchio_states(twin: RobotTwin, samples: _RobotSamples) -> list[Float64Ar
 
 def _velocity_matrices(robot: Mechanism, twin: RobotTwin, samples: _RobotSamples) -> Float64Array:
     """Return an array of the matrices, one for each sample, that convert the velocities of the robot to the v of
-    Pinocchio's model `twin`; shape (N, nv, columns). If the base is free, the velocities of the robot begin with the
-    six of the base.
+    Pinocchio's model `twin`; shape (N, nv, columns).
     """
     count, (joints, dof) = len(samples.finite), twin.ratios.shape
     matrices = np.zeros((count, 6 + joints, 6 + dof))
@@ -239,8 +220,7 @@ def _frame_outputs(
     pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array]
 ) -> dict[str, Float64Array]:
     """Compute the motion of the frames with the indices `frames` by Pinocchio's model `twin` at one state, a list of
-    q and, as far as given, v and a. Return a dict of arrays (frames, ...) by output name; the output d is the
-    position of a frame if the base is at the origin. `pin` is the module pinocchio.
+    q and, as far as given, v and a.
     """
     model, data, world = twin.model, twin.data, pin.LOCAL_WORLD_ALIGNED
     at_origin = state[0].copy()
@@ -267,9 +247,7 @@ def _mass_outputs(
     pin: Any, twin: RobotTwin, frames: list[int], state: list[Float64Array], velocity_matrix: Float64Array
 ) -> dict[str, Any]:
     """Compute the mass matrix and the Jacobians of the frames with the indices `frames` by Pinocchio's model `twin`
-    at one state, a list of q and, as far as given, v and a. If v is given, compute energies and momenta, too; return
-    a dict by output name. `velocity_matrix` converts the robot's velocities to Pinocchio's v, and `pin` is the module
-    pinocchio.
+    at one state, a list of q and, as far as given, v and a.
     """
     model, data = twin.model, twin.data
     outputs: dict[str, Any] = {}
@@ -291,9 +269,7 @@ def _mass_outputs(
 
 
 def _kinetic_energy(pin: Any, twin: RobotTwin, q: Float64Array, v: Float64Array) -> float:
-    """Return the kinetic energy [J] of links and rotors at one state, given by Pinocchio's q and v. Pinocchio (the
-    module `pin`) computes the energy of the links from the model `twin`.
-    """
+    """Return the kinetic energy [J] of links and rotors at one state, given by Pinocchio's q and v."""
     armature = twin.model.armature.copy()
     twin.model.armature = np.zeros_like(
         armature
@@ -312,11 +288,7 @@ def _forward_dynamics_residual(
 ) -> tuple[Float64Array, Float64Array, list[str]]:
     """Return a tuple of three: the forces that hingepair's accelerations require by Pinocchio's inverse dynamics
     `rnea`, shape (N, k); the forces that act, shape (N, k); and a list of phrases on joints that nothing resists, one
-    for each sample with a singular mass matrix. `our_outputs` and `pinocchio_outputs` are dicts of arrays by output
-    name.
-
-    At a sample with a singular mass matrix, hingepair's accelerations are NaN. The forces that act are set to NaN
-    there, so that the sample is not compared.
+    for each sample with a singular mass matrix.
     """
     pin = import_pinocchio("cross_validate")
     base = samples.base
@@ -335,20 +307,20 @@ def _forward_dynamics_residual(
         if np.isfinite(a[i]).all():
             required_forces[i] = pin.rnea(twin.model, twin.data, q[i], v[i], a[i]) @ columns[i]
         elif joint := _unresisted_joint(robot, pinocchio_outputs["mass_matrix"][i]):
-            acting_forces[i] = np.nan
+            acting_forces[i] = np.nan  # so that the sample is not compared
             singular.append(joint)
     return required_forces, acting_forces, singular
 
 
 def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
     """Return a phrase, such as "nothing resists joint 'elbow'", on the joint with the largest part in a motion that a
-    singular mass matrix does not resist. Return "" if the mass matrix `matrix` is regular.
+    singular mass matrix does not resist.
     """
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     motion = (size == 0).astype(float)
     if size.all():
         least, motions = np.linalg.eigh(matrix / size / size[:, None])
-        motion = motions[:, 0] if least[0] < _MIN_EIGENVALUE_OF_REGULAR_UNIT_DIAGONAL_MASS_MATRIX else motion
+        motion = motions[:, 0] if least[0] < _SINGULAR else motion
     if not motion.any():
         return ""
     names = ("the base",) * (len(size) - robot.dof) + tuple(f"joint {name!r}" for name in robot.names)
@@ -365,8 +337,7 @@ def _output_scales(
     our_outputs: Mapping[str, Float64Array],
 ) -> dict[str, Float64Array]:
     """Return a dict of the error scales of all outputs by name; the shapes of the scales broadcast against the
-    outputs. `frames` is a dict of the compared Frames by name, `tips` names the frames with Jacobians, and
-    `our_outputs` are the results of hingepair.
+    outputs.
     """
     states = _pinocchio_states(twin, samples)
     joints = [twin.joint_positions(samples.joints[0]), *(one[:, 6:] for one in states[1:])]
@@ -379,9 +350,7 @@ def _output_scales(
         at_origin = replace(samples.base, R=np.zeros_like(samples.base.R))
         scales_at_rest = RobotScales(robot.tree, joints[:1], at_origin, gravity)
         motions = [scales.motion(frame) for frame in frames.values()]
-        by_output |= {
-            name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION_QUANTITY_NAMES
-        }
+        by_output |= {name: np.stack([one[name] for one in motions], axis=1)[..., None] for name in FRAME_MOTION}
         by_output["S"] = by_output["S"][..., None]
         by_output["d"] = np.stack([scales_at_rest.motion(frame)["R"] for frame in frames.values()], axis=1)[..., None]
         by_output["jacobian"] = np.stack([scales.jacobian(frames[name]) @ columns for name in tips], axis=1)
@@ -409,8 +378,7 @@ def _output_scales(
 
 def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
     """Return the error scales of the generalized forces of a robot, shape (N, columns), from the RobotScales `scales`
-    of forces, torques and rotors. `columns` is the matrix that converts the robot's velocities to the velocities of
-    base and joints.
+    of forces, torques and rotors.
     """
     force, torque = scales.forces()
     slides = np.array([joint.kind == "slider" for joint in robot.tree.joints], dtype=bool)
@@ -422,10 +390,7 @@ def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64A
 def _errors_by_part(
     computed: Float64Array, expected: Float64Array, scale: Float64Array, u: float, part_count: int
 ) -> tuple[Float64Array, Float64Array]:
-    """Compare computed and expected arrays (N, ...). Return two arrays (N, parts): the error of the worst component
-    of each of `part_count` parts (frames or joints), and the largest error of each part in units of u * scale, the
-    unit roundoff times `scale`. They are NaN if the expected value or the scale is not finite.
-    """
+    """Compare computed and expected arrays (N, ...)."""
     comparable = np.isfinite(expected) & np.isfinite(scale)
     smallest = float(np.finfo(np.float64 if u < 1e-12 else np.float32).tiny)
     with np.errstate(all="ignore"):

@@ -13,39 +13,31 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
 from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
 
-_ROBOT_OUTPUT_TABLE_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
+_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "of", "compared", "")
 """Headings of the columns of a report on a robot; errors in u * scale, or in the unit of the output."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotComparison:
-    """Comparison of one output of a robot with Pinocchio's, over all links or joints that have it. The fields are the
-    name `output`, the largest error in the unit of the output (`max_error`) and as a ratio to u * scale
-    (`max_ratio`), the index `worst_sample` or None, the name `worst_part` of the worst link or joint, the number of
-    compared `samples`, and the `bound`, which is the largest ratio that passes. `singular` is the number of samples
-    that were left out because the mass matrix is singular there, and `unresisted` a phrase on the joint that nothing
-    resists at the first of them.
+    """Comparison of one output of a robot with Pinocchio's, over all links or joints that have it."""
 
-    Attributes:
-        output: name of the output.
-        max_error: largest difference of a component, in the unit of the output; inf if only one result is finite.
-        max_ratio: largest difference in units of u * scale, where each sample has its own scale.
-        worst_sample: index of the sample with the largest ratio; None if nothing was compared.
-        worst_part: name of the link or joint with the largest ratio; "" for an output of the whole robot.
-        samples: number of compared samples.
-        bound: the largest ratio that passes.
-        singular: number of samples that were left out because the mass matrix is singular there.
-        unresisted: text on the joint that nothing resists at the first of these samples; "" if there are none.
-    """
-
+    #: name of the output
     output: str
+    #: largest difference of a component, in the unit of the output; inf if only one result is finite
     max_error: float
+    #: largest difference in units of u * scale, where each sample has its own scale
     max_ratio: float
+    #: index of the sample with the largest ratio; None if nothing was compared
     worst_sample: tuple[int, ...] | None
+    #: name of the link or joint with the largest ratio; "" for an output of the whole robot
     worst_part: str
+    #: number of compared samples
     samples: int
+    #: the largest ratio that passes
     bound: float = MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
+    #: number of samples that were left out because the mass matrix is singular there
     singular: int = 0
+    #: text on the joint that nothing resists at the first of these samples; "" if there are none
     unresisted: str = ""
 
     @property
@@ -68,9 +60,7 @@ class RobotComparison:
         cls, output: str, error: Float64Array, ratio: Float64Array, shape: tuple[int, ...], parts: Sequence[str]
     ) -> RobotComparison:
         """Return the RobotComparison of the output named `output` with the largest of its errors over all samples and
-        parts. `error` holds the errors, shape (N, parts), and `ratio` the same errors divided by u * scale, the unit
-        roundoff times the scale of the output. `shape` is the leading shape of the samples, and `parts` are the names
-        of the links or joints. NaN is not compared.
+        parts. NaN is not compared.
 
         Args:
             output: name of the output.
@@ -92,29 +82,26 @@ class RobotComparison:
 class RobotValidation(Shown):
     """Report on the comparison of the outputs of a robot with Pinocchio's: a row for each output, a verdict, and
     conversions to a table and to JSON.
-
-    Attributes:
-        name: name of the robot.
-        base: "fixed" or "free".
-        frames: number of compared frames.
-        shape: leading shape of the samples.
-        skipped: number of samples that were left out because their input is not finite.
-        u: unit roundoff of the dtype of the computation.
-        rows: one comparison for each output.
-        description: if the robot was read from a URDF, comparisons with Pinocchio's reading of it: "names" of joints,
-            "placements" (points, attitudes and axes of joints) and "inertias" (mass, centre of mass and inertia of
-            the bodies).
-        compared_with: where Pinocchio's model comes from.
     """
 
+    #: name of the robot
     name: str
+    #: "fixed" or "free"
     base: str
+    #: number of compared frames
     frames: int
+    #: leading shape of the samples
     shape: tuple[int, ...]
+    #: number of samples that were left out because their input is not finite
     skipped: int
+    #: unit roundoff of the dtype of the computation
     u: float
+    #: one comparison for each output
     rows: tuple[RobotComparison, ...]
+    #: if the robot was read from a URDF, comparisons with Pinocchio's reading of it: "names" of joints, "placements"
+    #: (points, attitudes and axes of joints) and "inertias" (mass, centre of mass and inertia of the bodies)
     description: tuple[RobotComparison, ...] = ()
+    #: where Pinocchio's model comes from
     compared_with: str = "a model built from the robot as hingepair holds it"
 
     @property
@@ -168,7 +155,7 @@ class RobotValidation(Shown):
         notes = [row.note for row in self.rows if row.note]
         return Sheet(
             title,
-            (_ROBOT_OUTPUT_TABLE_HEADINGS, *map(_robot_comparison_cells, (*self.description, *self.rows))),
+            (_HEADINGS, *map(_robot_comparison_cells, (*self.description, *self.rows))),
             (unit, f"compared with {self.compared_with}", *notes, self.verdict),
         )
 

@@ -25,15 +25,14 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import norm
 from hingepair.pair.body_motion import BodyMotion
 
-FRAME_MOTION_QUANTITY_NAMES = ("R", "S", "v", "omega", "a", "alpha")
+FRAME_MOTION = ("R", "S", "v", "omega", "a", "alpha")
 """Names of the position, attitude, velocities and accelerations of a frame."""
-_SIZE_KEY_BY_FRAME_MOTION_QUANTITY_NAME = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
+_SIZES = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
 """Keys of the dicts of sizes by the name of a quantity of a frame's motion; the scale of S is computed apart."""
 
 
 class RobotScales:
-    """Scales of the errors of a robot's outputs at N samples. A scale is the sum of the sizes of the terms of an
-    output before these cancel. Each method returns the scales of one group of outputs.
+    """Scales of the errors of a robot's outputs at N samples.
 
     Args:
         tree: the robot.
@@ -76,7 +75,7 @@ class RobotScales:
         total = _add_sizes(self._sums[frame.body], size, 1.0)
         return {
             "S": total["S"],
-            **{name: total[letter] for name, letter in _SIZE_KEY_BY_FRAME_MOTION_QUANTITY_NAME.items()},
+            **{name: total[letter] for name, letter in _SIZES.items()},
         }
 
     def jacobian(self, frame: Frame) -> Float64Array:
@@ -176,8 +175,7 @@ class RobotScales:
 
     def _velocity_columns(self, body: int) -> list[tuple[int, bool]]:
         """Return a list of tuples (index, is_translation), one for each velocity that moves a body relative to its
-        parent: one for the joint of the body, six for the base. The index is that of the velocity's column in the
-        Jacobian, and `is_translation` is False for a rotation.
+        parent: one for the joint of the body, six for the base.
         """
         if body == 0:
             return [(column, column < 3) for column in range(6)]
@@ -185,7 +183,7 @@ class RobotScales:
 
     def _distance_bounds(self) -> Float64Array:
         """Return upper bounds on the distance [m] from each body to each body that it carries, shape (N, bodies,
-        bodies); 0 for other bodies. Set `_carries`, whether a body carries another, shape (bodies, bodies).
+        bodies); 0 for other bodies.
         """
         bodies = len(self._lengths)
         self._carries: NDArray[Any] = np.eye(bodies, dtype=bool)
@@ -201,9 +199,7 @@ def _sizes_behind_joint(
     sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, is_slider: bool
 ) -> dict[str, Any]:
     """Return a dict of the sizes of the motion of the body behind a joint: R, v, a, W (of the angular velocity) and A
-    (of the angular acceleration). `sizes` are those of the body before the joint, and `length` is the length of the
-    joint's offset. `rate` and `acceleration` are the sizes of the joint's motion, which is linear if `is_slider`,
-    else angular.
+    (of the angular acceleration).
     """
     W, A, v, a = (sizes[letter] for letter in "WAva")
     turn, shift = (0.0, rate) if is_slider else (rate, 0.0)
@@ -217,8 +213,8 @@ def _sizes_behind_joint(
 
 
 def _add_sizes(sums: dict[str, Any], sizes: dict[str, Any], weight: Any) -> dict[str, Any]:
-    """Return a dict of the sums of sizes by letter, to which `weight` times the sizes of a further joint are added.
-    The sum with the key S, of the attitude, grows by the weight itself.
+    """Return a dict of the sums of sizes by letter, to which `weight` times the sizes of a further joint are
+    added.
     """
     added = {letter: sums[letter] + weight * value for letter, value in sizes.items()}
     return {**added, "S": sums["S"] + weight}

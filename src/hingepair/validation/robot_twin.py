@@ -34,32 +34,24 @@ from hingepair.validation.free_flyer import (
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotTwin:
     """A robot as a Pinocchio `model` with its `data`, and methods that convert the robot's coordinates to
-    Pinocchio's. `has_free_flyer` says whether the base of the model is a free-flyer. The positions of all joints of
-    the model, mimic joints included, are `ratios` q + `offsets`, where `ratios` has shape (joints, dof).
-
-    Attributes:
-        model: Pinocchio model with a free-flyer "root_joint" if `has_free_flyer`, then the moving joints in their
-            order. The links are frames of type BODY, further frames are of type OP_FRAME.
-        data: Pinocchio's `Data` of the model, in which its algorithms store results.
-        has_free_flyer: whether the base is a free-flyer.
-        ratios: matrix from the rates of the robot's coordinates to the rates of the model's joints; shape
-            (joints, dof).
-        offsets: positions of the model's joints at q = 0 [rad or m]; shape (joints,).
+    Pinocchio's.
     """
 
+    #: Pinocchio model with a free-flyer "root_joint" if `has_free_flyer`, then the moving joints in their order. The
+    #: links are frames of type BODY, further frames are of type OP_FRAME
     model: Any
+    #: Pinocchio's `Data` of the model, in which its algorithms store results
     data: Any
+    #: whether the base is a free-flyer
     has_free_flyer: bool
+    #: matrix from the rates of the robot's coordinates to the rates of the model's joints; shape (joints, dof)
     ratios: Float64Array
+    #: positions of the model's joints at q = 0 [rad or m]; shape (joints,)
     offsets: Float64Array
 
     def configuration(self, q: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
         """Return Pinocchio's q, shape (..., nq), for the robot's q, shape (..., dof), and the R and S of
-        `base_motion`. Without `base_motion`, the base is at the origin. Raise an ArgumentError for a wrong shape, or
-        if `base_motion` is given and the model has no free-flyer.
-
-        Raises:
-            ArgumentError: q has another shape, or base_motion is given and the model has no free-flyer.
+        `base_motion`. Without `base_motion`, the base is at the origin.
         """
         base = self._base_coordinates(base_motion, pinocchio_configuration)
         positions = self.joint_positions(q)
@@ -78,11 +70,7 @@ class RobotTwin:
 
     def velocity(self, q: ArrayLike, qd: ArrayLike, base_motion: BodyMotion | None = None) -> Float64Array:
         """Return Pinocchio's v, shape (..., nv), for q and qd, shape (..., dof), and the S, v and omega of
-        `base_motion`. Without `base_motion`, the base is at rest. Raise an ArgumentError for a wrong shape, or if
-        `base_motion` is given and the model has no free-flyer.
-
-        Raises:
-            ArgumentError: as for `configuration`.
+        `base_motion`. Without `base_motion`, the base is at rest.
         """
         self._joint_coordinates("q", q)
         return _join_coordinates(
@@ -93,11 +81,7 @@ class RobotTwin:
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, base_motion: BodyMotion | None = None
     ) -> Float64Array:
         """Return Pinocchio's a, which is spatial, shape (..., nv), for q, qd and qdd, shape (..., dof), and
-        `base_motion`. Without `base_motion`, the base is at rest. Raise an ArgumentError for a wrong shape, or if
-        `base_motion` is given and the model has no free-flyer.
-
-        Raises:
-            ArgumentError: as for `configuration`.
+        `base_motion`. Without `base_motion`, the base is at rest.
         """
         self._joint_coordinates("q", q), self._joint_coordinates("qd", qd)
         return _join_coordinates(
@@ -106,8 +90,7 @@ class RobotTwin:
 
     def _joint_coordinates(self, name: str, values: ArrayLike) -> Float64Array:
         """Convert q, qd or qdd of the robot, shape (..., dof), to values of all joints of Pinocchio's model, mimic
-        joints included but without their offsets; return shape (..., joints). Raise an ArgumentError with the
-        argument's `name` for a wrong shape.
+        joints included but without their offsets; return shape (..., joints).
         """
         robot_values = vectors(name, values, self.ratios.shape[1]).astype(np.float64)
         joint_values = np.zeros((*robot_values.shape[:-1], len(self.ratios)))
@@ -117,37 +100,25 @@ class RobotTwin:
         return joint_values
 
     def _base_coordinates(self, base_motion: BodyMotion | None, convert: Any) -> list[Float64Array]:
-        """Return a list of the arrays of Pinocchio's coordinates that describe the free-flyer. `convert` is a
-        function from the motion of the base to a dict of these arrays. If the model has no free-flyer, the list is
-        empty, and an ArgumentError is raised unless `base_motion` is None.
-        """
+        """Return a list of the arrays of Pinocchio's coordinates that describe the free-flyer."""
         if not self.has_free_flyer:
             if base_motion is not None:
                 raise ArgumentError("base_motion", "None, since the base stands in this model", base_motion)
             return []
-        by_name: Mapping[str, Float64Array] = convert(
-            BASE_MOTION_AT_REST_AT_ORIGIN if base_motion is None else base_motion
-        )
+        by_name: Mapping[str, Float64Array] = convert(BASE_AT_REST if base_motion is None else base_motion)
         return list(by_name.values())
 
 
-BASE_MOTION_AT_REST_AT_ORIGIN = BodyMotion(
-    S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3))
-)
+BASE_AT_REST = BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
 """Motion of a base that rests at the origin."""
 
 
 def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> RobotTwin:
     """Build a robot as a Pinocchio model, and return a RobotTwin, which also converts coordinates to Pinocchio's.
-    `has_free_flyer` says whether the base is a free-flyer; None stands for the robot's own base. Raise a
-    MissingDependencyError if Pinocchio is not installed.
 
     Args:
         robot: the robot. The mass of a fixed base is not in the model, because it has no effect.
         has_free_flyer: whether the base is a free-flyer; unless given, it is one if the robot's base is "free".
-
-    Raises:
-        MissingDependencyError: Pinocchio is not installed.
     """
     pin = import_pinocchio("to_pinocchio")
     tree = robot.tree
@@ -183,9 +154,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Robot
 
 
 def _pinocchio_inertia(pin: Any, body: MassProperties) -> Any:
-    """Convert the mass properties of a body to Pinocchio's Inertia without checking them. `pin` is the module
-    pinocchio.
-    """
+    """Convert the mass properties of a body to Pinocchio's Inertia without checking them."""
     inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
     inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.center_of_mass), np.array(body.inertia)
     return inertia

@@ -16,12 +16,12 @@ from hingepair.rotations.matrices import skew
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from hingepair.validation.report import (
-    MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE,
+    MAX_LOAD_RATIO,
     Comparison,
     RateComparison,
 )
 
-_GENERALIZED_LOAD_INDICES_BY_BASE_NAME_AND_IS_PLANAR: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
+_LOAD_COMPONENTS: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
     ("free", False): (0, 1, 2, 3, 4, 5, 6),
     ("pinned", False): (3, 4, 5, 6),
     ("free", True): (0, 1, 5, 6),
@@ -30,17 +30,17 @@ _GENERALIZED_LOAD_INDICES_BY_BASE_NAME_AND_IS_PLANAR: Final[Mapping[tuple[str, b
 """Indices of the components of Pinocchio's generalized force (force and torque on body 1, torque of the hinge) that
 only loads cause, by the base and by whether the motion is planar. For other bases, it is only the hinge torque."""
 # The components of the loads in Pinocchio's generalized force.
-_GENERALIZED_FORCE_SLICE_BY_LOAD_NAME: Final = {
+_FORCE_SLICES: Final = {
     "force1": slice(0, 3),
     "torque1": slice(3, 6),
     "hinge_torque": slice(6, 7),
 }
 
-_ACCURACY_ORDERS_OF_COMPARED_SLOPES: Final = (6, 4)  # of the slopes, and of the slopes that they are compared with
+_SLOPE_ORDERS: Final = (6, 4)  # of the slopes, and of the slopes that they are compared with
 # Largest accepted error of a rate; rates of another motion differ by more.
-_RATE_ERROR_TOLERANCE_RELATIVE_TO_LARGEST_RATE: Final = 0.05
+_RATE_TOLERANCE: Final = 0.05
 # If a rate changes by more between two samples, there may be an oscillation between them, and it is not compared.
-_MAX_COMPARED_RATE_CHANGE_PER_STEP_RELATIVE_TO_LARGEST_RATE: Final = 0.5
+_MAX_RATE_CHANGE: Final = 0.5
 
 
 def compare_forces(
@@ -55,8 +55,6 @@ def compare_forces(
 ) -> tuple[Comparison, ...]:
     """Compare `loads`, the arrays of the loads of a simulated motion by name, with the forces that the motion
     requires according to Pinocchio's inverse dynamics (`rnea`); return a tuple with a Comparison for each load.
-    `hinge` is (psi, psi', psi''). `base` says how body 1 is held, such as "pinned"; components of forces that only
-    hold body 1, or a planar motion in its plane, are not compared.
 
     Args:
         pair: the pair in space, with its masses.
@@ -90,17 +88,15 @@ def compare_forces(
                 twin.model, twin.data, q[i], twin.body2_frame, pin.LOCAL_WORLD_ALIGNED
             )
             load_forces[i] += jacobian.T @ on_body2[i]
-    load_components = _GENERALIZED_LOAD_INDICES_BY_BASE_NAME_AND_IS_PLANAR.get((base, is_planar), (6,))
+    load_components = _LOAD_COMPONENTS.get((base, is_planar), (6,))
     other_components = [i for i in range(7) if i not in load_components]
     load_forces[:, other_components] = required_forces[:, other_components]
     scales = _force_scales(pair, body1, psid, psidd, loads, float(norm([*gravity])))
     rows = []
-    for name, columns in _GENERALIZED_FORCE_SLICE_BY_LOAD_NAME.items():
+    for name, columns in _FORCE_SLICES.items():
         if {*range(*columns.indices(7))} & {*load_components}:
             errors = error_ratios(name, load_forces[:, columns], required_forces[:, columns], scales[name])
-            rows.append(
-                Comparison.worst_of(name, *errors, psi.shape, MAX_PINOCCHIO_LOAD_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE)
-            )
+            rows.append(Comparison.worst_of(name, *errors, psi.shape, MAX_LOAD_RATIO))
     return tuple(rows)
 
 
@@ -113,8 +109,7 @@ def _force_scales(
     gravity: float,
 ) -> dict[str, Float64Array]:
     """Return a dict of the error scale (N,) of each force by the load's name; a scale is the size of the terms of the
-    force before they cancel. `loads` are the acting forces by name, and `gravity` is the magnitude of the
-    acceleration of gravity [m/s^2].
+    force before they cancel.
     """
     sizes: dict[str, Any] = {name: norm(getattr(body1, name)) for name in ("v", "a", "omega", "alpha")}
     W1, A1 = sizes["omega"], sizes["alpha"]
@@ -144,8 +139,7 @@ def compare_rates(
     t: Float64Array, body1: BodyMotion, hinge: tuple[Float64Array, ...], *, body1_moves: bool
 ) -> tuple[RateComparison, ...]:
     """Compare the rates of a motion, such as v1, with slopes of their quantities, such as R1, by finite differences;
-    return a tuple with a RateComparison for each rate. `hinge` is the tuple (psi, psi', psi''). The rates of the
-    BodyMotion `body1` are compared only if `body1_moves`.
+    return a tuple with a RateComparison for each rate.
 
     Instants are compared only if slopes of order 6 and of order 4 agree there. Instants near a kink are not compared,
     and no instants if they are too few for the motion. A rate that was not compared may be right or wrong.
@@ -170,10 +164,7 @@ def compare_rates(
         x, xd, xdd = (np.asarray(array).reshape(len(t), -1) for array in arrays)
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
-        enough = (
-            len(t) > _ACCURACY_ORDERS_OF_COMPARED_SLOPES[0]
-            and step * sizes[1] <= _MAX_COMPARED_RATE_CHANGE_PER_STEP_RELATIVE_TO_LARGEST_RATE * sizes[0]
-        )
+        enough = len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= _MAX_RATE_CHANGE * sizes[0]
         for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
             error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
             rows.append(
@@ -181,7 +172,7 @@ def compare_rates(
                     name,
                     quantity,
                     error,
-                    _RATE_ERROR_TOLERANCE_RELATIVE_TO_LARGEST_RATE * float(np.nanmax(np.abs(rate), initial=0.0)),
+                    _RATE_TOLERANCE * float(np.nanmax(np.abs(rate), initial=0.0)),
                 )
             )
     return tuple(rows)
@@ -189,13 +180,9 @@ def compare_rates(
 
 def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
     """Return the largest difference of a rate from the slope of `values` at each instant t, as an array of shape
-    (N,); `values` and `rate` have shape (N, k). The result is NaN at instants at which the slope is uncertain, since
-    slopes of two orders of accuracy differ too much there.
+    (N,); `values` and `rate` have shape (N, k).
     """
-    fine, coarse = (
-        np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1)
-        for order in _ACCURACY_ORDERS_OF_COMPARED_SLOPES
-    )
+    fine, coarse = (np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _SLOPE_ORDERS)
     disagreement = np.abs(fine - coarse).max(axis=-1)
     reach = 3  # samples to either side of an uncertain slope whose slopes are uncertain too
     shifts = [np.roll(np.pad(disagreement, reach), k) for k in range(-reach, reach + 1)]

@@ -16,16 +16,16 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, cell_text, instant_text
 from hingepair.pair.results import Record
 from hingepair.scenes.log_noise import (
-    MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT,
+    NOISY_EFFORT,
     LogNoise,
     finite_rms,
     noise_rows,
 )
-from hingepair.scenes.logged_motion import FINITE_DIFFERENCE_ACCURACY_ORDER
-from hingepair.scenes.mechanisms.joint_motion import JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER, KnownJointMotion
+from hingepair.scenes.logged_motion import DIFFERENCE_ORDER
+from hingepair.scenes.mechanisms.joint_motion import RATE_SUFFIXES, KnownJointMotion
 from hingepair.scenes.motion import non_finite_sentences
 
-_JOINT_LOAD_TABLE_HEADINGS = (
+_HEADINGS = (
     *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of limit"),
     *("min q", "limit", "max q", "limit", "max |q'|", "limit"),
 )
@@ -34,42 +34,35 @@ _JOINT_LOAD_TABLE_HEADINGS = (
 
 @dataclass(frozen=True, slots=True)
 class JointLoad:
-    """Summary of one joint of a mechanism over all instants. The effort (torque of a hinge, force of a slider) is
-    described by `rms`, `largest`, `t_of_largest`, its limit `effort_limit`, the number `beyond` of instants at which
-    it exceeds the limit and the first of them, `t_of_first`; `position` holds the extremes of the coordinate and
-    `rate` the largest absolute rate, with their limits. `noise` is the standard deviation of the effort that noise of
-    a log causes. A missing limit is infinite.
+    """Summary of one joint of a mechanism over all instants."""
 
-    Attributes:
-        joint: name of the joint.
-        kind: "hinge" or "slider".
-        rms: root mean square of the joint's effort: torque of a hinge [N m], force of a slider [N]; NaN if no value
-            is finite.
-        largest: largest absolute value of the effort.
-        t_of_largest: instant of the largest effort [s].
-        effort_limit: largest absolute value of the effort that the joint allows.
-        beyond: number of instants at which the effort exceeds effort_limit.
-        t_of_first: the first of these instants [s]; NaN if there are none.
-        position: least and greatest coordinate [rad or m].
-        position_limits: limits of the coordinate.
-        rate: largest absolute value of the rate [rad/s or m/s].
-        rate_limit: limit of the absolute value of the rate.
-        noise: standard deviation of the torque or force that the noise of a log causes, away from the log's ends; NaN
-            without a log.
-    """
-
+    #: name of the joint
     joint: str
+    #: "hinge" or "slider"
     kind: str
+    #: root mean square of the joint's effort: torque of a hinge [N m], force of a slider [N]; NaN if no value is
+    #: finite
     rms: float
+    #: largest absolute value of the effort
     largest: float
+    #: instant of the largest effort [s]
     t_of_largest: float
+    #: largest absolute value of the effort that the joint allows
     effort_limit: float
+    #: number of instants at which the effort exceeds effort_limit
     beyond: int
+    #: the first of these instants [s]; NaN if there are none
     t_of_first: float
+    #: least and greatest coordinate [rad or m]
     position: tuple[float, float]
+    #: limits of the coordinate
     position_limits: tuple[float, float]
+    #: largest absolute value of the rate [rad/s or m/s]
     rate: float
+    #: limit of the absolute value of the rate
     rate_limit: float
+    #: standard deviation of the torque or force that the noise of a log causes, away from the log's ends; NaN without
+    #: a log
     noise: float
 
     @property
@@ -89,7 +82,7 @@ class JointLoad:
 
 class MechanismSceneForces(Record):
     """Joint efforts `tau` and base forces `force1` and `torque1` at the instants of a mechanism's scene, with
-    `loads`, a tuple of one JointLoad for each joint. They print as a table and can be saved to a file.
+    `loads`, a tuple of one JointLoad for each joint.
 
     Args:
         tau: joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).
@@ -122,21 +115,18 @@ class MechanismSceneForces(Record):
 
 class JointLogNoise(NamedTuple):
     """Joint samples of a log of a `robot` at instants `t`, from which the noise and its effect on joint efforts are
-    estimated. `middle` is the motion at the instants in the middle, `moving` names the joints that have a column, and
-    `derived` names the rates found by finite differences.
-
-    Attributes:
-        robot: the mechanism.
-        t: all instants of the log [s].
-        middle: the motion at the instants of `noise_rows`, with accelerations.
-        moving: names of the joints that have a column in the log.
-        derived: names of the rates that were found by finite differences.
+    estimated.
     """
 
+    #: the mechanism
     robot: Mechanism
+    #: all instants of the log [s]
     t: Float64Array
+    #: the motion at the instants of `noise_rows`, with accelerations
     middle: KnownJointMotion
+    #: names of the joints that have a column in the log
     moving: tuple[str, ...]
+    #: names of the rates that were found by finite differences
     derived: tuple[str, ...]
 
     def effort_deviations(self, gravity: tuple[float, ...], tau: Float64Array) -> tuple[Float64Array, str]:
@@ -145,13 +135,13 @@ class JointLogNoise(NamedTuple):
         `gravity` is the gravity vector [m/s^2] that they were computed with.
         """
         rows = noise_rows(len(self.t))
-        log = LogNoise(self.t[rows] - self.t[rows.start], self.derived, FINITE_DIFFERENCE_ACCURACY_ORDER)
+        log = LogNoise(self.t[rows] - self.t[rows.start], self.derived, DIFFERENCE_ORDER)
         derivatives = [list(values) for values in self.middle.derivatives]
         units: dict[str, str] = {}
         for column, joint in enumerate(self.robot.tree.coordinates):
             if joint.name not in self.moving:
                 continue
-            names = tuple(joint.name + rate for rate in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER)
+            names = tuple(joint.name + rate for rate in RATE_SUFFIXES)
             length = "rad" if joint.kind == "hinge" else "m"
             units |= zip(names, (length, f"{length}/s", f"{length}/s^2"), strict=True)
             values = tuple(self.middle.column(order, column) for order in range(len(names)))
@@ -160,13 +150,11 @@ class JointLogNoise(NamedTuple):
         noisy = replace(self.middle, derivatives=tuple(map(tuple, derivatives)))
         base = self.middle.base
         acting = self.robot.inverse_dynamics(*noisy.arguments(), gravity=gravity, base_motion=base, outputs=("tau",))
-        change = (np.asarray(acting.tau, np.float64) - tau[rows])[
-            FINITE_DIFFERENCE_ACCURACY_ORDER // 2 : -(FINITE_DIFFERENCE_ACCURACY_ORDER // 2)
-        ]
+        change = (np.asarray(acting.tau, np.float64) - tau[rows])[DIFFERENCE_ORDER // 2 : -(DIFFERENCE_ORDER // 2)]
         noise = finite_rms(change)
         sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
         note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
-        if (noise > MIN_JOINT_EFFORT_NOISE_TO_RMS_RATIO_FOR_SMOOTHING_HINT * finite_rms(tau)).any():
+        if (noise > NOISY_EFFORT * finite_rms(tau)).any():
             note += "; hp.smooth(t, q) finds the rates of a noisy column"
         return noise, note
 
@@ -179,8 +167,7 @@ def mechanism_scene_forces(
     noise: JointLogNoise | None,
 ) -> MechanismSceneForces:
     """Return the MechanismSceneForces that `known_motion`, a KnownJointMotion of a robot with accelerations, requires
-    under the vector `gravity`. `record` is a dict of t and of the arguments described, inputs and unit of a Record.
-    `noise` is a JointLogNoise that estimates the effect of the noise of a log, or None.
+    under the vector `gravity`.
 
     Args:
         robot: the mechanism.
@@ -195,7 +182,7 @@ def mechanism_scene_forces(
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
     deviations, sentences = np.full(robot.dof, math.nan), list(non_finite_sentences(arrays))
-    if noise is not None and len(t) > FINITE_DIFFERENCE_ACCURACY_ORDER:
+    if noise is not None and len(t) > DIFFERENCE_ORDER:
         deviations, sentence = noise.effort_deviations(gravity, tau)
         sentences.append(sentence)
     loads = tuple(
@@ -211,9 +198,7 @@ def joint_load_table_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]
     an empty cell. If any load has a noise, a column of noise is added.
     """
     logged = any(math.isfinite(load.noise) for load in loads)
-    rows: list[tuple[str, ...]] = [
-        (*_JOINT_LOAD_TABLE_HEADINGS, "by noise") if logged else _JOINT_LOAD_TABLE_HEADINGS
-    ]
+    rows: list[tuple[str, ...]] = [(*_HEADINGS, "by noise") if logged else _HEADINGS]
     for load in loads:
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
         sizes = (
@@ -238,8 +223,7 @@ def _summarize_joint(
     joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array, noise: float
 ) -> JointLoad:
     """Return the JointLoad of the joint with the index `joint_index`: the extremes of its effort `tau` (N,), of its
-    position and of its rate at the instants t, and their limits. Values that are not finite are left out. `noise`,
-    the deviation of the effort, is copied into the result.
+    position and of its rate at the instants t, and their limits.
     """
     finite = np.isfinite(tau)
     largest, when = (math.nan, math.nan)
@@ -266,9 +250,7 @@ def _summarize_joint(
 
 
 def _effort_limit_sentences(load: JointLoad, instant_count: int) -> Iterator[str]:
-    """Yield one sentence if a JointLoad exceeds the joint's effort limit at some instants, otherwise nothing.
-    `instant_count` is the number of all instants.
-    """
+    """Yield one sentence if a JointLoad exceeds the joint's effort limit at some instants, otherwise nothing."""
     if load.beyond:
         yield (
             f"{load.joint} takes up to {load.largest:.4g} {load.unit}, more than its limit of {load.effort_limit:g}, "

@@ -27,13 +27,13 @@ from hingepair.scenes.tables import Table
 if TYPE_CHECKING:
     from hingepair.scenes.expression_motion import FunctionsOfTime
 
-JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER: Final = ("", "d", "dd")
+RATE_SUFFIXES: Final = ("", "d", "dd")
 """Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
-BASE_TABLE_COORDINATE_KEYS: Final = SPATIAL_COORDINATE_NAMES[:-1]
+BASE_COORDINATES: Final = SPATIAL_COORDINATE_NAMES[:-1]
 """Keys of the table [base] for the coordinates of the base."""
-_MOTION_TABLE_OPTION_KEYS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
+_OPTIONS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
-_DUMMY_PAIR_WITH_BASE_AS_BODY1: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_CARRIER: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair whose body 1 stands for the base."""
 
 
@@ -44,34 +44,27 @@ _RESULT_PREFIXES: Final = frozenset({"R", "S", "quat", "d", "v", "omega", "a", "
 class JointCoordinates(NamedTuple):
     """Coordinates (q, qd, qdd) of all joints at some instants, in the order of the mechanism's names; unknown
     derivatives are None.
-
-    Attributes:
-        q: shape (N, dof) rad or m.
-        qd: first derivatives.
-        qdd: second derivatives.
     """
 
+    #: shape (N, dof) rad or m
     q: Float64Array
+    #: first derivatives
     qd: Float64Array | None = None
+    #: second derivatives
     qdd: Float64Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownJointMotion:
-    """Coordinates of a mechanism's joints (`names`) at `count` instants. `derivatives` is (q[, qd[, qdd]]), each of
-    them a tuple with one array or float per joint, and `base` is the BodyMotion of the base or None.
+    """Coordinates of a mechanism's joints (`names`) at `count` instants."""
 
-    Attributes:
-        names: names of the joints, in order.
-        count: number of instants.
-        derivatives: (q[, qd[, qdd]]), tuples of one entry per joint: arrays of shape (count,), floats for what does
-            not change.
-        base: motion of the base; shape (count,) or (). None where it rests at the origin.
-    """
-
+    #: names of the joints, in order
     names: tuple[str, ...]
+    #: number of instants
     count: int
+    #: (q[, qd[, qdd]]), tuples of one entry per joint: arrays of shape (count,), floats for what does not change
     derivatives: Derivatives
+    #: motion of the base; shape (count,) or (). None where it rests at the origin
     base: BodyMotion | None
 
     @property
@@ -106,9 +99,7 @@ class KnownJointMotion:
 
 
 class JointMotionSource(Protocol):
-    """Protocol of the joint coordinates at all instants of a scene. `level` is the order of their highest derivative,
-    and `part` returns the coordinates and their derivatives, (q[, qd[, qdd]]), at some of the instants.
-    """
+    """Protocol of the joint coordinates at all instants of a scene."""
 
     @property
     def level(self) -> int:
@@ -122,20 +113,15 @@ class JointMotionSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFunctions:
-    """Motion of a mechanism's joints at the instants `t` of a scene. `functions` is the FunctionsOfTime that defines
-    the coordinates of some joints. The other joints of `names` stay at their rest positions; `rests` is the dict of
-    rest positions of all joints by name. `level` is the order of the highest derivative, which is always 2.
+    """Motion of a mechanism's joints at the instants `t` of a scene."""
 
-    Attributes:
-        t: instants [s].
-        functions: functions of t of some joints, by the names of the joints.
-        rests: rest position of each joint by name [rad or m].
-        names: names of all joints, in order.
-    """
-
+    #: instants [s]
     t: Instants
+    #: functions of t of some joints, by the names of the joints
     functions: FunctionsOfTime
+    #: rest position of each joint by name [rad or m]
     rests: dict[str, float]
+    #: names of all joints, in order
     names: tuple[str, ...]
     level: int = ACCELERATION
 
@@ -156,11 +142,9 @@ class JointFunctions:
 class JointSamples:
     """Joint coordinates and their known derivatives at all instants of a log: `derivatives` is (q[, qd[, qdd]]), each
     of them a tuple with one array or float per joint.
-
-    Attributes:
-        derivatives: (q[, qd[, qdd]]), one entry per joint each: arrays, floats for what does not change.
     """
 
+    #: (q[, qd[, qdd]]), one entry per joint each: arrays, floats for what does not change
     derivatives: Derivatives
 
     @property
@@ -180,15 +164,11 @@ class JointSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseMotion:
-    """Motion of a mechanism's base. `functions` is the FunctionsOfTime of its position and three Euler angles, and
-    `sequence` is the name of the Euler sequence, such as "XYZ".
+    """Motion of a mechanism's base."""
 
-    Attributes:
-        functions: of x, y, z, phi_x, phi_y, phi_z [m, rad].
-        sequence: Euler sequence of the angles.
-    """
-
+    #: of x, y, z, phi_x, phi_y, phi_z [m, rad]
     functions: FunctionsOfTime
+    #: Euler sequence of the angles
     sequence: str
 
     def at(self, t: Float64Array, order: int) -> BodyMotion:
@@ -196,38 +176,30 @@ class BaseMotion:
         (N,).
         """
         rows = tuple((*row, 0.0) for row in self.functions.derivatives(t, order))
-        return MotionByCoordinates(t.size, rows, self.sequence).in_space(_DUMMY_PAIR_WITH_BASE_AS_BODY1).body1
+        return MotionByCoordinates(t.size, rows, self.sequence).in_space(_CARRIER).body1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMotion:
-    """Motion of a mechanism's joints and base at the instants `t` of a scene. `source` gives the coordinates of the
-    joints at some of the instants, `base` is the BaseMotion or None, and `moving` names the moving joints. `origin`
-    and `hint` are phrases and `notes` sentences for reports. `functions` is a tuple of the FunctionsOfTime that
-    define the motion. `derived` names the rates of a log that were found by finite differences; without a log, it is
-    None.
+    """Motion of a mechanism's joints and base at the instants `t` of a scene."""
 
-    Attributes:
-        t: instants [s].
-        source: the coordinates of the joints at all of them.
-        base: motion of the base; None where it rests at the origin.
-        moving: names of the joints that the scene moves.
-        origin: where the motion comes from, in words.
-        hint: how to get derivatives that are missing, for messages.
-        functions: functions of t that define the motion; they tell in which intervals they have kinks.
-        notes: sentences that every reader of the results should see.
-        derived: names of the rates of a log that were found by finite differences, such as boomdd; None if it
-            is no log.
-    """
-
+    #: instants [s]
     t: Instants
+    #: the coordinates of the joints at all of them
     source: JointMotionSource
+    #: motion of the base; None where it rests at the origin
     base: BaseMotion | None
+    #: names of the joints that the scene moves
     moving: tuple[str, ...]
+    #: where the motion comes from, in words
     origin: str
+    #: how to get derivatives that are missing, for messages
     hint: str = ""
+    #: functions of t that define the motion; they tell in which intervals they have kinks
     functions: tuple[FunctionsOfTime, ...] = ()
+    #: sentences that every reader of the results should see
     notes: tuple[str, ...] = ()
+    #: names of the rates of a log that were found by finite differences, such as boomdd; None if it is no log
     derived: tuple[str, ...] | None = None
 
     @property
@@ -256,7 +228,7 @@ class JointMotion:
 
 def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMotion:
     """Return the JointMotion of a robot, a Mechanism, that the tables [motion], [base] and [time] define by functions
-    of t or a log. The path of a log is relative to `folder`. Raise a SceneError for bad keys or values.
+    of t or a log. The path of a log is relative to `folder`.
     """
     motion, base = tables.table("motion"), _read_base(tables)
     _check_joint_names(motion, robot)
@@ -283,9 +255,9 @@ def _check_joint_names(motion: Table, robot: Mechanism) -> None:
     """
     columns = {"t": "the instants"}
     for name in robot.names:
-        if name in _MOTION_TABLE_OPTION_KEYS:
+        if name in _OPTIONS:
             motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
-        for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER:
+        for ending in RATE_SUFFIXES:
             column = name + ending
             if column in columns or _is_output(column, robot):
                 wanted = f"joints of other names: column {column} of a file holds {columns.get(column, 'an output')}"
@@ -303,25 +275,21 @@ def _is_output(column: str, robot: Mechanism) -> bool:
 
 
 def _read_base(tables: Table) -> BaseMotion | None:
-    """Return the BaseMotion of the table [base] of a scene's top-level Table; None if there is no such table.
-    Coordinates that [base] lacks are 0. Raise a SceneError for bad keys or values.
-    """
+    """Return the BaseMotion of the table [base] of a scene's top-level Table; None if there is no such table."""
     if "base" not in tables.values:
         return None
     table = tables.table("base")
-    table.check_keys((*BASE_TABLE_COORDINATE_KEYS, "sequence"))
+    table.check_keys((*BASE_COORDINATES, "sequence"))
     from hingepair.scenes.expression_motion import read_functions
 
-    completed_table = replace(table, values=dict.fromkeys(BASE_TABLE_COORDINATE_KEYS, 0) | table.values)
+    completed_table = replace(table, values=dict.fromkeys(BASE_COORDINATES, 0) | table.values)
     return BaseMotion(
-        read_functions(completed_table, BASE_TABLE_COORDINATE_KEYS), table.choice("sequence", SEQUENCE_NAMES, "XYZ")
+        read_functions(completed_table, BASE_COORDINATES), table.choice("sequence", SEQUENCE_NAMES, "XYZ")
     )
 
 
 def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
-    """Return a tuple of the names of a robot's joints that are keys of the Table [motion], in the robot's order.
-    Raise a SceneError for any other key except `constants`.
-    """
+    """Return a tuple of the names of a robot's joints that are keys of the Table [motion], in the robot's order."""
     for key in motion.values:
         if key not in robot.names and key != "constants":
             _refuse_joint(motion, key, robot)
@@ -329,9 +297,7 @@ def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
 
 
 def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
-    """Raise a SceneError for a key of the Table [motion] that is not a movable joint of the robot. The message says
-    why: the key names a joint that follows another one, a link or a fixed joint, or nothing of the robot.
-    """
+    """Raise a SceneError for a key of the Table [motion] that is not a movable joint of the robot."""
     joints = robot.tree.joints
     for joint in joints:
         if joint.name == key and joint.mimic is not None:
@@ -355,21 +321,17 @@ def _rest_positions(robot: Mechanism) -> dict[str, float]:
 
 
 def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMotion | None) -> JointMotion:
-    """Return the JointMotion of the log that the Table [motion] names by a path relative to `folder`. The log has a
-    column for each moving joint, and columns with the suffixes d and dd for its rates; other joints rest. `base` is
-    the BaseMotion or None. Missing derivatives are computed if the table asks for them. Raise a SceneError for bad
-    columns.
-    """
+    """Return the JointMotion of the log that the Table [motion] names by a path relative to `folder`."""
     completed = table.flag("differentiate")
     unwrap = table.flag("unwrap") if "unwrap" in table.values else None
     if unwrap is not None and not completed:
         wanted = "no such key without differentiate = true: it determines how angles are differentiated"
         table.fail("unwrap", wanted)
-    table.check_keys(_MOTION_TABLE_OPTION_KEYS)
+    table.check_keys(_OPTIONS)
     log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, read_ignored_columns(table))
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:
-        names = tuple(joint + ending for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER)
+        names = tuple(joint + ending for ending in RATE_SUFFIXES)
         present_names = [name for name in names if name in log.columns]
         if present_names:
             part = log.quantity_and_rates(names)
@@ -382,13 +344,8 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
     for joint, columns in parts.items():
         if len(columns) <= level:
             wanted = "a column, since the log has rates of other joints (or differentiate = true)"
-            log.refuse(joint + JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[len(columns)], wanted, "no such column")
-    derived = tuple(
-        joint + rate
-        for joint in parts
-        for rate in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[1:]
-        if joint + rate in log.derived
-    )
+            log.refuse(joint + RATE_SUFFIXES[len(columns)], wanted, "no such column")
+    derived = tuple(joint + rate for joint in parts for rate in RATE_SUFFIXES[1:] if joint + rate in log.derived)
     rests = _rest_positions(robot)
     rows = tuple(
         tuple(_float_if_constant(parts[name][k]) if name in parts else rests[name] * (k == 0) for name in robot.names)
@@ -401,13 +358,9 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
 
 
 def _joint_log_layout(robot: Mechanism) -> LogLayout:
-    """Return the LogLayout of a robot's log: one column for each joint's q, qd and qdd. The q of hinges are
-    angles.
-    """
+    """Return the LogLayout of a robot's log: one column for each joint's q, qd and qdd."""
     names = robot.names
-    arrays = {
-        f"q{ending}": tuple(name + ending for name in names) for ending in JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER
-    }
+    arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in RATE_SUFFIXES}
     columns = tuple(dict.fromkeys(("t", *(column for group in arrays.values() for column in group))))
     arrays = {name: group for name, group in arrays.items() if name not in columns}  # a joint may be called q
     angle_names = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")

@@ -17,26 +17,26 @@ from hingepair.mechanism.slider import Slider
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.scenes.pair_table import (
-    READER_FUNCTION_BY_BODY_TABLE_KEY,
-    READER_FUNCTION_BY_SPATIAL_PAIR_KEY,
+    BODY_KEYS,
+    PAIR_KEYS,
     construct_from_table,
 )
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 
-_ROBOT_SOURCE_KEYS: Final = ("robot", "urdf")
+_SOURCES: Final = ("robot", "urdf")
 """Keys of [mechanism] that name a robot or its file; one of them stands there, unless there are [[joint]] tables."""
-MECHANISM_TABLE_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
+MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
 """Keys that the table [mechanism] may have."""
-JOINT_CLASS_BY_KIND_NAME: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
+JOINT_CLASSES: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
 """Class of a joint by the kind that its [[joint]] table names."""
 JOINT_TABLE_KEYS: Final = (
     "name",
     "parent",
     "kind",
-    *(key for key in READER_FUNCTION_BY_SPATIAL_PAIR_KEY if key != "name"),
+    *(key for key in PAIR_KEYS if key != "name"),
 )
 """Keys that a table [[joint]] may have."""
-_READER_FUNCTION_BY_FRAME_TABLE_KEY: Final[Mapping[str, Key]] = {
+_FRAME_KEYS: Final[Mapping[str, Key]] = {
     "link": Table.text,
     "R": numbers_key(3),
     "S": Table.rotation,
@@ -46,21 +46,15 @@ _READER_FUNCTION_BY_FRAME_TABLE_KEY: Final[Mapping[str, Key]] = {
 
 def read_mechanism(tables: Table, folder: Path) -> Mechanism:
     """Return the Mechanism that the tables [mechanism] and [[joint]] of a scene's top-level Table define, with its
-    frames and payload. The path of a URDF file is relative to `folder`. Raise a SceneError for tables that do not
-    define a mechanism. Raise a MissingDependencyError if the tables name a robot of example-robot-data and that
-    package is missing.
+    frames and payload.
 
     Args:
         tables: top-level table of the scene file.
         folder: folder that the path of a URDF file is relative to.
-
-    Raises:
-        SceneError: the tables define no mechanism. The message names table and key.
-        MissingDependencyError: the robot is one of example-robot-data, which is not installed.
     """
     table = tables.table("mechanism", required=False)
-    table.check_keys(MECHANISM_TABLE_KEYS)
-    sources = [key for key in _ROBOT_SOURCE_KEYS if key in table.values]
+    table.check_keys(MECHANISM_KEYS)
+    sources = [key for key in _SOURCES if key in table.values]
     if "joint" in tables.values:
         for key in (*sources, "locked"):
             if key in table.values:
@@ -77,7 +71,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
 
 def read_gravity(tables: Table) -> tuple[float, ...] | None:
     """Return the gravity vector of the table [mechanism] in a scene's top-level Table, three floats [m/s^2]; None if
-    the table has no key gravity. Raise a SceneError for any other value.
+    the table has no key gravity.
     """
     table = tables.table("mechanism", required=False)
     return tuple(table.numbers("gravity", 3)) if "gravity" in table.values else None
@@ -85,8 +79,7 @@ def read_gravity(tables: Table) -> tuple[float, ...] | None:
 
 def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
     """Return the Mechanism of the URDF file or of the robot of example-robot-data that the Table [mechanism] names,
-    with its locked joints. A path is relative to `folder`; `base` is "fixed" or "free". Raise a SceneError for a bad
-    file or name, and a MissingDependencyError if example-robot-data is missing.
+    with its locked joints.
     """
     if "name" in table.values:
         table.fail("name", "no such key together with robot or urdf, which have a name")
@@ -109,10 +102,7 @@ def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:
 
 
 def _assemble_joints(tables: Table, table: Table, base: str) -> Mechanism:
-    """Return the Mechanism of the [[joint]] tables in the top-level Table `tables`, which may come in any order. Its
-    name is in `table`, the Table [mechanism]; `base` is "fixed" or "free". Raise a SceneError for equal names,
-    unknown parents, or bad values.
-    """
+    """Return the Mechanism of the [[joint]] tables in the top-level Table `tables`, which may come in any order."""
     joint_tables = tables.values["joint"]
     if (
         not isinstance(joint_tables, list)
@@ -138,9 +128,7 @@ def _assemble_joints(tables: Table, table: Table, base: str) -> Mechanism:
 
 
 def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
-    """Return the name of the parent that a [[joint]] table names; None if it names none. Raise a SceneError for a
-    name that is not a key of the dict `joints`.
-    """
+    """Return the name of the parent that a [[joint]] table names; None if it names none."""
     if "parent" not in table.values:
         return None
     name = table.text("parent")
@@ -151,10 +139,7 @@ def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
 
 
 def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | None]) -> list[str]:
-    """Return the list of the names of the joints in depth-first order, siblings sorted by name. `joints` has the
-    Table of each joint by name, and `parents` has the name of the parent of each joint, or None, by name. Raise a
-    SceneError if the parents form a cycle.
-    """
+    """Return the list of the names of the joints in depth-first order, siblings sorted by name."""
     order: list[str] = []
     waiting: list[str | None] = [None]
     while waiting:
@@ -169,27 +154,23 @@ def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | 
 
 
 def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
-    """Return the HingePair or Slider, named `name`, that a Table [[joint]] defines. The key `kind` of the table
-    selects the class. Raise a SceneError for bad keys or values.
-    """
-    kind: Any = JOINT_CLASS_BY_KIND_NAME[table.choice("kind", tuple(JOINT_CLASS_BY_KIND_NAME))]
+    """Return the HingePair or Slider, named `name`, that a Table [[joint]] defines."""
+    kind: Any = JOINT_CLASSES[table.choice("kind", tuple(JOINT_CLASSES))]
     described = replace(
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
     )
     pair: HingePair | Slider = construct_from_table(
-        table, kind, {**described.read(READER_FUNCTION_BY_SPATIAL_PAIR_KEY, ("u1", "u2", "n")), "name": name}
+        table, kind, {**described.read(PAIR_KEYS, ("u1", "u2", "n")), "name": name}
     )
     return pair
 
 
 def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
-    """Return a copy of the robot with the frames of [mechanism.frames] added; `table` is the Table [mechanism]. A
-    frame may refer to earlier ones. Raise a SceneError for a name that is taken, or a bad frame.
-    """
+    """Return a copy of the robot with the frames of [mechanism.frames] added; `table` is the Table [mechanism]."""
     frames = table.table("frames", required=False)
     for name in frames.values:
         frame = frames.table(name)
-        values: dict[str, Any] = frame.read(_READER_FUNCTION_BY_FRAME_TABLE_KEY, ("link",))
+        values: dict[str, Any] = frame.read(_FRAME_KEYS, ("link",))
         if robot.tree.frame(name) is not None:
             frames.refuse(name, "a name that no link, joint or frame has", quoted(name))
         with frame.naming():
@@ -199,7 +180,7 @@ def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
 
 def with_payload(robot: Mechanism, table: Table) -> Mechanism:
     """Return a copy of the robot with the bodies of [mechanism.payload] fixed to the links, joints or frames that
-    their keys name; `table` is the Table [mechanism]. Raise a SceneError for an unknown name or a bad body.
+    their keys name; `table` is the Table [mechanism].
     """
     payload = table.table("payload", required=False)
     for link in payload.values:
@@ -207,7 +188,7 @@ def with_payload(robot: Mechanism, table: Table) -> Mechanism:
         if "link" in described.values:
             meant = f"[mechanism.payload.{described.text('link')}]"
             described.fail("link", f"no such key, since the name behind payload is the link's: {meant}")
-        body = construct_from_table(described, Body, described.read(READER_FUNCTION_BY_BODY_TABLE_KEY, ("mass",)))
+        body = construct_from_table(described, Body, described.read(BODY_KEYS, ("mass",)))
         with payload.naming(link=link):
             robot = robot.with_payload(link, body)
     return robot

@@ -29,7 +29,7 @@ from hingepair.scenes.instants import Instants, Rows, SampledScene
 from hingepair.scenes.log_noise import noise_rows
 from hingepair.scenes.mechanisms.forces import JointLogNoise, MechanismSceneForces, mechanism_scene_forces
 from hingepair.scenes.mechanisms.joint_motion import (
-    JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER,
+    RATE_SUFFIXES,
     JointCoordinates,
     JointMotion,
     KnownJointMotion,
@@ -42,74 +42,69 @@ from hingepair.scenes.tables import Table
 if TYPE_CHECKING:
     from hingepair.validation.robot_report import RobotValidation
 
-_DERIVATIVE_ORDER_BY_FRAME_QUANTITY: Final = {
+_FRAME_LEVELS: Final = {
     **dict.fromkeys(("R", "S", "quat", "d"), POSE),
     **dict.fromkeys(("v", "omega"), VELOCITY),
     **dict.fromkeys(("a", "alpha"), ACCELERATION),
 }
 """Order of the derivatives that each quantity of a frame needs; quat is the quaternion (x, y, z, w) of S, w >= 0."""
-FRAME_QUANTITY_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_FRAME_QUANTITY)
+FRAME_QUANTITIES: Final = tuple(_FRAME_LEVELS)
 """Quantities that a frame has; an output is named by one of them and the frame, such as R_tool."""
-_DEFAULT_FRAME_QUANTITY_NAMES: Final = ("R", "S", "v", "omega", "a", "alpha")
+_FRAME_DEFAULTS: Final = ("R", "S", "v", "omega", "a", "alpha")
 """Quantities that are computed of a frame by default."""
-_JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES: Final = ("q", "qd", "qdd")
+_COORDINATES: Final = ("q", "qd", "qdd")
 """Outputs that are coordinates of the joints, and their derivatives by order."""
-_DERIVATIVE_ORDER_BY_JOINT_OUTPUT: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
+_JOINT_LEVELS: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
 """Derivatives that outputs with a value for each joint need."""
-_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
+_FORCE_LEVELS: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)
 """Derivatives that the force and the torque on the base need."""
-_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY: Final = {
-    **_DERIVATIVE_ORDER_BY_FRAME_QUANTITY,
-    **_DERIVATIVE_ORDER_BY_JOINT_OUTPUT,
-    **_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT,
+_LEVELS: Final = {
+    **_FRAME_LEVELS,
+    **_JOINT_LEVELS,
+    **_FORCE_LEVELS,
 }
 """Derivatives that each output of a scene of a mechanism needs; frames' outputs by their quantity."""
-MECHANISM_OUTPUT_QUANTITY_NAMES: Final = tuple(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY)
+ROBOT_QUANTITIES: Final = tuple(_LEVELS)
 """Quantities that a scene of a mechanism can be asked for."""
 
 
 class MechanismOutput(NamedTuple):
     """One requested output of a mechanism's scene: the name of the `quantity`, and the names of the `frames` or of
-    the `joints` for which it is requested. Both are tuples, and empty for a quantity of another kind.
-
-    Attributes:
-        quantity: R, S, quat, d, v, omega, a or alpha of a frame; q, qd, qdd or tau of joints; force1, torque1.
-        frames: names of the frames; empty of what is no quantity of a frame.
-        joints: names of the joints; empty of what is no quantity of joints.
+    the `joints` for which it is requested.
     """
 
+    #: R, S, quat, d, v, omega, a or alpha of a frame; q, qd, qdd or tau of joints; force1, torque1
     quantity: str
+    #: names of the frames; empty of what is no quantity of a frame
     frames: tuple[str, ...] = ()
+    #: names of the joints; empty of what is no quantity of joints
     joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MechanismSceneResult(Frozen, Result):
     """Results of a mechanism's scene: its instants `t`, the `state` of the frames (a MechanismState or None), the
-    `forces` (a MechanismForces or None), and the joint coordinates. An index selects the motion of one frame by its
-    name.
+    `forces` (a MechanismForces or None), and the joint coordinates.
 
     `result["tool"].R` is the position of a frame; `result.R` holds the positions of all frames, with an axis of
     frames behind the axis of samples; likewise S, v, omega, a, alpha. q, qd, qdd and tau have shape (samples, dof),
     in the order of `scene.mechanism.names`. force1 and torque1, shape (samples, 3), act on the base about its
     reference point. An output that was not computed is None.
-
-    Attributes:
-        t: instants; shape (samples,) s.
-        state: the MechanismState of the frames; None if no output of a frame was requested.
-        forces: the MechanismForces; None if no force was requested.
-        scene: the MechanismScene that was evaluated.
-        known: the motion of the joints and of the base.
-        outputs: the requested outputs.
-        first: index of the first instant; 0 except in blocks.
     """
 
+    #: instants; shape (samples,) s
     t: NDArray[np.float64]
+    #: the MechanismState of the frames; None if no output of a frame was requested
     state: MechanismState | None
+    #: the MechanismForces; None if no force was requested
     forces: MechanismForces | None
+    #: the MechanismScene that was evaluated
     scene: MechanismScene
+    #: the motion of the joints and of the base
     known: KnownJointMotion
+    #: the requested outputs
     outputs: tuple[MechanismOutput, ...]
+    #: index of the first instant; 0 except in blocks
     first: int = 0
     _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
         "requested_arrays",
@@ -149,11 +144,9 @@ class MechanismSceneResult(Frozen, Result):
                 if quantity == "tau":
                     arrays[f"tau_{joint}"] = np.asarray(self.tau)[..., columns[joint]]
                 else:
-                    order = _JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES.index(quantity)
-                    arrays[joint + JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[order]] = self.known.column(
-                        order, columns[joint]
-                    )
-            if quantity in _DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT:
+                    order = _COORDINATES.index(quantity)
+                    arrays[joint + RATE_SUFFIXES[order]] = self.known.column(order, columns[joint])
+            if quantity in _FORCE_LEVELS:
                 arrays[quantity] = getattr(self, quantity)
         return arrays
 
@@ -166,26 +159,20 @@ class MechanismSceneResult(Frozen, Result):
 
     def energy(self) -> Energy:
         """Compute the kinetic and potential energy of the robot at the instants (equation T7), in the scene's
-        gravity; return an Energy. Raise an ArgumentError if the result has no first derivatives.
-
-        Raises:
-            ArgumentError: no output has first derivatives.
+        gravity; return an Energy.
         """
         robot, known = self.scene.mechanism, self._motion_with_rates()
         return robot.energy(*known.arguments()[:2], gravity=self.scene.gravity, base_motion=known.base)
 
     def momentum(self) -> Momentum:
         """Compute the linear and angular momentum of the robot at the instants (equation T8), about the world's
-        origin; return a Momentum. Raise an ArgumentError if the result has no first derivatives.
-
-        Raises:
-            ArgumentError: no output has first derivatives.
+        origin; return a Momentum.
         """
         known = self._motion_with_rates()
         return self.scene.mechanism.momentum(*known.arguments()[:2], base_motion=known.base)
 
     def _motion_with_rates(self) -> KnownJointMotion:
-        """Return the known motion of the result. Raise an ArgumentError if it has no first derivatives."""
+        """Return the known motion of the result."""
         if self.known.level < VELOCITY:
             raise ArgumentError("outputs", "some that need first derivatives, such as v", "none of them")
         return self.known
@@ -202,21 +189,17 @@ class MechanismSceneResult(Frozen, Result):
         return {f"{quantity}_{frame}": np.asarray(getattr(self.state[frame], quantity))}
 
     def __getitem__(self, frame: str) -> FrameState:
-        """Return the motion of a frame.
-
-        Raises:
-            ArgumentError: the frame is not among those that were computed.
-        """
+        """Return the motion of a frame."""
         if self.state is None:
             raise ArgumentError("frame", "no frame, since no output is of one", quoted(frame))
         state: FrameState = self.state[frame]
         return state
 
     def __getattr__(self, name: str) -> Any:
-        if name in _JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES:
-            order = _JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES.index(name)
+        if name in _COORDINATES:
+            order = _COORDINATES.index(name)
             return self.known.array(order) if order <= self.known.level else None
-        if name in {"tau", *_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT}:
+        if name in {"tau", *_FORCE_LEVELS}:
             return None if self.forces is None else getattr(self.forces, name)
         if name in MechanismState.__slots__:
             return None if self.state is None else getattr(self.state, name)
@@ -229,9 +212,9 @@ class MechanismSceneResult(Frozen, Result):
     def _available_names(self) -> Iterable[str]:
         """Return a tuple of the names of the attributes and methods that are available in this result, for `dir`."""
         names = (
-            *_JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES,
+            *_COORDINATES,
             "tau",
-            *_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT,
+            *_FORCE_LEVELS,
             *MechanismState.__slots__,
         )
         return (*(name for name in names if getattr(self, name) is not None), "energy", "momentum")
@@ -240,33 +223,30 @@ class MechanismSceneResult(Frozen, Result):
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MechanismScene(SampledScene):
     """Scene of a mechanism, as read from a scene file: the robot, the motion of its joints and base, and the
-    instants. `evaluate` computes outputs and `forces` the required forces at the instants; `plan`, `notes` and
-    `cross_validate` explain and check the scene.
-
-    Attributes:
-        path: path of the scene file.
-        title: title of the scene, a sentence.
-        mechanism: the robot, with the frames and the payload of the file.
-        joint_motion: the motion of the joints and the base, and its instants.
-        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-        frames: names of the frames that are computed by default: those of [mechanism.frames], otherwise the last
-            links of the branches.
-        outputs: names of the outputs that `evaluate` computes by default, as in [outputs]; None for the motion of the
-            frames and of the joints that move.
-        constants: constants of the file by name.
-        files: absolute paths of the files that the scene was read from: the scene file, its URDF file and its log.
-        tables: contents of the file; expressions are kept as text.
+    instants.
     """
 
+    #: path of the scene file
     path: Path
+    #: title of the scene, a sentence
     title: str
+    #: the robot, with the frames and the payload of the file
     mechanism: Mechanism
+    #: the motion of the joints and the base, and its instants
     joint_motion: JointMotion
+    #: acceleration of free fall, world axes [m/s^2]; shape (3,)
     gravity: tuple[float, ...]
+    #: names of the frames that are computed by default: those of [mechanism.frames], otherwise the last links of the
+    #: branches
     frames: tuple[str, ...]
+    #: names of the outputs that `evaluate` computes by default, as in [outputs]; None for the motion of the frames
+    #: and of the joints that move
     outputs: tuple[str, ...] | None
+    #: constants of the file by name
     constants: Mapping[str, float]
+    #: absolute paths of the files that the scene was read from: the scene file, its URDF file and its log
     files: tuple[Path, ...]
+    #: contents of the file; expressions are kept as text
     tables: Table
 
     def __repr__(self) -> str:
@@ -293,17 +273,12 @@ class MechanismScene(SampledScene):
 
     @property
     def t(self) -> NDArray[np.float64]:
-        """All instants of the scene; shape (samples,) s. Raises an ArgumentError if they are too many to be held in
-        memory.
-
-        Raises:
-            ArgumentError: there are too many to be held in memory.
-        """
+        """All instants of the scene; shape (samples,) s."""
         return self.times()
 
     def motion(self) -> JointCoordinates:
         """Return the JointCoordinates (q, qd, qdd) at all instants, each of shape (samples, dof); derivatives that
-        the scene lacks are None. Raise an ArgumentError if there are too many instants to be held in memory.
+        the scene lacks are None.
 
         Returns:
             (q, qd, qdd), each of shape (samples, dof) in the order of `mechanism.names`; None for derivatives that
@@ -313,8 +288,7 @@ class MechanismScene(SampledScene):
         return JointCoordinates(*(known.array(order) for order in range(known.level + 1)))
 
     def base_motion(self) -> BodyMotion | None:
-        """Return the motion of the base at all instants as a BodyMotion; None if the base rests at the origin. Raise
-        an ArgumentError if there are too many instants to be held in memory.
+        """Return the motion of the base at all instants as a BodyMotion; None if the base rests at the origin.
 
         It is what the methods of the mechanism take as base_motion.
         """
@@ -338,16 +312,14 @@ class MechanismScene(SampledScene):
             hinge = joint.kind == "hinge"
             if name == f"tau_{joint.name}":
                 return "N m" if hinge else "N"
-            for ending, per in zip(JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER, ("", "/s", "/s^2"), strict=True):
+            for ending, per in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), strict=True):
                 if name == joint.name + ending:
                     return ("rad" if hinge else "m") + per
         quantity, _, _ = name.partition("_")
         return unit_of(quantity)
 
     def evaluate(self, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
-        """Compute outputs of the mechanism at all instants of the scene; return a MechanismSceneResult. `outputs` are
-        their names; None means the outputs that the scene names, or else the motion of its frames and moving joints.
-        Raise an ArgumentError for outputs that the motion does not allow, or for too many instants.
+        """Compute outputs of the mechanism at all instants of the scene; return a MechanismSceneResult.
 
         Args:
             outputs: names of outputs. R, S, quat, d, v, omega, a or alpha requests the quantity for all frames of the
@@ -364,8 +336,7 @@ class MechanismScene(SampledScene):
 
     def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> MechanismSceneResult:
         """Compute outputs of the mechanism at `max_instants` evenly spread instants, or at every instant if there are
-        fewer; return a MechanismSceneResult. `outputs` None means the scene's default outputs. Raise an ArgumentError
-        for outputs that the motion does not allow.
+        fewer; return a MechanismSceneResult.
 
         Args:
             max_instants: largest number of instants.
@@ -375,16 +346,12 @@ class MechanismScene(SampledScene):
 
     def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[MechanismSceneResult]:
         """Yield a MechanismSceneResult for each block of 131,072 instants in turn, for scenes that do not fit into
-        memory. `outputs` None means the scene's default outputs. Raise an ArgumentError for outputs that the motion
-        does not allow.
+        memory.
 
         The `known` motion of each block has first derivatives if the scene's motion has them.
 
         Args:
             outputs: as for `evaluate`.
-
-        Raises:
-            ArgumentError: as for `evaluate`, but for the number of instants.
         """
         chosen = self.outputs_of(outputs)
         for rows in self.block_rows():
@@ -394,15 +361,15 @@ class MechanismScene(SampledScene):
         self, rows: Rows, outputs: tuple[MechanismOutput, ...], min_order: int = 0
     ) -> MechanismSceneResult:
         """Return the MechanismSceneResult of outputs, a tuple of MechanismOutputs, at the instants with the indices
-        `rows`. The motion in the result, `known`, has derivatives up to `min_order` or higher.
+        `rows`.
         """
-        levels = [_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[output.quantity] for output in outputs]
+        levels = [_LEVELS[output.quantity] for output in outputs]
         known_motion = self.known(rows, max([*levels, min_order]))
         options: dict[str, Any] = {"base_motion": known_motion.base, "backend": self.backend}
         frames, frame_outputs, force_outputs = _needed_quantities(outputs)
         state = forces = None
         if frames:
-            order = max(_DERIVATIVE_ORDER_BY_FRAME_QUANTITY[name] for name in frame_outputs)
+            order = max(_FRAME_LEVELS[name] for name in frame_outputs)
             state = self.mechanism.forward_kinematics(
                 *known_motion.arguments()[: order + 1], frames=frames, outputs=frame_outputs, **options
             )
@@ -416,22 +383,18 @@ class MechanismScene(SampledScene):
 
     def plan(self, outputs: Iterable[str] | None = None) -> MechanismPlan:
         """Return the MechanismPlan of `evaluate` with these outputs: its text lists what is computed and what is
-        skipped, and why. `outputs` None means the scene's default outputs. Raise an ArgumentError for outputs that
-        the motion does not allow.
+        skipped, and why.
 
         Args:
             outputs: as for `evaluate`.
-
-        Raises:
-            ArgumentError: as for `evaluate`.
         """
         chosen = self.outputs_of(outputs)
-        order = max(_DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[output.quantity] for output in chosen)
+        order = max(_LEVELS[output.quantity] for output in chosen)
         known = self.known(np.zeros(2, dtype=np.intp), order)  # a single sample would be a known constant
         frames, of_frames, acting = _needed_quantities(chosen)
         counted = {}
         if frames:
-            arguments = known.arguments()[: 1 + max(_DERIVATIVE_ORDER_BY_FRAME_QUANTITY[name] for name in of_frames)]
+            arguments = known.arguments()[: 1 + max(_FRAME_LEVELS[name] for name in of_frames)]
             how: dict[str, Any] = {"outputs": of_frames, "frames": frames, "base_motion": known.base}
             counted[f"{', '.join(of_frames)} of {', '.join(frames)}"] = self.mechanism.count_operations(
                 *arguments, **how
@@ -445,84 +408,58 @@ class MechanismScene(SampledScene):
 
     def outputs_of(self, outputs: Iterable[str] | None) -> tuple[MechanismOutput, ...]:
         """Return requested output names as a tuple of MechanismOutputs. None means the outputs that the scene names,
-        or else the motion of its frames and moving joints. Raise an ArgumentError for unknown outputs, or for outputs
-        that need derivatives that the motion lacks.
+        or else the motion of its frames and moving joints.
 
         Args:
             outputs: as for `evaluate`.
-
-        Raises:
-            ArgumentError: as for `evaluate`.
         """
         level = self.joint_motion.level
         names = self.outputs if outputs is None else outputs
         if names is None:
             joints = self.joint_motion.moving
-            of_frames = [
-                MechanismOutput(name, self.frames)
-                for name in _DEFAULT_FRAME_QUANTITY_NAMES
-                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[name] <= level
-            ]
-            of_joints = [
-                MechanismOutput(name, (), joints)
-                for name in _JOINT_COORDINATE_AND_DERIVATIVE_OUTPUT_NAMES
-                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[name] <= level
-            ]
+            of_frames = [MechanismOutput(name, self.frames) for name in _FRAME_DEFAULTS if _LEVELS[name] <= level]
+            of_joints = [MechanismOutput(name, (), joints) for name in _COORDINATES if _LEVELS[name] <= level]
             return (*of_frames, *of_joints)
         try:
             requested = [] if isinstance(names, str) else list(names)
         except TypeError:
             requested = []
         if not requested:
-            raise ArgumentError(
-                "outputs", f"names out of {', '.join(MECHANISM_OUTPUT_QUANTITY_NAMES)}, or of frames", quoted(names)
-            )
+            raise ArgumentError("outputs", f"names out of {', '.join(ROBOT_QUANTITIES)}, or of frames", quoted(names))
         return tuple(output for name in requested for output in self._parse_output(name))
 
     def _parse_output(self, name: object) -> Iterator[MechanismOutput]:
         """Yield the MechanismOutputs that one name requests: a quantity such as R or tau, a frame, or both such as
-        R_tool. Raise an ArgumentError for an unknown name or missing derivatives.
+        R_tool.
         """
         quantity, _, frame = name.partition("_") if isinstance(name, str) else ("", "", "")
         level, robot = self.joint_motion.level, self.mechanism
-        if name in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY:
+        if name in _FRAME_LEVELS:
             requested = [MechanismOutput(str(name), self.frames)]
-        elif name in _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY:
-            requested = [
-                MechanismOutput(str(name), (), robot.names if name in _DERIVATIVE_ORDER_BY_JOINT_OUTPUT else ())
-            ]
+        elif name in _LEVELS:
+            requested = [MechanismOutput(str(name), (), robot.names if name in _JOINT_LEVELS else ())]
         elif isinstance(name, str) and robot.tree.frame(name) is not None:
-            requested = [
-                MechanismOutput(kind, (name,))
-                for kind in _DEFAULT_FRAME_QUANTITY_NAMES
-                if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[kind] <= level
-            ]
-        elif quantity in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY and robot.tree.frame(frame) is not None:
+            requested = [MechanismOutput(kind, (name,)) for kind in _FRAME_DEFAULTS if _LEVELS[kind] <= level]
+        elif quantity in _FRAME_LEVELS and robot.tree.frame(frame) is not None:
             requested = [MechanismOutput(quantity, (frame,))]
         elif quantity == "tau" and frame in robot.names:
             requested = [MechanismOutput(quantity, (), (frame,))]
         else:
-            known_names = (*MECHANISM_OUTPUT_QUANTITY_NAMES, *robot.links, *robot.tree.frames)
+            known_names = (*ROBOT_QUANTITIES, *robot.links, *robot.tree.frames)
             close = nearest(str(name), (*known_names, *(f"tau_{joint}" for joint in robot.names)))
             several = (
                 f"{choices(known_names)}, or both such as R_{self.frames[0]}" if self.frames else choices(known_names)
             )
             raise ArgumentError("outputs", several + close, quoted(name))
         for output in requested:
-            if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[output.quantity] > level:
-                kinds = choices(
-                    [
-                        kind
-                        for kind in MECHANISM_OUTPUT_QUANTITY_NAMES
-                        if _DERIVATIVE_ORDER_BY_MECHANISM_OUTPUT_QUANTITY[kind] <= level
-                    ]
-                )
+            if _LEVELS[output.quantity] > level:
+                kinds = choices([kind for kind in ROBOT_QUANTITIES if _LEVELS[kind] <= level])
                 raise ArgumentError("outputs", kinds + self.joint_motion.hint, quoted(name))
         yield from requested
 
     def cross_validate(self, max_instants: int | None = None) -> RobotValidation:
         """Compare the mechanism's equations with Pinocchio at `max_instants` evenly spread instants of the motion, by
-        default at all; return a RobotValidation. Raise a MissingDependencyError if Pinocchio is not installed.
+        default at all; return a RobotValidation.
 
         The motion of all links, Jacobians, the mass matrix, energies, momenta, forces and accelerations are compared,
         as far as the motion has derivatives.
@@ -541,8 +478,7 @@ class MechanismScene(SampledScene):
 
     def forces(self, gravity: ArrayLike | None = None) -> MechanismSceneForces:
         """Compute the joint efforts and base forces that the scene's motion requires (equations T1 to T3); return a
-        MechanismSceneForces. `gravity` is a vector; None means the scene's own gravity. Raise an ArgumentError if the
-        motion has no accelerations or there are too many instants.
+        MechanismSceneForces.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default the gravity of the scene.
@@ -556,9 +492,6 @@ class MechanismScene(SampledScene):
             - loads: a JointLoad for each joint with a coordinate of its own, with the rms and the largest value of
               its effort, its extremes beside its limits, and the effect of the noise of a log;
             - notes: sentences on limits that are exceeded and on that noise.
-
-        Raises:
-            ArgumentError: the motion has no accelerations.
         """
         motion, t = self.joint_motion, self.times()
         if motion.level < ACCELERATION:
@@ -588,7 +521,7 @@ class MechanismScene(SampledScene):
         """
         from hingepair.scenes import suspicions
 
-        rows, motion = self.spread(suspicions.MAX_JUDGED_INSTANTS), self.joint_motion
+        rows, motion = self.spread(suspicions.MAX_JUDGED), self.joint_motion
         t = np.asarray(motion.t[rows])
         hinges = [joint for joint in self.mechanism.tree.coordinates if joint.kind == "hinge"]
         angles = dict.fromkeys((joint.name for joint in hinges), "written angles")
@@ -613,38 +546,30 @@ class MechanismScene(SampledScene):
 def _needed_quantities(
     outputs: tuple[MechanismOutput, ...],
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Return (frame names, frame quantities, force quantities) that MechanismOutputs need, three tuples of names. A
-    quaternion needs the attitude S.
-    """
+    """Return (frame names, frame quantities, force quantities) that MechanismOutputs need, three tuples of names."""
     frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
     named = {"S" if output.quantity == "quat" else output.quantity for output in outputs}
-    of_frames = tuple(name for name in _DERIVATIVE_ORDER_BY_FRAME_QUANTITY if name in named)
+    of_frames = tuple(name for name in _FRAME_LEVELS if name in named)
     return (
         frames,
         of_frames,
-        tuple(name for name in ("tau", *_DERIVATIVE_ORDER_BY_BASE_FORCE_OUTPUT) if name in named),
+        tuple(name for name in ("tau", *_FORCE_LEVELS) if name in named),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class MechanismPlan:
-    """Plan of a mechanism's scene. `computed` maps the description of a group of outputs to the number of operations,
-    `still` names the joints that do not move, `order` is the highest derivative order that is needed and `level` the
-    highest that is available, and `base_rests` says whether the base rests at the origin. `str` returns the plan as
-    text.
+    """Plan of a mechanism's scene."""
 
-    Attributes:
-        computed: number of operations by the description of the computed outputs.
-        still: names of the joints that do not move.
-        order: highest order of the needed derivatives.
-        level: highest order of the derivatives that the motion has.
-        base_rests: whether the base rests at the origin.
-    """
-
+    #: number of operations by the description of the computed outputs
     computed: Mapping[str, OperationCounts]
+    #: names of the joints that do not move
     still: tuple[str, ...]
+    #: highest order of the needed derivatives
     order: int
+    #: highest order of the derivatives that the motion has
     level: int
+    #: whether the base rests at the origin
     base_rests: bool
 
     def __str__(self) -> str:
@@ -665,10 +590,7 @@ class MechanismPlan:
 
 
 class MechanismNoteCollector:
-    """Collector of notes on a mechanism's scene that is evaluated in blocks. `add` takes the result of a block.
-    `sentences` returns the notes on exceeded limits, on kinks, on angles that look like degrees, and on the motion
-    itself.
-    """
+    """Collector of notes on a mechanism's scene that is evaluated in blocks."""
 
     def __init__(self, scene: MechanismScene) -> None:
         self._scene = scene
@@ -680,7 +602,7 @@ class MechanismNoteCollector:
             if scene.joint_motion.level and np.isfinite(joint.rate_limit):
                 limits.append((-joint.rate_limit, joint.rate_limit))
             for order, pair in enumerate(limits):
-                unit = scene.unit(joint.name + JOINT_COLUMN_SUFFIXES_BY_DERIVATIVE_ORDER[order])
+                unit = scene.unit(joint.name + RATE_SUFFIXES[order])
                 self._watches.append((order, i, LimitCounter(joint.name + "'" * order, pair, unit)))
 
     def add(self, block: MechanismSceneResult) -> None:
@@ -702,8 +624,7 @@ class MechanismNoteCollector:
 def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
     """Return the MechanismScene that `tables`, the top-level Table of the scene file at `path`, defines. Paths in the
     tables are relative to the folder of the file. `files` are the absolute paths of all files that the scene is read
-    from. Raise a SceneError, whose message names file, table and key, for tables that do not define a mechanism's
-    scene.
+    from.
     """
     try:
         return _read_scene(tables, path, files)
@@ -714,9 +635,8 @@ def read_mechanism_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> 
 
 
 def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
-    """Return whether the key that a SceneError names is a joint of the robot that was put outside the table [motion].
-    `label` is the beginning `file: table.key` of the error's message. `tables` is the scene's top-level Table, and
-    `folder` is the folder of the scene file.
+    """Return whether the key that a SceneError names is a joint of the robot that was put outside the table
+    [motion].
     """
     *parents, key = label.removeprefix(f"{tables.file}: ").split(".")
     if not parents or parents[0] == "motion" or parents[-1] == "locked":
@@ -738,8 +658,7 @@ def _is_stray_joint(tables: Table, folder: Path, label: str) -> bool:
 
 def _read_scene(tables: Table, path: Path, files: tuple[Path, ...]) -> MechanismScene:
     """Return the MechanismScene that the top-level Table of the scene file at `path` defines; `files` are all files
-    that it is read from. Raise a SceneError for bad tables, without the hint of `read_mechanism_scene` on joints
-    outside [motion].
+    that it is read from.
     """
     folder, outputs = path.parent, tables.table("outputs", required=False)
     robot = read_mechanism(tables, folder)
