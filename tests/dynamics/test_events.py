@@ -167,7 +167,7 @@ def test_a_free_pair_keeps_its_momenta_while_its_hinge_sticks():
     assert stuck[-1]
     np.testing.assert_allclose(energy[stuck], energy[-1], rtol=1e-9)  # a rigid body
     assert np.abs(found.loads["friction_torque"]).max() <= 5 * (1 + 1e-9)
-    required = pair.inverse_dynamics(found.body1, found.psi, found.psid, found.psidd, WEIGHTLESS)
+    required = pair.inverse_dynamics(found.body1, found.psi, found.psid, found.psidd, gravity=WEIGHTLESS)
     np.testing.assert_allclose(required.hinge_torque, found.loads["hinge_torque"], rtol=0, atol=1e-11)
     np.testing.assert_allclose(required.force1, 0, rtol=0, atol=1e-11)
 

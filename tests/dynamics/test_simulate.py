@@ -97,7 +97,7 @@ def test_a_free_pair_keeps_its_momenta_and_its_energy(seed):
     pair, start = heavy(rng), thrown(rng)
     free = hp.simulate(pair, np.linspace(0, 4, 81), start, 0.3, 1.0, gravity=WEIGHTLESS, tol=1e-12)
     motion = free.body1, free.psi, free.psid
-    momentum, energy = pair.momentum(*motion), pair.energy(*motion, WEIGHTLESS).kinetic
+    momentum, energy = pair.momentum(*motion), pair.energy(*motion, gravity=WEIGHTLESS).kinetic
     size = 1 + np.abs(free.body1.R).max() * np.abs(momentum.linear).max() + np.abs(momentum.angular).max()
     assert np.ptp(momentum.linear, axis=0).max() <= 4e-15 * size
     assert np.ptp(momentum.angular, axis=0).max() <= 2e-14 * size

@@ -92,7 +92,7 @@ def test_mass_matrix_is_that_of_crba(case):
 def test_forces_are_those_of_rnea(case):
     pair, body1, (psi, psid, psidd), twin = case
     theirs = twin.turn @ pin.rnea(twin.model, twin.data, twin.q, twin.v, twin.a)
-    ours = np.hstack([*pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)])
+    ours = np.hstack([*pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)])
     mass, push = size_of(pair, body1, psid, psidd)
     assert np.abs(ours - theirs).max() <= 16 * U * mass * push
 
@@ -118,7 +118,7 @@ def test_energy_and_momentum_are_those_of_pinocchio(case):
     pair, body1, (psi, psid, psidd), twin = case
     mass, push = size_of(pair, body1, psid, psidd)
     speed = 1 + np.linalg.norm(body1.v) + np.linalg.norm(body1.omega) + abs(psid)
-    kinetic, potential = pair.energy(body1, psi, psid, GRAVITY)
+    kinetic, potential = pair.energy(body1, psi, psid, gravity=GRAVITY)
     assert abs(kinetic - pin.computeKineticEnergy(twin.model, twin.data, twin.q, twin.v)) <= 16 * U * mass * speed**2
     reach = mass * push * (1 + np.linalg.norm(body1.R))
     assert abs(potential - pin.computePotentialEnergy(twin.model, twin.data, twin.q)) <= 16 * U * reach
@@ -147,7 +147,7 @@ def test_forces_are_those_of_sixty_digits():
         given = tuple(getattr(body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha"))
         constants = (pair.u1, pair.u2, pair.constants.axis, pair.home)
         truth = forces_from_attitude(constants, bodies, given, psi, psid, psidd, GRAVITY)
-        found = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+        found = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
         for k in range(4):
             one = hp.BodyMotion(R=given[0][k], S=given[1][k], omega=given[3][k], a=given[4][k], alpha=given[5][k])
             near = 8 * U * np.prod(size_of(pair, one, psid[k], psidd[k]))
@@ -167,7 +167,7 @@ def test_mujoco_agrees_both_ways(seed):
     data.qpos[:] = twin.q[[0, 1, 2, 6, 3, 4, 5, 7]]
     data.qvel[:] = [*body1.v, *(back @ body1.omega), psid]
     acceleration = data.qacc[:] = [*body1.a, *(back @ body1.alpha), psidd]
-    forces = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    forces = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
     ours = np.array([*forces.force1, *(back @ forces.torque1), forces.hinge_torque])
     mujoco.mj_inverse(model, data)
     mass, push = size_of(pair, body1, psid, psidd)
@@ -184,7 +184,7 @@ def test_what_acts_and_what_moves_are_each_others_inverse(case):
     loads = dict(zip(("force1", "torque1", "force2", "torque2"), generator(19).normal(size=(4, 3)), strict=True))
     a1, alpha1, found = pair.forward_dynamics(body1, psi, psid, **loads, hinge_torque=-0.4, gravity=GRAVITY)
     moved = hp.BodyMotion(R=body1.R, S=body1.S, omega=body1.omega, a=a1, alpha=alpha1)
-    forces = pair.inverse_dynamics(moved, psi, psid, found, GRAVITY)
+    forces = pair.inverse_dynamics(moved, psi, psid, found, gravity=GRAVITY)
     state = pair.forward_kinematics_from_body1(body1, psi)
     axis, arm = body1.S @ pair.n, -state.S2 @ pair.u2
     force2, torque2 = loads["force2"], loads["torque2"]
@@ -201,7 +201,7 @@ def test_what_acts_and_what_moves_are_each_others_inverse(case):
 def test_power_is_the_rate_of_the_energy(case):
     """By differences of the energy along the motion that the forces cause."""
     pair, body1, (psi, psid, psidd), _ = case
-    forces = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    forces = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
     power = forces.force1 @ body1.v + forces.torque1 @ body1.omega + forces.hinge_torque * psid
     step = 1e-4
 
@@ -211,7 +211,7 @@ def test_power_is_the_rate_of_the_energy(case):
             R=body1.R + h * body1.v + h * h / 2 * body1.a, S=turned, v=body1.v + h * body1.a,
             omega=body1.omega + h * body1.alpha,
         )  # fmt: skip
-        return sum(pair.energy(moved, psi + h * psid + h * h / 2 * psidd, psid + h * psidd, GRAVITY))
+        return sum(pair.energy(moved, psi + h * psid + h * h / 2 * psidd, psid + h * psidd, gravity=GRAVITY))
 
     slope = (8 * (total(step) - total(-step)) - (total(2 * step) - total(-2 * step))) / (12 * step)
     assert power == pytest.approx(slope, abs=1e-7 * np.prod(size_of(pair, body1, psid, psidd)))
@@ -220,15 +220,15 @@ def test_power_is_the_rate_of_the_energy(case):
 @pytest.mark.slow
 def test_the_hinge_carries_what_the_forces_say(case):
     pair, body1, (psi, psid, psidd), _ = case
-    wrench = pair.hinge_wrench(body1, psi, psid, psidd, GRAVITY)
-    forces = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    wrench = pair.hinge_wrench(body1, psi, psid, psidd, gravity=GRAVITY)
+    forces = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
     axis = body1.S @ pair.n
     near = 16 * U * np.prod(size_of(pair, body1, psid, psidd))
     np.testing.assert_array_equal(wrench.hinge_torque, forces.hinge_torque)
     assert abs(axis @ wrench.bearing_torque) <= near
     np.testing.assert_allclose(wrench.bearing_torque + axis * wrench.hinge_torque, wrench.torque, rtol=0, atol=near)
     alone = hp.HingePair(pair.u1, pair.u2, pair.n, pair.home, body2=pair.body2)
-    np.testing.assert_allclose(alone.hinge_wrench(body1, psi, psid, psidd, GRAVITY).force, wrench.force)
+    np.testing.assert_allclose(alone.hinge_wrench(body1, psi, psid, psidd, gravity=GRAVITY).force, wrench.force)
 
 
 def test_samples_are_taken_one_by_one_or_together():
@@ -301,7 +301,7 @@ def test_prepared_dynamics_is_that_of_the_methods(backend):
     pair, body1 = massive(rng), moving(rng, 3)
     psi, psid, psidd = rng.normal(size=(3, 3))
     S, omega, a, alpha = body1.S, body1.omega, body1.a, body1.alpha
-    expected = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    expected = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
     near = {"rtol": 0, "atol": 1e-11}
     inverse = pair.prepare("inverse_dynamics", gravity=GRAVITY, backend=backend)
     found = inverse(S, omega, a, alpha, psi, psid, psidd)
@@ -323,10 +323,10 @@ def test_prepared_dynamics_is_that_of_the_methods(backend):
         body1.R, S, body1.v, omega, a, alpha, psi, psid, psidd
     )
     np.testing.assert_allclose(more["mass_matrix"], pair.mass_matrix(body1, psi), **near)
-    for part in (pair.energy(body1, psi, psid, GRAVITY), pair.momentum(body1, psi, psid)):
+    for part in (pair.energy(body1, psi, psid, gravity=GRAVITY), pair.momentum(body1, psi, psid)):
         for name, value in part._asdict().items():
             np.testing.assert_allclose(more[name], value, **near)
-    wrench = pair.hinge_wrench(body1, psi, psid, psidd, GRAVITY)
+    wrench = pair.hinge_wrench(body1, psi, psid, psidd, gravity=GRAVITY)
     np.testing.assert_allclose(more["bearing_torque"], wrench.bearing_torque, **near)
 
 
@@ -377,7 +377,7 @@ def test_one_state_however_it_lies():
     rng = generator(29)
     pair, body1 = massive(rng), moving(rng, 2)
     psi, psid, psidd = rng.normal(size=(3, 2))
-    together = pair.inverse_dynamics(body1, psi, psid, psidd, GRAVITY)
+    together = pair.inverse_dynamics(body1, psi, psid, psidd, gravity=GRAVITY)
     strided = np.zeros((6, 3))
     strided[::2] = body1.S[1]
     one = hp.BodyMotion(
@@ -389,13 +389,13 @@ def test_one_state_however_it_lies():
     )
     for gravity, expected in (
         (GRAVITY, together),
-        ((0, 0, 0), pair.inverse_dynamics(body1, psi, psid, psidd, (0, 0, 0))),
+        ((0, 0, 0), pair.inverse_dynamics(body1, psi, psid, psidd, gravity=(0, 0, 0))),
     ):
         for angles in (
             (np.array(psi[1]), psid[1], psidd[1]),
             (float(psi[1]), psid[1].astype(">f8"), float(psidd[1])),
         ):
-            found = pair.inverse_dynamics(one, *angles, gravity)
+            found = pair.inverse_dynamics(one, *angles, gravity=gravity)
             for many, single in zip(expected, found, strict=True):
                 np.testing.assert_allclose(single, many[1], rtol=0, atol=1e-12)
                 assert single.flags.writeable
@@ -416,7 +416,7 @@ def test_states_after_the_first_are_looked_at_as_it_was():
     with pytest.raises(hp.ArgumentError, match=r"body1\.alpha"):
         pair.inverse_dynamics(hp.BodyMotion(R=body1.R, S=body1.S, omega=body1.omega, a=body1.a), 0.3, 0.2, 0.1)
     with pytest.raises(hp.ArgumentError, match="gravity"):
-        pair.inverse_dynamics(body1, 0.3, 0.2, 0.1, (0, -9.81))
+        pair.inverse_dynamics(body1, 0.3, 0.2, 0.1, gravity=(0, -9.81))
     vague = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body2=hp.Body(mass=1))
     for _ in range(2):
         with pytest.warns(hp.DynamicsWarning, match=r"pair\.body2: no inertia is given"):

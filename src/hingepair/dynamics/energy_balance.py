@@ -119,7 +119,7 @@ def energy_balance(
     """
     is_carried = "base" in motion.callable_names
     pair = replace(spatial_pair, body1=None) if is_carried else spatial_pair
-    energies = pair.energy(_body1_motion(samples), samples.motion.psi, samples.motion.psid, gravity)
+    energies = pair.energy(_body1_motion(samples), samples.motion.psi, samples.motion.psid, gravity=gravity)
     work: dict[str, Array] = {}
     if steps:
         elapsed = t - t[0]
@@ -192,7 +192,7 @@ def _powers_by_load(
         powers |= {"force1": 0 * motion.psi, "torque1": 0 * motion.psi}  # these do not change a given motion
         arm = (motion.S1 @ np.asarray(pair.u1)[:, None])[..., 0]
         point = motion.R1 + arm
-        wrench = pair.hinge_wrench(body1, motion.psi, motion.psid, samples.psidd, gravity)
+        wrench = pair.hinge_wrench(body1, motion.psi, motion.psid, samples.psidd, gravity=gravity)
         force = wrench.force - loads["force2"]
         torque = wrench.torque - loads["torque2"] - np.cross(np.asarray(state.R2) - point, loads["force2"])
         base_power = (force * (motion.v1 + np.cross(motion.omega1, arm))).sum(axis=-1) + (torque * omega2).sum(
@@ -232,6 +232,8 @@ def _impact_work(
             continue
         states = np.stack([end_state, next_step.polynomial.state])
         samples: Any = _sample_within_steps(motion, np.full(2, t[0] + instant), states, [last_step, next_step])
-        kinetic = pair.energy(_body1_motion(samples), samples.motion.psi, samples.motion.psid, gravity).kinetic
+        kinetic = pair.energy(
+            _body1_motion(samples), samples.motion.psi, samples.motion.psid, gravity=gravity
+        ).kinetic
         work[t - t[0] > instant] += kinetic[1] - kinetic[0]
     return work

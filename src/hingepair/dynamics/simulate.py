@@ -106,7 +106,7 @@ class _SimulatedMotionBase:
         """Compute the kinetic and potential energy of all bodies that have mass properties at the instants (D7);
         return an Energy with the attributes `.kinetic` and `.potential`, (N,) each.
         """
-        return self.space.energy(self.body1, self.psi, self.psid, self.gravity)
+        return self.space.energy(self.body1, self.psi, self.psid, gravity=self.gravity)
 
     def energy_balance(self) -> EnergyBalance:
         """Compute the energy balance at the first call, keep it, and return this EnergyBalance: the work of each load

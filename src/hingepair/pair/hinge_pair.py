@@ -478,6 +478,7 @@ class HingePair(Shown):
         psi: ArrayLike,
         psid: ArrayLike,
         psidd: ArrayLike,
+        *,
         gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
@@ -586,6 +587,7 @@ class HingePair(Shown):
         psi: ArrayLike,
         psid: ArrayLike,
         psidd: ArrayLike,
+        *,
         gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
@@ -626,7 +628,12 @@ class HingePair(Shown):
         return HingeWrench(*outputs)
 
     def energy(
-        self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike, gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike,
+        *,
+        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). `body1` is the BodyMotion of
         body 1. If body 1 has no mass properties, return the energy of body 2 alone. Raise ArgumentError if body 2 has

@@ -286,6 +286,7 @@ class PlanarPair(Shown):
         q: CoordinateInput,
         qd: CoordinateInput,
         qdd: CoordinateInput,
+        *,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the hinge (D1-D5).
@@ -327,6 +328,7 @@ class PlanarPair(Shown):
         q: CoordinateInput,
         qd: CoordinateInput,
         qdd: CoordinateInput,
+        *,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
@@ -413,7 +415,7 @@ class PlanarPair(Shown):
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(
-        self, q: CoordinateInput, qd: CoordinateInput, gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR
+        self, q: CoordinateInput, qd: CoordinateInput, *, gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). If body 1 has no mass
         properties, the energy is the energy of body 2 alone. Raise ArgumentError if body 2 has no mass properties.

@@ -108,11 +108,11 @@ def _required_forces(
     """Return the forces and torques that a pair's motion requires, a dict of arrays by name, in world axes."""
     space = massive(pair)
     psi, psid, psidd = body1_motion.hinge
-    wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity)
+    wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity=gravity)
     arrays = {"hinge_torque": wrench.hinge_torque, "bearing_torque": wrench.bearing_torque}
     arrays |= {"hinge_force": wrench.force}
     if pair.body1 is not None:
-        forces = space.inverse_dynamics(body1_motion.body1, psi, psid, psidd, gravity)
+        forces = space.inverse_dynamics(body1_motion.body1, psi, psid, psidd, gravity=gravity)
         arrays |= {"force1": forces.force1, "torque1": forces.torque1}
     return arrays
 

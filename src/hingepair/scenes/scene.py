@@ -130,7 +130,7 @@ class SceneResult(Frozen, Result):
         gravity; return an Energy.
         """
         moved, gravity = self._motion_in_space(), self.scene.motion.gravity(self.scene.pair)
-        return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity)
+        return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity=gravity)
 
     def momentum(self) -> Momentum:
         """Compute the linear and angular Momentum of the pair at the instants (equation D8); return a Momentum."""
