@@ -478,7 +478,7 @@ def test_the_slider_of_time_moves_body_2_to_where_it_is(scene, tmp_path):
 
 
 FRAMED = """
-const { viewer, bodies } = window.hingepair, { THREE } = MeshCat;
+const { viewer, bodies } = window.hingepair;
 viewer.scene.updateMatrixWorld(true);
 viewer.camera.updateMatrixWorld(true);
 let most = 0, lowest = Infinity;

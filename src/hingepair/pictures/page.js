@@ -55,12 +55,31 @@ const positionsAt = (k) => (count ? content.q[k] : neutral);
 
 // ---- the scene
 
-const THREE = MeshCat.THREE, viewer = new MeshCat.Viewer(byId("scene"));
 const { size, axes_length: axesLength } = content;
-viewer.set_property(["Background"], "top_color", [1, 1, 1]);
-viewer.set_property(["Background"], "bottom_color", [0.86, 0.88, 0.92]);
-for (const name of ["PointLightNegativeX", "PointLightPositiveX", "FillLight", "AmbientLight"])
-  viewer.set_property(["Lights", name], "visible", false);
+const viewer = {
+  scene: new THREE.Scene(),
+  camera: new THREE.PerspectiveCamera(40),
+  renderer: new THREE.WebGLRenderer({ antialias: true, alpha: true }),
+  changed: true,  // whether the picture has to be drawn again
+  resize() {
+    const { clientWidth: width, clientHeight: height } = byId("scene");
+    viewer.camera.aspect = width / height;
+    viewer.camera.updateProjectionMatrix();
+    viewer.renderer.setSize(width, height);
+    viewer.changed = true;
+  },
+  draw() {
+    viewer.controls.update();
+    if (viewer.changed) viewer.renderer.render(viewer.scene, viewer.camera);
+    viewer.changed = false;
+  },
+};
+viewer.renderer.setPixelRatio(window.devicePixelRatio);
+byId("scene").prepend(viewer.renderer.domElement);
+viewer.controls = new THREE.OrbitControls(viewer.camera, viewer.renderer.domElement);
+viewer.controls.addEventListener("change", () => { viewer.changed = true; });
+viewer.scene.rotation.x = -Math.PI / 2;  // z of the world is up, as y is for the camera
+viewer.scene.updateMatrixWorld();  // boxes are measured before anything is drawn
 const world = new THREE.Group(), skyLight = new THREE.HemisphereLight(0xffffff, 0x8a8f99, 0.75);
 skyLight.position.set(0, 0, 1);
 viewer.scene.add(world, skyLight);
@@ -193,7 +212,7 @@ function draw() {
       q[i] !== null && (lower !== null && q[i] < lower || upper !== null && q[i] > upper) ? "beyond" : "";
   });
   world.updateMatrixWorld(true);
-  viewer.set_dirty();
+  viewer.changed = true;
 }
 function show(k) {  // displays the pose at an instant of the motion
   frame = k;
@@ -229,7 +248,7 @@ const sliders = content.coordinates.map(({ name, kind, first, last, limits }, i)
   const light = (on) => {
     if (dof === 1) return;
     for (const line of ownAxes) line.visible = on || row.matches(":hover, :focus-within");
-    viewer.set_dirty();
+    viewer.changed = true;
   };
   row.onmouseenter = input.onfocus = () => light(true);
   row.onmouseleave = input.onblur = () => light(false);
@@ -282,6 +301,7 @@ function tick(now) {
     if (k !== frame || isManual) show(k);
   }
   last = now;
+  viewer.draw();
   requestAnimationFrame(tick);
 }
 function play(on) {
@@ -325,9 +345,7 @@ const cell = (() => {  // size of a grid cell: 1, 2 or 5 times a power of ten
   const wanted = size / 4, unit = 10 ** Math.floor(Math.log10(wanted));
   return unit * [1, 2, 5, 10].find((factor) => factor * unit >= wanted);
 })();
-const originAxes = viewer.scene_tree.find(["Axes"]).object;
-originAxes.scale.setScalar(2 * axesLength);
-viewer.set_property(["Grid"], "visible", false);
+const originAxes = new THREE.AxesHelper(axesLength);
 const cells = 2 * Math.ceil(Math.min(40, 0.6 * extent(bounds.all) / cell));
 const grid = new THREE.GridHelper(cells * cell, cells, 0x9aa1ab, 0xc3c8d0);  // no wider than the camera's view
 const middle = bounds.all.getCenter(new THREE.Vector3()), nearest = (x) => cell * Math.round(x / cell);
@@ -339,7 +357,7 @@ const [x0, y0, z0] = content.origin.map((x) => (near ? -x : 0));
 const floor = baseRests ? Math.min(z0, boxOf(0, positionsAt(0), false).min.y) : z0;
 grid.position.set(x0 + nearest(middle.x - x0), y0 + nearest(-middle.z - y0), floor);
 originAxes.position.set(x0, y0, z0);
-viewer.scene.add(grid);
+viewer.scene.add(grid, originAxes);
 function aimCamera() {
   const follow = byId("follow").checked, box = follow ? bounds.one : bounds.all;
   grid.visible = originAxes.visible = !follow;
@@ -355,9 +373,7 @@ function aimCamera() {
   camera.position.copy(centre).addScaledVector(toViewerAxes([1, -0.8, 0.55]).normalize(), far);
   controls.update();
 }
-viewer.camera.fov = 40;
-const resize = viewer.set_3d_pane_size.bind(viewer);
-viewer.set_3d_pane_size = () => resize(byId("scene").clientWidth, byId("scene").clientHeight);
+window.addEventListener("resize", viewer.resize);
 
 // ---- the page
 
@@ -380,7 +396,7 @@ byId("following").querySelector("span").textContent = content.base;
 byId("controls").hidden = count < 2;
 byId("top").hidden = byId("joints").hidden = !dof;
 byId("follow").checked = !baseRests && extent(bounds.all) > 4 * extent(bounds.one);
-viewer.set_3d_pane_size();
+viewer.resize();
 aimCamera();
 selectFrame();
 show(0);

@@ -1,13 +1,12 @@
 """A page on which a pair or a robot moves: one HTML file without external parts, for any browser.
 
-MeshCat's viewer (three.js), which users of Pinocchio know, draws the bodies. Its JavaScript is copied from the
-installed package `meshcat` into the page, so that the page opens from a disk without a network. The page holds the
-constants of the joints, the motion of the base and the coordinates, and computes the poses of the bodies itself.
+three.js draws the bodies. Its code (the folder `three`, release 0.147.0, unchanged) is copied into the page, so that
+the page opens from a disk without a network. The page holds the constants of the joints, the motion of the base and
+the coordinates, and computes the poses of the bodies itself.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import re
@@ -21,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, MissingDependencyError, ShapeError, quoted
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.mechanism.arguments import coordinate_columns
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import is_table, real_array
@@ -76,7 +75,6 @@ def view(
     Raises:
         ArgumentError: the source is of another kind, or is a trajectory that holds many motions; q, t or base_motion
             cannot be used; or the file cannot be written. The error names the argument.
-        MissingDependencyError: the package meshcat is not installed.
 
     >>> import hingepair as hp
     >>> hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
@@ -250,22 +248,13 @@ def _page_html(model: PageModel, motion: _PageMotion) -> str:
         text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
     except ValueError:
         raise ArgumentError("source", "lengths that a page can show", "some whose sum overflows") from None
-    page, script = (
-        files("hingepair.pictures").joinpath(name).read_text("utf-8") for name in ("page.html", "page.js")
+    page, script, licence, three, controls = (
+        files("hingepair.pictures").joinpath(name).read_text("utf-8")
+        for name in ("page.html", "page.js", "three/LICENSE", "three/three.min.js", "three/OrbitControls.js")
     )
-    parts = {"@TITLE@": escape(model.title), "@VIEWER@": _viewer_script(), "@CONTENT@": text, "@SCRIPT@": script}
+    parts = {"@TITLE@": escape(model.title), "@CONTENT@": text, "@SCRIPT@": script}
+    parts["@THREE@"] = f"/*\n{licence}*/\n{three}\n{controls}"
     return re.sub("@[A-Z]+@", lambda match: parts[match[0]], page)
-
-
-def _viewer_script() -> str:
-    """Return MeshCat's JavaScript, read from the installed package without its import, which would load a server."""
-    package = importlib.util.find_spec("meshcat")
-    folders = package.submodule_search_locations if package else None
-    for folder in folders or ():
-        script = Path(folder) / "viewer" / "dist" / "main.min.js"
-        if script.is_file():
-            return script.read_text(encoding="utf-8").replace("</script", "<\\/script")
-    raise MissingDependencyError("view", "the package meshcat: pip install 'hingepair[view]'", "none")
 
 
 def _finite_numbers_json(array: Array) -> list[Any]:
