@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.results import Results
 from hingepair.errors import CompilationError, MissingDependencyError
-from hingepair.mechanism.arguments import InputValues
 from hingepair.mechanism.constants import frame_numbers, number_bounds, program_numbers
 from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.states import FRAME_MOTION_OUTPUT_NAMES
@@ -21,6 +20,7 @@ from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF, Bounded, bounded_class, conversion_error
+from hingepair.plans.arguments import Arguments
 from hingepair.plans.trees import compute_request
 
 _ACCELERATIONS = ("a1", "alpha1", "qdd")  # outputs of forward dynamics
@@ -28,9 +28,9 @@ _DOUBLE = np.dtype(np.float64)
 
 
 def error_bounds(
-    computation: RobotComputation, values: InputValues, gravity: tuple[float, ...]
+    computation: RobotComputation, values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Compute bounds on the rounding errors of the outputs of a RobotComputation for the InputValues `values` and a
+    """Compute bounds on the rounding errors of the outputs of a RobotComputation for the Arguments `values` and a
     gravity vector [m/s^2], and return a dict of arrays by output name. At every sample, an output has one bound for
     its largest component; an output of motion has one such bound for each frame, along the last axis.
     """
@@ -52,8 +52,8 @@ class _BoundedProgram:
         values: arguments, whose dtype is the precision that is bounded.
     """
 
-    def __init__(self, computation: RobotComputation, outputs: tuple[str, ...], values: InputValues) -> None:
-        components = [c for name in values.value_by_input for c in _as_tuple(values.value_by_input[name])]
+    def __init__(self, computation: RobotComputation, outputs: tuple[str, ...], values: Arguments) -> None:
+        components = [c for name in values.values for c in _as_tuple(values.values[name])]
         self._kind = bounded_class(result_dtype(components))
         constants, frames = computation.constants, computation.frames
         numbers = program_numbers(constants)
@@ -77,7 +77,7 @@ class _BoundedProgram:
 
 
 def _carried_bounds(
-    computation: RobotComputation, names: tuple[str, ...], values: InputValues, gravity: tuple[float, ...]
+    computation: RobotComputation, names: tuple[str, ...], values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
     """Return the bounds that the numbers of the named outputs carry."""
     program, frame_count = _BoundedProgram(computation, names, values), len(computation.frames)
@@ -92,12 +92,12 @@ def _carried_bounds(
         }
 
     shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUT_NAMES else () for name in names}
-    samples = broadcast_shape(values.shape_by_argument)
+    samples = broadcast_shape(values.shapes)
     return tabulate(block_bounds, _with_conversion_errors(groups), shapes, samples, _DOUBLE)
 
 
 def _acceleration_bounds(
-    computation: RobotComputation, names: tuple[str, ...], values: InputValues, gravity: tuple[float, ...]
+    computation: RobotComputation, names: tuple[str, ...], values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
     """Return bounds of the accelerations x that both backends give, from what x leaves in the inverse dynamics.
 
@@ -108,12 +108,12 @@ def _acceleration_bounds(
     solver = RobotComputation(constants, unknown, free, (), (), Results)
     inverse = RobotComputation(constants, (*loads, "mass_matrix"), free, (), (), None)
     program = _BoundedProgram(inverse, inverse.request.outputs, values)
-    complete, samples = solver.complete(values, gravity), broadcast_shape(values.shape_by_argument)
+    complete, samples = solver.complete(values, gravity), broadcast_shape(values.shapes)
     given = _input_groups(solver, {name: complete[name] for name in loads})
     worst = dict.fromkeys(names, np.zeros(samples))
     for backend in ("numpy", "compiled"):
         try:
-            found = solver.run(values, gravity, None, Execution(backend, 1))
+            found = solver.run(values, Execution(backend, 1), gravity)
         except (CompilationError, MissingDependencyError):
             continue  # then no other backend computes either
         groups = _input_groups(inverse, complete | {name: np.asarray(found[name]) for name in unknown})

@@ -98,7 +98,7 @@ class Solver:
         }
         known: dict[str, Any] = {
             **RESTING_BASE_VALUE_BY_INPUT_NAME,
-            "constants": found.parameters,
+            "constants": found.known["constants"],
             "low": self.low,
             "high": self.high,
             "weight": 1 / reach,

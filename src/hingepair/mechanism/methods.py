@@ -15,17 +15,11 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
-from hingepair.mechanism.arguments import (
-    Coordinates,
-    coordinate_columns,
-    read_arguments,
-    read_coordinates,
-    read_wrenches,
-)
+from hingepair.mechanism.arguments import read_robot_arguments, read_wrenches
 from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.inverse_kinematics import InverseKinematics, Solver
-from hingepair.mechanism.prepare import PreparedMechanism, WatchedPreparedMechanism, checked_given
+from hingepair.mechanism.prepare import checked_given
 from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,
     JointResults,
@@ -52,7 +46,9 @@ from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
+from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
 from hingepair.plans.derivatives import Derivative
+from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import input_shapes
 from hingepair.rotations.matrices import check_rotation
 
@@ -333,7 +329,7 @@ class MechanismMethods(Shown):
         dof = len(self._constants.names)
         start: Any = None
         if q0 is not None:
-            read, shapes["q0"] = read_coordinates("q0", q0, self._constants.names, None)
+            read, shapes["q0"] = read_coordinates("q0", q0, CoordinateNames(self._constants.names, noun="joints"))
             start = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
             start = start.astype(np.float64)
             if not np.isfinite(start).all():
@@ -450,7 +446,7 @@ class MechanismMethods(Shown):
         self._check_needed_inputs(computation, coordinates, names)
         if computation.needs_masses:
             self._check_masses()
-        values = read_arguments(
+        values = read_robot_arguments(
             self._constants.names, coordinates or {"q": q}, base_motion, computation.inputs, labelled_loads
         )
         return error_bounds(computation, values, _checked_gravity(gravity))
@@ -593,7 +589,7 @@ class MechanismMethods(Shown):
             computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
         )
         if self._constants.may_be_singular:
-            self._warn_where_singular(result, q)
+            self._warn_where_singular(result, coordinates)
         return result
 
     def inverse_dynamics_derivatives(
@@ -699,12 +695,12 @@ class MechanismMethods(Shown):
         computation = self._computation((output,), frames, len(frames))
         by = tuple((name, (self._constants.form.dof,)) for name in coordinates if f"{output}_{name}" in names)
         derivative = Derivative("jacobian", (output,), by)
-        computation.check_differentiable(derivative)
+        computation.check_differentiable(derivative, tuple(coordinates))
         result: MechanismDerivatives = self._run(
             computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads, derivative
         )
         if output == "qdd" and self._constants.may_be_singular:  # where one derivative is NaN, all are
-            self._warn_where_singular(Results({"qdd": result[names[0]][..., 0]}, result.shape), coordinates["q"])
+            self._warn_where_singular(Results({"qdd": result[names[0]][..., 0]}, result.shape), coordinates)
         return result
 
     def mass_matrix(
@@ -945,7 +941,7 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         workers: int = 1,
         backend: str = "auto",
-    ) -> PreparedMechanism:
+    ) -> Prepared:
         """Plan, check and compile a computation once, and return the computation as a callable. The callable is meant
         for loops over single states or small batches. `given` is the name of a computation such as "jacobian", or a
         tuple of the names of the callable's arguments. `frames` are the names of the frames, and `outputs` the names
@@ -1014,11 +1010,9 @@ class MechanismMethods(Shown):
             self.prepare, names, frames=tuple(chosen_frames) or None, outputs=output_names, gravity=gravity,
             workers=workers, backend=backend,
         )  # fmt: skip
-        joints = self._constants.names
-        arguments = computation, joints, names, _checked_gravity(gravity), execution_of(backend, workers), remade
-        if self._constants.may_be_singular and {*output_names} & {*_ACCELERATION_OUTPUT_NAMES}:
-            return WatchedPreparedMechanism(self._warn_where_singular, *arguments)
-        return PreparedMechanism(*arguments)
+        solved = not {*output_names}.isdisjoint(_ACCELERATION_OUTPUT_NAMES)
+        watch = self._warn_where_singular if solved and self._constants.may_be_singular else None
+        return Prepared(computation, names, execution_of(backend, workers), _checked_gravity(gravity), remade, watch)
 
     def count_operations(
         self,
@@ -1064,8 +1058,8 @@ class MechanismMethods(Shown):
         has_frame_outputs = any(name in FRAME_MOTION_OUTPUT_NAMES for name in names)
         computation = self._computation(names, self._named_frames("frames", frames) if has_frame_outputs else None)
         self._check_needed_inputs(computation, named, names)
-        values = read_arguments(self._constants.names, named, base_motion, computation.inputs, {})
-        return computation.count_operations(values.value_by_input, DEFAULT_GRAVITY_VECTOR)
+        values = read_robot_arguments(self._constants.names, named, base_motion, computation.inputs, {})
+        return computation.count_operations(values.values, DEFAULT_GRAVITY_VECTOR)
 
     def _prepared_outputs(
         self, given: str | Iterable[str], argument_names: tuple[str, ...], outputs: Iterable[str] | None
@@ -1273,7 +1267,7 @@ class MechanismMethods(Shown):
         if computation.needs_masses:
             self._warn_of_masses()
         if base_motion is None and not labelled_loads:
-            call = computation.call(tuple(coordinates), gravity_vector, backend, derivative=derivative)
+            call = computation.call(tuple(coordinates), backend, gravity_vector, derivative=derivative)
             result = call.rows(*coordinates.values(), out=out, workers=execution.workers)
             if result is not None:
                 if key is not None and gravity is DEFAULT_GRAVITY_VECTOR:
@@ -1283,10 +1277,10 @@ class MechanismMethods(Shown):
             return self._run_lazily(
                 computation, coordinates, base_motion, out, workers, backend, gravity_vector, labelled_loads or {}
             )
-        values = read_arguments(
+        values = read_robot_arguments(
             self._constants.names, coordinates, base_motion, computation.inputs, labelled_loads or {}
         )
-        return computation.run(values, gravity_vector, out, execution, derivative=derivative)
+        return computation.run(values, execution, gravity_vector, out, derivative=derivative)
 
     def _run_again(
         self,
@@ -1372,7 +1366,7 @@ class MechanismMethods(Shown):
         """Return a tuple of the names of those columns of a table, such as a DataFrame, that hold the argument `name`
         (q, qd, qdd or tau), in the order of q. Raise an ArgumentError if columns are missing.
         """
-        return tuple(coordinate_columns(name, table, self._constants.names))
+        return CoordinateNames(self._constants.names).table_columns(name, table)
 
     def _run_array(
         self,
@@ -1423,11 +1417,11 @@ class MechanismMethods(Shown):
             for note in self.tree.notes:
                 warn_of_dynamics(f"{self.tree.name}: {note}")
 
-    def _warn_where_singular(self, result: Results, q: Coordinates) -> None:
+    def _warn_where_singular(self, result: Any, arguments: Mapping[str, Any]) -> None:
         """Issue a DynamicsWarning if accelerations in `result` are NaN at any sample because the mass matrix is
         singular there. The warning names a joint, or the base, whose motion no inertia resists.
         """
-        arrays = result.arrays()
+        q, arrays = arguments["q"], result.arrays()
         found = [arrays[name] for name in _ACCELERATION_OUTPUT_NAMES if isinstance(arrays.get(name), np.ndarray)]
         bad = np.asarray(np.logical_or.reduce([np.isnan(array).any(axis=-1) for array in found] or [np.False_]))
         if not bad.any():

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import bind
 from hingepair.engine.calls import Call, Out
-from hingepair.engine.loops import OperationCounts
+from hingepair.engine.loops import Loop, OperationCounts
 from hingepair.engine.results import writable_arrays
-from hingepair.errors import RotationError
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, Plan, make_plan, plan_loop
-from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
+from hingepair.plans.arguments import CoordinateNames
+from hingepair.plans.computation import Computation
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, Plan, make_plan, plan_loop
+from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES
 
 DEFAULT_BACKEND_AND_WORKERS: Final = Execution("auto", 1)  # backend and number of threads of a call by default
 STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
@@ -30,46 +31,45 @@ STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
 }
 """The class of the results, by the kind of motion of a plan."""
 
-BODY1_QUATERNION_INPUT_NAMES: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
+COORDINATES: Mapping[Any, CoordinateNames] = {
+    kind: CoordinateNames(kind.coordinates, LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[kind.coordinates])
+    for kind in (SPATIAL_MOTION_KIND, PLANAR_MOTION_KIND)
+}
+"""Names of the coordinates, by the kind of motion."""
 
 
-def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str, shared: bool = True) -> Call:
+def computation_of(kind: MotionKind, pair: Constants, outputs: tuple[str, ...], sequence: str | None) -> Computation:
+    """Return the Computation of outputs of a pair; it is made once, and kept with the pair's constants."""
+    key = Computation, outputs, sequence
+    found: Computation | None = pair.prepared.get(key)
+    if found is None:
+        has_home = "home" in pair.values
+
+        def loop(names: tuple[str, ...], given: tuple[str, ...]) -> Loop:
+            return plan_loop(make_plan(names, sequence, has_home, kind=kind, given_names=given))
+
+        found = pair.prepared[key] = Computation(
+            loop, outputs, kind.shapes, pair.values if pair.single else pair.arrays,
+            STATE_CLASS_BY_MOTION_KIND[kind], COORDINATES[kind], shape=pair.shape, shared=True,
+        )  # fmt: skip
+    return found
+
+
+def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
     """Return the Call that runs a plan for the Constants `pair` and for inputs of the given names, with the backend
-    "auto", "compiled" or "numpy". The Call is made at the first request and cached in `pair.prepared`. Unless it is
-    `shared`, a kernel of this pair's own constants computes few samples, too.
+    "auto", "compiled" or "numpy". The Call is made at the first request and cached in `pair.prepared`.
     """
-    key = plan, input_names, backend, shared
+    key = plan, input_names, backend
     call: Call | None = pair.prepared.get(key)
     if call is None:
         shapes, loop = plan.kind.shapes, plan_loop(plan)
         constants = pair.values if pair.single else pair.arrays
-        checks = dict.fromkeys(("attitude1_check", "attitude2_check"), MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE)
-        if any(name in BODY1_QUATERNION_INPUT_NAMES for name in input_names):
-            checks["attitude1_check"] = {8: 1.0, 4: 1.0}  # the check is 2 for a zero quaternion, and otherwise 0
         call = pair.prepared[key] = Call(
             loop, {name: shapes[name] for name in input_names},
-            {name: constants[name] for name in _constant_input_names(loop, input_names)},
-            STATE_CLASS_BY_MOTION_KIND[plan.kind], shape=pair.shape, backend=backend, shared=shared,
-            on_limit=_check_attitudes,
-            limits={name: checks[name] for name in plan.outputs if name in checks},
+            {name: constants[name] for name, _ in loop.inputs if name not in input_names},
+            STATE_CLASS_BY_MOTION_KIND[plan.kind], shape=pair.shape, backend=backend, shared=True,
         )  # fmt: skip
     return call
-
-
-def _constant_input_names(loop: Any, input_names: tuple[str, ...]) -> list[str]:
-    """Return a list of the inputs of a loop that are constants of the pair, that is, not among `input_names`."""
-    return [name for name, _ in loop.inputs if name not in input_names]
-
-
-def _check_attitudes(values: Mapping[str, Any]) -> None:
-    """Raise RotationError if `values`, a dict of inputs by name, holds an S1 or S2 that is not a rotation, or a
-    quaternion that is zero.
-    """
-    for name, value in values.items():
-        if name in BODY1_QUATERNION_INPUT_NAMES and (np.asarray(value) == 0).all(axis=-1).any():
-            raise RotationError(name, "non-zero quaternions", "a zero quaternion")
-        if name in ("S1", "S2"):
-            check_rotation(name, np.asarray(value))
 
 
 def compute_state(

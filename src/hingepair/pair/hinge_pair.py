@@ -24,11 +24,12 @@ from hingepair.pair.constants import Constants, check_single_pair, pair_constant
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
-from hingepair.pair.prepare import Prepared, prepare
+from hingepair.pair.prepare import prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 from hingepair.pair.tolerances import PoseCovariance
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
+from hingepair.plans.prepared import Prepared
 
 Returned = TypeVar("Returned")
 

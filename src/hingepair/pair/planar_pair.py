@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, TypeVar
 
@@ -25,8 +25,10 @@ from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import compute_arrays
 from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
 from hingepair.pair.hinge_pair import HingePair, checked_mass_properties
+from hingepair.pair.prepare import prepare_planar
 from hingepair.pair.states import PlanarState
 from hingepair.plans.plan import PLANAR_MOTION_KIND
+from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
 
 DEFAULT_PLANAR_GRAVITY_VECTOR = (0.0, -9.81)
@@ -171,6 +173,33 @@ class PlanarPair(Shown):
             PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, None, execution
         )
         return state
+
+    def prepare(
+        self,
+        given: str | Iterable[str],
+        *,
+        outputs: Iterable[str] | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> Prepared:
+        """Plan, check and compile once, and return a function of arrays that computes the given outputs.
+
+        Args:
+            given: names of the arguments: ("q",), ("q", "qd") or ("q", "qd", "qdd"), for which the words "pose",
+                "velocity" and "acceleration" stand.
+            outputs: names of the outputs, as for `forward_kinematics`.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `HingePair.prepare`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> f = hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).prepare("pose", outputs=("R2", "phi2"))
+        >>> f(np.array([0, 0, 0, np.pi])).phi2
+        np.float64(3.141592653589793)
+        >>> f.jacobian((np.zeros(4),))["R2"]["q"].tolist()
+        [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 1.0]]
+        """
+        return prepare_planar(self, given, outputs, execution_of(backend, workers))
 
     def error_bounds(
         self,

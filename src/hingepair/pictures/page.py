@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.arguments import coordinate_columns
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import is_table, real_array
 from hingepair.numeric.tables import unit_of
@@ -36,6 +35,7 @@ from hingepair.pictures.motion_samples import (
     spread_samples,
 )
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
+from hingepair.plans.arguments import CoordinateNames
 from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
@@ -193,7 +193,7 @@ def _read_robot_motion(
 ) -> _PageMotion:
     """Check the arguments q, t and base_motion of `view`, each of which may be None."""
     if is_table(q):
-        q = np.stack(tuple(coordinate_columns("q", q, robot.names).values()), axis=-1)
+        q = np.stack(tuple(CoordinateNames(robot.names).of_table("q", q).values()), axis=-1)
     positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
     if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
         raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)

@@ -1,4 +1,4 @@
-"""Derivatives of what is computed of a tree of joints, by its arguments.
+"""Derivatives of what a loop computes of a pair or a robot, by its arguments.
 
 A change of an attitude is a rotation about world axes: three numbers, not nine.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
@@ -16,7 +16,6 @@ from hingepair.engine.derivatives import Change, jacobian, pullback, pushforward
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand
 from hingepair.numeric.blocks import components
-from hingepair.plans.trees import Form, Request, compute_request, request_loop
 
 Flat: TypeAlias = Mapping[str, tuple[Any, ...]]
 """Components of outputs by name."""
@@ -24,7 +23,7 @@ Flat: TypeAlias = Mapping[str, tuple[Any, ...]]
 Moves: TypeAlias = dict[str, list[Change]]
 """Changes by argument, one for each component of a change of it."""
 
-_ATTITUDES: Final = frozenset({"S", "S1"})
+_ATTITUDES: Final = frozenset({"S", "S1", "S2"})
 
 
 class Derivative(NamedTuple):
@@ -51,11 +50,10 @@ def change_shape(name: str, sample_shape: ArrayShape) -> ArrayShape:
 
 
 @functools.lru_cache(maxsize=512)
-def derivative_loop(form: Form, request: Request, derivative: Derivative) -> Loop:
-    """Return the loop that computes a derivative of a request. The Jacobian of tau by q is called tau_q, the weight
-    of tau weight_tau, the gradient gradient_q, a change of q change_q, and the rate of tau rate_tau.
+def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
+    """Return the loop that computes a derivative of what another loop computes. The Jacobian of tau by q is called
+    tau_q, the weight of tau weight_tau, a gradient gradient_q, a change of q change_q, the rate of tau rate_tau.
     """
-    plain = request_loop(form, request)
     changes = {name: change_shape(name, tail) for name, tail in (*plain.outputs, *derivative.arguments)}
     inputs, names = dict(plain.inputs), [name for name, _ in derivative.arguments]
     outputs = dict(plain.outputs)
@@ -68,21 +66,25 @@ def derivative_loop(form: Form, request: Request, derivative: Derivative) -> Loo
     else:
         inputs |= {f"change_{name}": changes[name] for name in names}
         outputs |= {f"rate_{one}": changes[one] for one in derivative.outputs}
-    function = functools.partial(_differentiate, form, request, derivative)
-    return Loop("derivatives", function, inputs, outputs, labels=plain.labels, form=(form, request, derivative))
+    function = functools.partial(_differentiate, plain.function, derivative)
+    form = None if plain.form is None else (plain.form, derivative)
+    return Loop("derivatives", function, inputs, outputs, labels=plain.labels, form=form)
 
 
-def _differentiate(form: Form, request: Request, derivative: Derivative, values: Mapping[str, Any]) -> dict[str, Any]:
+def _differentiate(
+    function: Callable[[dict[str, Any]], Mapping[str, Any]], derivative: Derivative, values: Mapping[str, Any]
+) -> dict[str, Any]:
     values = dict(values)
     moves: Moves = {}
     for name, tail in derivative.arguments:
         if name in values:
             others = [x for other, group in values.items() if other != name for x in components(group)]
-            values[name] = parts = variables(values[name], others)
+            parts = variables(components(values[name]), others)
+            values[name] = parts if tail else parts[0]
             moves[name] = [[(parts[k], rate) for k, rate in change] for change in _changes(name, parts)]
         else:  # no output depends on it
             moves[name] = [[] for _ in range(math.prod(change_shape(name, tail)))]
-    results = compute_request(form, request, values)
+    results = function(dict(values))
     flat = {name: components(results[name]) for name in derivative.outputs}
     rule = {"jacobian": _jacobian, "vjp": _gradients, "jvp": _rates}[derivative.kind]
     return {**results, **rule(flat, moves, values)}
@@ -119,7 +121,7 @@ def _rates(flat: Flat, moves: Moves, values: Mapping[str, Any]) -> dict[str, Any
     """Return the rates of change of all outputs."""
     sums: dict[int, tuple[Operand, Operand]] = {}
     for name, changes in moves.items():
-        for weight, change in zip(values[f"change_{name}"], changes, strict=True):
+        for weight, change in zip(components(values[f"change_{name}"]), changes, strict=True):
             for x, rate in change:
                 sums[id(x)] = x, sums.get(id(x), (x, 0.0))[1] + weight * rate
     rates = iter(pushforward([part for parts in flat.values() for part in parts], [*sums.values()]))

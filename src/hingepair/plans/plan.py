@@ -75,7 +75,7 @@ _SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
     **dict.fromkeys(("home", "I1", "I2"), (9,)),
     "pivot_ratios": (4,),
     "mass_matrix": (7, 7),
-    **dict.fromkeys(("attitude1_check", "attitude2_check"), ()),
+    **dict.fromkeys(("S1_check", "S2_check", "quat_xyzw_check", "quat_wxyz_check"), ()),
     **dict.fromkeys(("state", "state_rates"), (14,)),
     **dict.fromkeys(("point", "offset_velocity", "initial_angular_momentum"), (3,)),
     "S0": (9,),

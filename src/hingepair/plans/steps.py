@@ -99,21 +99,21 @@ def _zero_quaternion_check(quat: tuple[Any, ...]) -> Any:
 
 
 ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME = {
-    "S1": (Step("attitude1_check", _rotation_defect, ("S1",)),),
+    "S1": (Step("S1_check", _rotation_defect, ("S1",)),),
     "quat_xyzw": (
         Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
         Step("S1", _quaternion_rotation, ("quat",)),
-        Step("attitude1_check", _zero_quaternion_check, ("quat",)),
+        Step("quat_xyzw_check", _zero_quaternion_check, ("quat",)),
     ),
     "quat_wxyz": (
         Step("S1", _quaternion_rotation, ("quat_wxyz",)),
-        Step("attitude1_check", _zero_quaternion_check, ("quat_wxyz",)),
+        Step("quat_wxyz_check", _zero_quaternion_check, ("quat_wxyz",)),
     ),
 }
 """Steps to S1 from the input that gives the attitude of body 1, and to the number that tells whether this input is an
 attitude: the distance of a matrix from a rotation, or whether a quaternion is zero."""
 
-ATTITUDE2_CHECK_STEPS = (Step("attitude2_check", _rotation_defect, ("S2",)),)
+ATTITUDE2_CHECK_STEPS = (Step("S2_check", _rotation_defect, ("S2",)),)
 """Step to the distance of a given S2 from a rotation."""
 
 BODY2_KINEMATICS_STEPS = (

@@ -736,7 +736,7 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
     "centre_of_mass_bias": Output(
         _fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.centre_of_mass_bias
     ),
-    "attitude_check": Output(
+    "S1_check": Output(
         _fixed_shape(), ("S1",), lambda c: ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME["S1"][0].function(c.values["S1"])
     ),
     "kinetic": Output(_fixed_shape(), (*_VELOCITY_INPUT_NAMES, "v1"), Computation.kinetic),
@@ -805,7 +805,7 @@ def estimated_operations(form: Form, request: Request) -> int:
         )
     if outputs & {"tau", "force1", "torque1", "bias_forces", "gravity_forces"}:
         total += 300 * joints
-    if outputs - {"qdd", "a1", "alpha1", "pivots", "tau", "force1", "torque1", "mass_matrix", "attitude_check"}:
+    if outputs - {"qdd", "a1", "alpha1", "pivots", "tau", "force1", "torque1", "mass_matrix", "S1_check"}:
         total += 120 * (joints + len(request.frames))
     return total
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.arguments import read_arguments
+from hingepair.mechanism.arguments import read_robot_arguments
 from hingepair.mechanism.constants import (
     RobotConstants,
     exact_mass_numbers,
@@ -183,10 +183,10 @@ class _PayloadForceProgram:
         kind: Any = joint_results_class(MechanismForces, constants.names)
         self._problem = RobotComputation(self._with_payload_parameters(constants), tuple(outputs), free, (), (), kind)
         coordinates = dict(zip(("q", "qd", "qdd"), result.known.arguments(), strict=True))
-        self._values = read_arguments(constants.names, coordinates, result.known.base, self._problem.inputs, {})
-        arguments = (*self._values.value_by_input, "constants")
+        self._values = read_robot_arguments(constants.names, coordinates, result.known.base, self._problem.inputs, {})
+        arguments = (*self._values.values, "constants")
         # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
-        self._call = self._problem.call(arguments, result.scene.gravity, "compiled")
+        self._call = self._problem.call(arguments, "compiled", result.scene.gravity)
 
     def _with_payload_parameters(self, constants: RobotConstants) -> RobotConstants:
         """Return a copy of the RobotConstants `constants` in which each number that depends on a payload is an
@@ -209,8 +209,8 @@ class _PayloadForceProgram:
                 total = total + mass_moments[k] * slope
             numbers[:, column] = total.high
         constants = np.ascontiguousarray(numbers[:, None, self._parameters] + 0.0)
-        shapes = {**self._values.shape_by_argument, "payload": constants.shape[:-1]}
-        forces: MechanismForces = self._call.run({**self._values.value_by_input, "constants": constants}, shapes)
+        shapes = {**self._values.shapes, "payload": constants.shape[:-1]}
+        forces: MechanismForces = self._call.run({**self._values.values, "constants": constants}, shapes)
         return forces
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.arguments import Coordinates
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, euler_rate_sizes, output_scales, unit_roundoff
@@ -18,6 +17,7 @@ from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.forward_kinematics import read_pair_coordinates
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
+from hingepair.plans.arguments import Coordinates
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.validation.free_flyer import frame_motion, import_pinocchio
 from hingepair.validation.pinocchio_twin import PinocchioTwin, to_pinocchio

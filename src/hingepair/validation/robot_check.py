@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.arguments import BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, Coordinates, read_arguments
+from hingepair.mechanism.arguments import BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, read_robot_arguments
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.pair.accuracy import unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.plans.arguments import Coordinates
 from hingepair.validation.free_flyer import import_pinocchio
 from hingepair.validation.robot_report import RobotComparison, RobotValidation
 from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
@@ -86,11 +87,11 @@ class _RobotSamples:
         self, robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
     ) -> None:
         needed = tuple(BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME)[: 2 * len(coordinates)]
-        values = read_arguments(robot.names, coordinates, base_motion, needed, {})
-        self.shape = broadcast_shape(values.shape_by_argument)
+        values = read_robot_arguments(robot.names, coordinates, base_motion, needed, {})
+        self.shape = broadcast_shape(values.shapes)
         parts = {
             name: np.asarray(getattr(BASE_AT_REST, BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name])) for name in needed
-        } | values.value_by_input
+        } | values.values
         flat = {
             name: _samples_of_argument(part, self.shape, 2 if name == "S1" else 1) for name, part in parts.items()
         }
@@ -101,7 +102,7 @@ class _RobotSamples:
         self.skipped = int((~self.finite).sum())
         self.joints = [flat[name] for name in coordinates]
         self.base = BodyMotion(**{BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]: flat[name] for name in needed})
-        leaves = [part for name, part in values.value_by_input.items() if name in coordinates]
+        leaves = [part for name, part in values.values.items() if name in coordinates]
         single = all(getattr(part, "dtype", None) == np.float32 for part in leaves) and base_motion is None
         self.u = unit_roundoff(np.float32 if single else np.float64)
 

@@ -1,0 +1,266 @@
+"""The reader of arguments: of methods and prepared calls, of pairs, planar pairs and robots."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.engine.binding import ArrayShape
+from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.numeric.array_libraries import Library, check_sample_shape, is_foreign, library_of
+from hingepair.numeric.arrays import (
+    broadcast_shape,
+    columns_by_name,
+    is_square_list,
+    is_table,
+    is_zero,
+    real_array,
+    vectors,
+)
+
+Coordinates: TypeAlias = ArrayLike | tuple[Any, ...] | Mapping[str, Any]
+"""q, qd, qdd or tau: an array with the coordinates last; a tuple, or a dict by name, of numbers and arrays that
+broadcast; or a table with a column for each."""
+
+Outputs: TypeAlias = Iterable[str] | None
+
+_COORDINATES: Final = ("q", "qd", "qdd", "tau")  # arguments with a component for each coordinate
+_LOADS: Final = ("force", "torque")  # how the arguments begin that may be the number 0
+_NUMBERS: Final = {float, int, np.float64, np.int64, np.int32}  # of which a row is computed in float64
+
+
+class CoordinateNames(NamedTuple):
+    """Names of the coordinates of a pair or a robot."""
+
+    names: tuple[str, ...]  # in the order of q
+    columns: Mapping[str, tuple[str, ...]] = {}  # of q, qd and qdd in saved tables, where they are no joints
+    noun: str = "coordinates"
+
+    def described(self) -> str:
+        """Return the names as a phrase of a message."""
+        few = self.names if len(self.names) <= 8 else (*self.names[:6], "...")
+        return f"the {len(self.names)} {self.noun} {', '.join(few)}"
+
+    def table_columns(self, name: str, table: Any) -> tuple[str, ...]:
+        """Return the names of the columns of a table that hold the argument `name`, in the order of q."""
+        return tuple(self.of_table(name, table))
+
+    def of_table(self, name: str, table: Any) -> dict[str, NDArray[Any]]:
+        """Return the columns of a table that hold the argument `name`, by column name, in the order of q.
+
+        Raises:
+            ArgumentError: a column is missing, or unknown.
+        """
+        endings = {"qd": ("_dot", "d"), "qdd": ("_ddot", "dd")}.get(name, ("",))
+        families = [tuple(f"{one}{ending}" for one in self.names) for ending in endings]
+        if self.columns:
+            families = [*dict.fromkeys((self.columns[name], *families))]
+        optional = {column for family in self.columns.values() for column in family}
+        return columns_by_name(name, table, families, optional, last_family=self.names)
+
+
+class Arguments(NamedTuple):
+    """Arguments in the form that calls take."""
+
+    values: dict[str, Any]  # by input: arrays with the components last, or tuples of numbers and arrays
+    shapes: dict[str, ArrayShape]  # of the samples, by the name that messages use
+    library: Library | None  # of the arrays; None for NumPy
+    labels: Mapping[str, str]  # names of inputs in messages, where they differ
+
+
+def read_arguments(
+    given: Mapping[str, Any],
+    sample_shapes: Mapping[str, ArrayShape],
+    coordinates: CoordinateNames,
+    labels: Mapping[str, str] | None = None,
+) -> Arguments:
+    """Check arguments, and return them in the form that calls take.
+
+    Args:
+        given: values by input name.
+        sample_shapes: shape of one sample by input name.
+        coordinates: names of the coordinates, for q, qd, qdd, tau and their changes.
+        labels: names of inputs in messages, where they differ.
+
+    Raises:
+        ArgumentError: a value cannot be used, or arrays of two libraries are mixed.
+    """
+    labels = labels or {}
+    library = common_library({labels.get(name, name): value for name, value in given.items()})
+    values, shapes = {}, {}
+    for name, value in given.items():
+        label, tail = labels.get(name, name), sample_shapes[name]
+        is_coordinates = name.removeprefix("change_") in _COORDINATES
+        if value is None:
+            expected = f"values of the {coordinates.noun}" if is_coordinates else "a value"
+            raise ArgumentError(label, f"{expected}, since what is asked for needs it", None)
+        if is_coordinates:
+            values[name], shapes[label] = read_coordinates(label, value, coordinates, library)
+        elif name.startswith(_LOADS) and tail and is_zero(value):
+            values[name], shapes[label] = (0.0,) * tail[0], ()
+        else:
+            values[name], shapes[label] = _read_quantity(label, value, tail)
+    return Arguments(values, shapes, library, labels)
+
+
+def _read_quantity(name: str, value: Any, tail: ArrayShape) -> tuple[Any, ArrayShape]:
+    """Return a scalar, vector or matrix as number or array, and the shape of its samples."""
+    if not tail:
+        component = read_component(name, value)
+        return component, np.shape(component)
+    if is_foreign(value):
+        check_sample_shape(name, value, *tail)
+    else:
+        value = vectors(name, value, *tail)
+    return value, tuple(value.shape[: value.ndim - len(tail)])
+
+
+def read_component(name: str, value: Any) -> Any:
+    """Return a number as a float, which takes the dtype of the arrays it is combined with, and others as an array."""
+    if type(value) is float or (type(value) is int and value.bit_length() < 1024):
+        return float(value)
+    return value if is_foreign(value) else real_array(name, value)
+
+
+def read_coordinates(
+    name: str, value: Any, coordinates: CoordinateNames, library: Library | None = None
+) -> tuple[Any, ArrayShape]:
+    """Return q, qd, qdd or tau as an array or a tuple of components, and the shape of its samples.
+
+    Raises:
+        ArgumentError: the value cannot be used; names the argument, and the coordinate where it is one.
+    """
+    names = coordinates.names
+    if (row := _float_row(value, len(names))) is not None:
+        return row, ()
+    if is_table(value):
+        value = dict(zip(names, coordinates.of_table(name, value).values(), strict=True))
+    if isinstance(value, Mapping):
+        _check_keys(name, value, names)
+        return _components({f"{name}[{one!r}]": value[one] for one in names})
+    is_tuple = isinstance(value, tuple) and len(value) == len(names)
+    if len(names) > 1 and (
+        (is_tuple and all(isinstance(part, list | tuple) and len(part) == len(names) for part in value))
+        or (isinstance(value, list) and is_square_list(value, len(names)))
+    ):
+        expected = f"an array of states (numpy.array(...)), or a tuple of arrays, one for each of {coordinates.noun}"
+        raise ShapeError(name, expected, f"{len(names)} sequences of {len(names)} numbers, which could be either")
+    if is_tuple:
+        return _components({f"{name}[{k}]": part for k, part in enumerate(value)})
+    if library is not None and is_foreign(value):
+        check_sample_shape(name, value, len(names))
+        return tuple(value[..., k] for k in range(len(names))), tuple(value.shape[:-1])
+    try:
+        array = vectors(name, value, len(names))
+    except ShapeError as error:
+        got = error.got
+        if isinstance(value, tuple):
+            got = f"a tuple of {len(value)}"
+        elif isinstance(value, list) and len(value) == len(names):
+            got = "a list of numbers and arrays: make it a tuple"
+        expected = f"{error.expected}, or a tuple or a dict, of {coordinates.described()}"
+        raise ShapeError(name, expected, got) from None
+    return array, array.shape[:-1]
+
+
+def _float_row(value: Any, count: int) -> NDArray[np.float64] | None:
+    """Return floats in an array, or numbers in a list or a tuple, as one row of float64; None for all else."""
+    if type(value) is np.ndarray:
+        is_row = value.shape == (count,) and value.dtype.char == "d"
+    else:
+        is_row = type(value) in {tuple, list} and len(value) == count and _NUMBERS.issuperset(map(type, value))
+    try:
+        return np.asarray(value, np.float64) if is_row else None
+    except OverflowError:
+        return None
+
+
+def _check_keys(name: str, values: Mapping[str, Any], names: tuple[str, ...]) -> None:
+    """Refuse a dict that lacks a coordinate, or has another key."""
+    for key in values:
+        if key not in names:
+            expected = choices(names) if names else "no joint, since none moves"
+            raise ArgumentError(name, expected + nearest(str(key), names), quoted(key))
+    for one in names:
+        if one not in values:
+            raise ArgumentError(f"{name}[{one!r}]", "a number or an array", "none")
+
+
+def _components(values: Mapping[str, Any]) -> tuple[Any, ArrayShape]:
+    parts = {label: read_component(label, value) for label, value in values.items()}
+    return tuple(parts.values()), broadcast_shape({label: tuple(np.shape(part)) for label, part in parts.items()})
+
+
+def common_library(arguments: Mapping[str, Any]) -> Library | None:
+    """Return the array library, such as JAX, of arguments by name, which may hold components; None for NumPy.
+
+    Raises:
+        ArgumentError: arrays of two libraries are mixed.
+    """
+    leaves: dict[str, Any] = {}
+    for name, value in arguments.items():
+        if isinstance(value, Mapping):
+            leaves |= {f"{name}[{key!r}]": part for key, part in value.items()}
+        elif type(value) is tuple:
+            leaves |= {f"{name}[{k}]": part for k, part in enumerate(value)}
+        else:
+            leaves[name] = value
+    return library_of(leaves) if any(map(is_foreign, leaves.values())) else None
+
+
+# ---- what is asked for
+
+
+def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
+    """Return the names of the argument `outputs` as a tuple without repetitions.
+
+    Raises:
+        ArgumentError: not a collection of known names.
+    """
+    try:
+        names = () if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
+    except TypeError:
+        names = ()
+    known = tuple(known_names)
+    if not names:
+        raise ArgumentError("outputs", f"a tuple of names such as {known[:2]}", quoted(outputs))
+    for name in names:
+        if name not in known:
+            raise ArgumentError("outputs", choices(known), quoted(name))
+    return names
+
+
+def requested_outputs(
+    outputs: Outputs, out: Any, known_names: Collection[str], default_names: Iterable[str]
+) -> tuple[str, ...]:
+    """Return the names of the outputs to compute: `outputs`, or by default the default names and those in `out`.
+
+    Raises:
+        ArgumentError: an unknown name, or an `out` for something else.
+    """
+    if outputs is not None:
+        return check_outputs(outputs, known_names)
+    more = (name for name in out if name in known_names) if isinstance(out, Mapping) else ()
+    return tuple(dict.fromkeys((*default_names, *more)))
+
+
+def check_out(out: Any, outputs: Sequence[str]) -> Mapping[str, Any] | None:
+    """Return the argument `out` as arrays by name; one array stands for the only output.
+
+    Raises:
+        ArgumentError: neither arrays by the names of outputs, nor one array of one output.
+    """
+    if out is None or (type(out) is dict and out.keys() <= {*outputs}):
+        return out
+    if isinstance(out, np.ndarray) and len(outputs) == 1:
+        return {outputs[0]: out}
+    if not isinstance(out, Mapping):
+        more = ", or one array" if len(outputs) == 1 else ""
+        raise ArgumentError("out", f"a dict of arrays by output name{more}", quoted(out))
+    for name in out:
+        if name not in outputs:
+            raise ArgumentError("out", f"arrays for nothing but the outputs {', '.join(outputs)}", quoted(name))
+    return out

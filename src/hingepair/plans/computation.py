@@ -1,0 +1,172 @@
+"""Computations: outputs of one pair or robot, and the calls that compute them, by what is given."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from hingepair.engine.backend import Execution
+from hingepair.engine.binding import ArrayShape, bind
+from hingepair.engine.calls import Call
+from hingepair.engine.loops import Loop, OperationCounts
+from hingepair.engine.results import Results
+from hingepair.errors import ArgumentError, RotationError
+from hingepair.plans.arguments import Arguments, CoordinateNames, check_out
+from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
+from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
+
+QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
+_ATTITUDES: Final = ("S1", "S2", *QUATERNIONS)  # inputs that a prepared call checks
+_MAX_DERIVED_OPERATIONS: Final = 10_000_000  # of an estimate; 2.5 million take some 5 s to compile
+_MAX_CALLS: Final = 64  # that a computation keeps
+
+
+@dataclass(slots=True, eq=False)
+class Cache:
+    """What is made once for a pair or a robot."""
+
+    computations: dict[Any, Computation] = field(default_factory=dict)  # by what is asked
+    calls: dict[Any, Call] = field(default_factory=dict)  # of plain calls, by what is asked and given
+    others: dict[Any, Any] = field(default_factory=dict)  # extended constants
+    warned: bool = False  # of masses that are assumed or impossible
+
+
+class Computation:
+    """Outputs of one pair or robot, from arguments of any names.
+
+    Args:
+        loop: function of the names of outputs and of arguments; returns the loop that computes them.
+        outputs: names of the outputs.
+        shapes: shape of one sample of each argument that may be given.
+        known: values of the inputs that need not be given.
+        result: class of the result; None to return the only output as a bare array.
+        coordinates: names of the coordinates.
+        derivatives: class of the result of a derivative.
+        owner: "pair" or "robot", for messages.
+        shape: leading shape of a pair whose geometry has axes.
+        shared: whether few samples of a plain call are computed by a kernel for any constants.
+        operations: estimated number of operations, where it may be large.
+    """
+
+    def __init__(
+        self,
+        loop: Callable[[tuple[str, ...], tuple[str, ...]], Loop],
+        outputs: tuple[str, ...],
+        shapes: Mapping[str, ArrayShape],
+        known: Mapping[str, Any],
+        result: type[Results] | None,
+        coordinates: CoordinateNames,
+        *,
+        derivatives: type[Results] = Results,
+        owner: str = "pair",
+        shape: ArrayShape = (),
+        shared: bool = False,
+        operations: int = 0,
+    ) -> None:
+        self.outputs, self.shapes, self.known = outputs, shapes, known
+        self.result, self.coordinates = result, coordinates
+        self._loop, self._derivatives, self._owner, self._shape = loop, derivatives, owner, shape
+        self._shared, self._operations = shared, operations
+        self._calls: dict[Any, Call] = {}
+
+    def call(
+        self,
+        given: tuple[str, ...],
+        backend: str,
+        gravity: tuple[float, ...] | None = None,
+        *,
+        prepared: bool = False,
+        derivative: Derivative | None = None,
+    ) -> Call:
+        """Return the call for arguments of these names.
+
+        Args:
+            given: names of the arguments, in order.
+            backend: one of `engine.backend.BACKEND_NAMES`.
+            gravity: acceleration of free fall [m/s^2], where outputs depend on it.
+            prepared: check attitudes among the arguments, and fold the constants of this pair or robot.
+            derivative: compute that in place of the outputs; its weights or changes are arguments, too.
+        """
+        key = given, backend, gravity, prepared, derivative
+        call = self._calls.get(key)
+        if call is None:
+            checks = {f"{name}_check": _limits(name) for name in given if name in _ATTITUDES} if prepared else {}
+            loop = self._loop((*self.outputs, *checks), given)
+            if derivative is not None:
+                loop = derivative_loop(loop, derivative)
+            shapes = {**self.shapes, **dict(loop.inputs)}
+            known = self.known if gravity is None else {**self.known, "gravity": gravity}
+            empty = any(0 in shapes[name] for name in given)  # machine code needs numbers
+            call = Call(
+                loop, {name: shapes[name] for name in given},
+                {name: known[name] for name, _ in loop.inputs if name not in given},
+                self.result if derivative is None else self._derivatives,
+                shape=self._shape, backend="numpy" if empty else backend, constants_name=self._owner,
+                shared=self._shared and not prepared, limits=checks, on_limit=_check_attitudes,
+            )  # fmt: skip
+            if len(self._calls) >= _MAX_CALLS:
+                self._calls.clear()
+            self._calls[key] = call
+        return call
+
+    def run(
+        self,
+        arguments: Arguments,
+        execution: Execution,
+        gravity: tuple[float, ...] | None = None,
+        out: Any = None,
+        *,
+        prepared: bool = False,
+        derivative: Derivative | None = None,
+        dtype: np.dtype[Any] | None = None,
+    ) -> Any:
+        """Compute checked arguments of any form; the further arguments are those of `call` and `Call.run`."""
+        values, shapes, library, labels = arguments
+        checked = prepared and library is None
+        call = self.call(tuple(values), execution.backend, gravity, prepared=checked, derivative=derivative)
+        out = check_out(out, call.outputs)
+        if library is not None:
+            return call.run_foreign(values, shapes, library, out, execution.workers)
+        return call.run(values, shapes, out, execution.workers, dtype, labels)
+
+    def count_operations(
+        self, values: Mapping[str, Any], gravity: tuple[float, ...] | None = None
+    ) -> OperationCounts:
+        """Count the operations of a call in which numbers among these values are known, and where nothing is."""
+        loop = self._loop(self.outputs, tuple(values))
+        arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
+        known = {**self.known, "gravity": gravity, **values}
+        bound = bind(loop.inputs, {name: known[name] for name, _ in loop.inputs})
+        full = loop.program(bind(loop.inputs, arrays).pattern)
+        return loop.program(bound.pattern).count_operations(full)
+
+    def check_differentiable(self, derivative: Derivative, given: tuple[str, ...]) -> None:
+        """Refuse a derivative whose program would take too long to make.
+
+        Raises:
+            ArgumentError: the robot has too many joints.
+        """
+        sizes = [math.prod(change_shape(*argument)) for argument in derivative.arguments]
+        columns = sum(sizes) if derivative.kind == "jacobian" else 1
+        if not self._loop(self.outputs, given).traced or columns * self._operations > _MAX_DERIVED_OPERATIONS:
+            by = ", ".join(name for name, _ in derivative.arguments)
+            got = f"{len(self.coordinates.names)} joints, derivatives by {by}"
+            raise ArgumentError("robot", "fewer joints, or derivatives by fewer arguments", got)
+
+
+def _limits(name: str) -> Mapping[int, float]:
+    """Return the limits of the check of an attitude, by the size of a number in bytes."""
+    return {8: 1.0, 4: 1.0} if name in QUATERNIONS else MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE  # of a zero, 2
+
+
+def _check_attitudes(values: Mapping[str, Any]) -> None:
+    """Raise a RotationError for a matrix that is no rotation, or a quaternion that is zero."""
+    for name, value in values.items():
+        if name in QUATERNIONS and (np.asarray(value) == 0).all(axis=-1).any():
+            raise RotationError(name, "non-zero quaternions", "a zero quaternion")
+        if name in ("S1", "S2"):
+            check_rotation(name, np.asarray(value))

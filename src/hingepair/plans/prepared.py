@@ -1,0 +1,281 @@
+"""Prepared calls of pairs, planar pairs and robots: planned, checked and compiled once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hingepair.engine.backend import Execution
+from hingepair.engine.calls import Call
+from hingepair.engine.loops import OperationCounts
+from hingepair.engine.results import Results, writable_arrays
+from hingepair.errors import ArgumentError, quoted
+from hingepair.numeric.arrays import FloatArray
+from hingepair.plans.arguments import Arguments, check_out, read_arguments
+from hingepair.plans.computation import Computation
+from hingepair.plans.derivatives import Derivative
+
+
+class Prepared:
+    """Function of arrays that computes given outputs of a pair or a robot; the methods `prepare` return it. It can be
+    copied and pickled.
+
+    Attributes:
+        given: names of the arguments, in order.
+        outputs: names of the computed outputs.
+    """
+
+    def __init__(
+        self,
+        computation: Computation,
+        given: tuple[str, ...],
+        execution: Execution,
+        gravity: tuple[float, ...] | None,
+        factory: Callable[[], Prepared],
+        watch: Callable[[Any, Mapping[str, Any]], None] | None = None,
+    ) -> None:
+        self.given, self.outputs = given, computation.outputs
+        self._computation, self._gravity, self._execution = computation, gravity, execution
+        self._factory, self._watch = factory, watch  # how it is made anew; what looks at results
+        self._call: Call = computation.call(given, execution.backend, gravity, prepared=True)
+        self._plain = execution.workers == 1 and watch is None
+        if execution.backend == "auto":
+            self._call.compile()
+
+    def __repr__(self) -> str:
+        return f"Prepared(given={self.given}, outputs={self.outputs})"
+
+    def __str__(self) -> str:
+        title = f"{', '.join(self.outputs)} from {', '.join(self.given)}"
+        if not self._call.loop.traced:
+            return f"{title}: joint by joint, without a program"
+        count = self.operations
+        once = f", {count.shared} once for all samples" if count.shared else ""
+        return (
+            f"{title}: {count.per_sample} operations for each sample{once}, "
+            f"of {count.unfolded} where nothing is known"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return self._factory, ()
+
+    @property
+    def source(self) -> str:
+        """Generated Python code of the call, which runs if nothing is compiled."""
+        return self._call.program.source
+
+    @property
+    def ufunc(self) -> np.ufunc:
+        """The kernel itself, a generalised ufunc of NumPy such as "(7),(7)->(3),(3,3)". It follows NumPy's rules of
+        broadcasting and casting (small integers, bool and float16 become float32), and checks no rotation. It stays
+        in memory, cannot be pickled, and returns the outputs in order.
+
+        >>> import hingepair as hp, numpy as np
+        >>> pair = hp.HingePair(u1=(0.5, 0, 0.1), u2=(-0.25, 0.1, 0), n=(1, 0, 0))
+        >>> f = pair.prepare("pose", outputs=("R2", "d")).ufunc
+        >>> f.signature
+        '(7)->(3),(3)'
+        >>> R2, d = f(np.zeros((2, 5, 7)))
+        >>> R2.shape
+        (2, 5, 3)
+        """
+        return self._call.ufunc
+
+    @property
+    def llvm(self) -> str:
+        """Generated LLVM code of the call, which is compiled for one state and for rows of states."""
+        return self._call.llvm
+
+    @property
+    def operations(self) -> OperationCounts:
+        """Numbers of operations for each sample, once for all samples, and where no constant is known."""
+        samples = {name: np.empty((2, *self._call.argument_shapes[name])) for name in self.given}
+        return self._computation.count_operations(samples, self._gravity)
+
+    def __call__(self, *given: Any, out: Any = None) -> Any:
+        """Compute the outputs for one state or many.
+
+        Args:
+            *given: the arguments, in the order of the attribute `given`; shape (..., coordinates) of q, qd, qdd and
+                tau, (..., 3) of vectors, (..., 3, 3) of S1 and S2, (..., 4) of quaternions, (...,) of numbers. They
+                broadcast. Coordinates may also be tuples, dicts by name and tables; such a call takes longer.
+            out: arrays by output name, into which the results are written; where there is one output, also one
+                array. A call that is refused for an unusable argument does not change them.
+
+        Raises:
+            ArgumentError: an argument cannot be used; the error names it.
+        """
+        if len(given) != len(self.given):
+            raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
+        result = self._call.rows(*given) if out is None and self._plain else self._call_with_options(given, out)
+        return self._call_any_arguments(given, out) if result is None else result
+
+    def _call_with_options(self, given: Sequence[Any], out: Any) -> Any:
+        result = self._call.rows(*given, out=check_out(out, self.outputs), workers=self._execution.workers)
+        if result is not None and self._watch is not None:
+            self._watch(result, dict(zip(self.given, given, strict=True)))
+        return result
+
+    def _call_any_arguments(self, given: Sequence[Any], out: Any) -> Any:
+        """Compute what `rows` does not take, such as tables and arrays of other libraries."""
+        named = dict(zip(self.given, given, strict=True))
+        result = self._computation.run(
+            self._read(self._call, named), self._execution, self._gravity, out, prepared=True
+        )
+        if self._watch is not None:
+            self._watch(result, named)
+        return result
+
+    def _read(self, call: Call, arguments: Mapping[str, Any], labels: Mapping[str, str] | None = None) -> Arguments:
+        return read_arguments(arguments, call.argument_shapes, self._computation.coordinates, labels)
+
+    # ---- derivatives
+
+    def jacobian(
+        self, given: Sequence[Any], wrt: str | Iterable[str] | None = None, *, out: Any = None
+    ) -> dict[str, dict[str, FloatArray]]:
+        """Compute the derivatives of all outputs by arguments, exactly up to rounding.
+
+        Args:
+            given: the arguments, as a tuple in the order of the call.
+            wrt: names of arguments out of `given`; by default all.
+            out: arrays to write into, in the form of the result.
+
+        Returns:
+            {output: {argument: array}}. The shape of an array is (..., shape of the output, shape of the argument),
+            such as (..., dof, dof) of tau by q. A rotation matrix (S of frames, S1, S2) counts as three numbers: it
+            changes along rotations about the axes of the world [rad]. The first call for a choice of arguments
+            compiles.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or the robot has too many joints.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> f = hp.load_robot("ur5_robot").prepare("inverse_dynamics", outputs=("tau",))
+        >>> q, qd, qdd = np.zeros((3, 6))
+        >>> f.jacobian((q, qd, qdd), wrt=("q", "qd"))["tau"]["q"].shape
+        (6, 6)
+        """
+        names = self._names("wrt", self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt, self.given)
+        places = {f"{one}_{name}": (one, name) for one in self.outputs for name in names}
+        flat = None
+        if out is not None:
+            form = {one: [*names] for one in self.outputs}
+            if not isinstance(out, dict) or {one: [*part] for one, part in out.items()} != form:
+                raise ArgumentError("out", f"a dict of dicts of arrays, with the names {form}", quoted(out))
+            flat = {key: out[one][name] for key, (one, name) in places.items()}
+        try:
+            arrays = writable_arrays(self._derive("jacobian", self.outputs, names, given, {}, {}, flat))
+        except ArgumentError as error:
+            labels = {f"out[{key!r}]": f"out[{one!r}][{name!r}]" for key, (one, name) in places.items()}
+            if error.name in labels:
+                raise error.renamed(labels[error.name]) from None
+            raise
+        return {one: {name: arrays[f"{one}_{name}"] for name in names} for one in self.outputs}
+
+    def vjp(self, given: Sequence[Any], cotangents: Mapping[str, Any]) -> tuple[Any, dict[str, FloatArray]]:
+        """Compute the results of the call, and the gradient of a weighted sum of outputs by every argument.
+
+        Args:
+            given: the arguments, as a tuple in the order of the call.
+            cotangents: weights by output, each of the shape of the output; for a rotation matrix three, those of
+                rotations about the axes of the world. Outputs without weights do not count.
+
+        Returns:
+            (value, gradient): what the call returns, and a dict of arrays by argument. The gradient of each sample is
+            its own: it is not summed over samples that share an argument.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or the robot has too many joints.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> f = hp.load_robot("ur5_robot").prepare("inverse_dynamics", outputs=("tau",))
+        >>> value, gradient = f.vjp(tuple(np.zeros((3, 6))), {"tau": np.ones(6)})
+        >>> value.tau.shape, gradient["q"].shape
+        ((6,), (6,))
+        """
+        outputs = self._names("cotangents", cotangents, self.outputs)
+        weights = {f"weight_{name}": cotangents[name] for name in outputs}
+        labels = {f"weight_{name}": f"cotangents[{name!r}]" for name in outputs}
+        found = self._derive("vjp", outputs, self.given, given, weights, labels)
+        return self._value(found), {name: writable_arrays(found)[f"gradient_{name}"] for name in self.given}
+
+    def jvp(self, given: Sequence[Any], tangents: Mapping[str, Any]) -> tuple[Any, dict[str, FloatArray]]:
+        """Compute the results of the call, and their rates of change for given rates of change of arguments.
+
+        Args:
+            given: the arguments, as a tuple in the order of the call.
+            tangents: rates of change by argument, each of the shape of the argument; for S1 an angular velocity, axes
+                of the world. All other arguments do not change.
+
+        Returns:
+            (value, tangent): what the call returns, and a dict of the rates of change by output; that of a rotation
+            matrix is an angular velocity, axes of the world.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or the robot has too many joints.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> f = hp.load_robot("ur5_robot").prepare("pose", frames="tool0")
+        >>> value, tangent = f.jvp((np.zeros(6),), {"q": np.ones(6)})
+        >>> value.S.shape, tangent["S"].shape
+        ((1, 3, 3), (1, 3))
+        """
+        names = self._names("tangents", tangents, self.given)
+        changes = {f"change_{name}": tangents[name] for name in names}
+        labels = {f"change_{name}": f"tangents[{name!r}]" for name in names}
+        found = self._derive("jvp", self.outputs, names, given, changes, labels)
+        return self._value(found), {name: writable_arrays(found)[f"rate_{name}"] for name in self.outputs}
+
+    def _derive(
+        self,
+        kind: str,
+        outputs: tuple[str, ...],
+        names: tuple[str, ...],
+        given: Sequence[Any],
+        further: Mapping[str, Any],
+        labels: Mapping[str, str],
+        out: Mapping[str, Any] | None = None,
+    ) -> Results:
+        """Compute a derivative of these outputs by the arguments with these names; `further` are its weights or
+        changes.
+        """
+        if not isinstance(given, tuple | list) or len(given) != len(self.given):
+            raise ArgumentError("given", f"a tuple of {', '.join(self.given)}", quoted(given))
+        shapes = self._call.argument_shapes
+        derivative = Derivative(kind, outputs, tuple((name, shapes[name]) for name in names))
+        self._computation.check_differentiable(derivative, self.given)
+        arguments = {**dict(zip(self.given, given, strict=True)), **further}
+        call = self._computation.call(
+            tuple(arguments), self._execution.backend, self._gravity, prepared=True, derivative=derivative
+        )
+        result: Results | None = call.rows(*arguments.values(), out=out, workers=self._execution.workers)
+        if result is None:
+            values = self._read(call, arguments, labels)
+            result = self._computation.run(
+                values, self._execution, self._gravity, out, prepared=True, derivative=derivative
+            )
+        return result
+
+    def _names(self, argument: str, names: Iterable[Any], accepted: tuple[str, ...]) -> tuple[str, ...]:
+        """Check names of arguments or outputs, and return them in the order of the call."""
+        if argument != "wrt" and not isinstance(names, Mapping):
+            raise ArgumentError(argument, f"a dict of arrays, with names out of {', '.join(accepted)}", quoted(names))
+        chosen = [*names] if isinstance(names, Iterable) else []
+        for name in chosen:
+            if name not in accepted:
+                raise ArgumentError(argument, f"names out of {', '.join(accepted)}", quoted(name))
+        if not chosen:
+            raise ArgumentError(argument, f"at least one of {', '.join(accepted)}", quoted(names))
+        return tuple(name for name in accepted if name in chosen)
+
+    def _value(self, found: Results) -> Any:
+        """Return the results of the call itself out of those of a derivative."""
+        arrays = {name: one for name, one in writable_arrays(found).items() if name in self.outputs}
+        kind = self._computation.result
+        return arrays[self.outputs[0]] if kind is None else kind(arrays, found.shape)
