@@ -440,7 +440,7 @@ def test_threads_that_compile_at_once_get_one_kernel():
         gate.wait()
         one = Call(loop, GIVEN, CONSTANTS, Product, backend="compiled")
         for _ in range(50):
-            made.append((id(one._ufunc("d", False)._borrowed[-1]), one.rows(*given).y))
+            made.append((id(one._kernel("d", False).ufunc._borrowed[-1]), one.rows(*given).y))
 
     threads = [threading.Thread(target=work) for _ in range(4)]
     for thread in threads:

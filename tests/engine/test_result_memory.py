@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 
-from hingepair.engine import memory
+from hingepair.engine import outputs as memory
 
 
 def address(array):

@@ -71,33 +71,34 @@ class Layout(NamedTuple):
         """
         return "->".join(",".join(one.core for one in group) for group in (self.inputs, self.outputs))
 
+    @property
+    def packed(self) -> Layout:
+        """The same arguments with one result, which holds all outputs behind each other: in rows as long as those of
+        the outputs if all of these have the same length.
+        """
+        if len(self.outputs) == 1:
+            return self
+        size = sum(math.prod(one.sample_shape) for one in self.outputs)
+        widths = {one.sample_shape[-1:] for one in self.outputs}
+        (width,) = widths if len(widths) == 1 else ((),)
+        return self._replace(outputs=(Operand((size // math.prod(width), *width)),))
+
 
 def loop_ir(layout: Layout, float_type: str) -> str:
-    """Return the LLVM code, as text, of the function `loop(args, dimensions, steps, data)`, the inner loop of a ufunc
-    with this layout. It calls the function `kernel` of the same module.
+    """Return the LLVM code of the inner loops `loop(args, dimensions, steps, data)` of a ufunc with this layout and
+    `packed` of its packed one, which call the function `kernel` of the same module.
 
-    The loop computes with the default floating-point environment and restores that of the caller, flags included: a
-    NaN stays in its sample in silence.
+    They compute with the default floating-point environment and restore that of the caller, flags included: a NaN
+    stays in its sample in silence.
     """
     operands = (*layout.inputs, *layout.outputs)
     f = FunctionBuilder("void @loop(ptr %args, ptr %dims, ptr %steps, ptr %data)")
-    row_count = layout.constants + sum(one.used for one in operands)
-    f.do(f"%table = alloca [{row_count * INTEGERS_PER_KERNEL_TABLE_ROW} x i64], align 64")
     declarations, restore = _default_float_environment(f)
     count = f.load_word("%dims", 0)
-    if layout.constants:
-        _store_row(f, 0, f.put("ptrtoint ptr %data to i64"), "0", "0", str(_NUMBER_BYTES[float_type]))
+    _begin_table(f, layout, float_type)
     dense = []
     for k, row in _rows(layout).items():
-        one, core = operands[k], _core_steps(f, operands, k)
-        axes = [(n, step) for n, step in zip(one.sample_shape, core[one.chained :], strict=True) if n > 1]
-        component = axes[-1][1] if axes else str(_NUMBER_BYTES[float_type])
-        outer = f.load_word("%steps", 8 * k)
-        samples = (outer, core[0]) if one.chained else ("0", outer)
-        _store_row(f, row, f.load_word("%args", 8 * k), *samples, component)
-        dense += [
-            f.put(f"icmp eq i64 {step}, {f.multiply(inner, n)}") for (_, step), (n, inner) in itertools.pairwise(axes)
-        ]
+        dense += _store_operand(f, operands, k, row, float_type)
     if any(one.chained for one in operands):
         call = f"call void @kernel(ptr %table, i64 {count}, i64 {f.load_word('%dims', 8 * _chain_index(operands))})"
     else:
@@ -113,7 +114,56 @@ def loop_ir(layout: Layout, float_type: str) -> str:
         f.do(call)
     restore()
     f.do("ret void")
+    if not any(one.chained for one in operands):
+        parts.append(_packed_ir(layout, float_type))
     return "\n\n".join([*declarations, *parts, f.text()]) + "\n"
+
+
+def _packed_ir(layout: Layout, float_type: str) -> str:
+    """Return the LLVM code of the function `packed`, an inner loop that writes all outputs of a sample into one
+    contiguous array. It trusts that matrices are contiguous.
+    """
+    f, number_bytes = (
+        FunctionBuilder("void @packed(ptr %args, ptr %dims, ptr %steps, ptr %data)"),
+        _NUMBER_BYTES[float_type],
+    )
+    _, restore = _default_float_environment(f)
+    _begin_table(f, layout, float_type)
+    packed, last = layout.packed, len(layout.inputs)
+    rows = _rows(layout)
+    for k, row in rows.items():
+        if k < last:
+            _store_operand(f, (*packed.inputs, *packed.outputs), k, row, float_type)
+    address, step, offset = f.load_word("%args", 8 * last), f.load_word("%steps", 8 * last), 0
+    for k, one in enumerate(layout.outputs, last):
+        place = f.put(f"add i64 {address}, {offset}") if offset else address
+        _store_row(f, rows[k], place, "0", step, str(number_bytes))
+        offset += number_bytes * math.prod(one.sample_shape)
+    f.do(f"call void @kernel(ptr %table, i64 1, i64 {f.load_word('%dims', 0)})")
+    restore()
+    f.do("ret void")
+    return f.text()
+
+
+def _begin_table(f: FunctionBuilder, layout: Layout, float_type: str) -> None:
+    """Make the kernel's table, and fill the row of the constants."""
+    count = len(_rows(layout)) + layout.constants
+    f.do(f"%table = alloca [{count * INTEGERS_PER_KERNEL_TABLE_ROW} x i64], align 64")
+    if layout.constants:
+        _store_row(f, 0, f.put("ptrtoint ptr %data to i64"), "0", "0", str(_NUMBER_BYTES[float_type]))
+
+
+def _store_operand(f: FunctionBuilder, operands: Sequence[Operand], k: int, row: int, float_type: str) -> list[str]:
+    """Fill the row of an operand, and return conditions under which the row says all of its strides."""
+    one, core = operands[k], _core_steps(f, operands, k)
+    axes = [(n, step) for n, step in zip(one.sample_shape, core[one.chained :], strict=True) if n > 1]
+    component = axes[-1][1] if axes else str(_NUMBER_BYTES[float_type])
+    outer = f.load_word("%steps", 8 * k)
+    samples = (outer, core[0]) if one.chained else ("0", outer)
+    _store_row(f, row, f.load_word("%args", 8 * k), *samples, component)
+    return [
+        f.put(f"icmp eq i64 {step}, {f.multiply(inner, n)}") for (_, step), (n, inner) in itertools.pairwise(axes)
+    ]
 
 
 def _copied_ir(layout: Layout, float_type: str) -> str:

@@ -1,0 +1,139 @@
+"""Arrays that a call writes into: the user's, once they have been checked, or new ones.
+
+New memory costs as much as the computation: the operating system clears each page at its first use, and the C library
+gives large blocks back at once. So the memory of the last few results is kept, at most 160 MB, and used again once
+nobody holds them.
+"""
+
+from __future__ import annotations
+
+import collections
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
+
+Out: TypeAlias = Mapping[str, NDArray[Any]] | None
+"""Arrays to write outputs into, by output name."""
+
+
+def output_arrays(
+    sample_shapes: Iterable[tuple[str, tuple[int, ...]]],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    out: Out,
+    inputs: Mapping[str, Any],
+) -> dict[str, NDArray[Any]]:
+    """Return an array for each output: that of `out`, or a new one that holds nothing yet.
+
+    Args:
+        sample_shapes: shape of one sample of each output, by name.
+        shape: leading shape of the samples.
+        dtype: dtype of the outputs.
+        out: the user's arrays by output name.
+        inputs: the arguments by name, arrays or tuples of them; no array of `out` may overlap them.
+    """
+    shapes = {name: (*shape, *tail) for name, tail in sample_shapes}
+    out = out or {}
+    for name, array in out.items():
+        _check_array(f"out[{name!r}]", array, shapes[name], dtype)
+    if out:
+        _check_memory(out, inputs)
+    sizes = [math.prod(size) for name, size in shapes.items() if name not in out]
+    memory = empty(sum(sizes), dtype)
+    ends = itertools.accumulate(sizes)
+    parts = (memory[end - size : end] for end, size in zip(ends, sizes, strict=True))
+    return {name: out[name] if name in out else next(parts).reshape(size) for name, size in shapes.items()}
+
+
+def _check_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """Refuse what is no writable array of this shape and dtype."""
+    if not isinstance(array, np.ndarray) or isinstance(array, np.matrix):
+        raise ArgumentError(name, "a NumPy array to write into (no matrix)", quoted(array))
+    if isinstance(array, np.ma.MaskedArray):
+        raise ArgumentError(name, "an array without a mask", "a masked array")
+    if array.shape != shape:
+        raise ShapeError(name, f"shape {shape}", f"shape {array.shape}")
+    if array.dtype != dtype:
+        raise DtypeError(name, f"dtype {dtype.name}", f"dtype {array.dtype}")
+    if not array.flags.writeable:
+        raise ArgumentError(name, "a writable array", "a read-only array")
+
+
+def _check_memory(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) -> None:
+    """Refuse an array of `out` that shares memory with another one, with itself or with an input."""
+    others = [
+        (name, part)
+        for name, value in inputs.items()
+        for part in (value if isinstance(value, tuple) else (value,))
+        if isinstance(part, np.ndarray)
+    ]
+    if _own_memory([*out.values()], [array for _, array in others]):
+        return
+    for name, array in out.items():
+        if not _steps_apart(array):
+            raise ArgumentError(f"out[{name!r}]", "memory of its own", "an array that overlaps itself")
+        for other_name, other in others:
+            if np.may_share_memory(array, other) and np.shares_memory(array, other):
+                raise ArgumentError(f"out[{name!r}]", "memory of its own", f"an array that overlaps {other_name}")
+        others.append((f"out[{name!r}]", array))
+
+
+def _own_memory(outputs: Sequence[NDArray[Any]], inputs: Sequence[NDArray[Any]]) -> bool:
+    """Return whether no memory is shared, as far as that is seen, quickly, by the arrays that own the memory."""
+    owners = {id(one) if one.base is None else id(one.base) for one in outputs}
+    if len(owners) < len(outputs):
+        return False
+    for one in (*outputs, *inputs):
+        if one.base is not None and (type(one.base) is not np.ndarray or one.base.base is not None):
+            return False
+    if not owners.isdisjoint(id(one) if one.base is None else id(one.base) for one in inputs):
+        return False
+    return all(one.base is None or one.flags.forc or _steps_apart(one) for one in outputs)
+
+
+def _steps_apart(array: NDArray[Any]) -> bool:
+    """Return whether each stride of an array leads beyond what the smaller ones reach."""
+    reach = array.itemsize
+    for step, n in sorted((abs(step), n) for step, n in zip(array.strides, array.shape, strict=True) if n > 1):
+        if step < reach:
+            return False
+        reach = step * (n - 1) + reach
+    return True
+
+
+_SMALLEST, _LARGEST = 1_000_000, 40_000_000  # bytes: below, new memory is quick; above, too much would be kept
+_free: Final[collections.deque[NDArray[np.uint8]]] = collections.deque(maxlen=4)  # the oldest falls out
+
+
+class _Lease:
+    """Owner of a block, from which NumPy makes arrays; returns the block when the last of them is gone."""
+
+    def __init__(self, block: NDArray[np.uint8]) -> None:
+        self._block = block
+        address = block.__array_interface__["data"][0]
+        self.__array_interface__ = {"shape": block.shape, "typestr": "|u1", "data": (address, False), "version": 3}
+
+    def __del__(self) -> None:
+        _free.append(self._block)
+
+
+def empty(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return an uninitialised array (count,), whose memory may be that of a former result."""
+    size = count * dtype.itemsize
+    if not _SMALLEST <= size <= _LARGEST:
+        return np.empty(count, dtype)
+    for _ in range(len(_free)):
+        try:
+            block = _free.popleft()
+        except IndexError:  # another thread was quicker
+            break
+        if block.size == size:
+            return np.asarray(_Lease(block)).view(dtype)
+        _free.append(block)
+    return np.asarray(_Lease(np.empty(size, np.uint8))).view(dtype)

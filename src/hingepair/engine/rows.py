@@ -1,0 +1,196 @@
+"""The shortest way from arrays to a kernel: a generated function of arrays that need no conversion.
+
+    rows(q, qd)                                 # of one state, or of few states with the same leading axes
+    rows(q, qd, out={"tau": tau}, workers=1)    # of one state
+
+All else goes to the general function that it was made with.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from types import CodeType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hingepair.engine.results import Results
+from hingepair.engine.ufunc import Layout, Ufunc
+from hingepair.numeric.arrays import MAX_AXES
+
+Rows = Callable[..., Any]
+
+
+class Output(NamedTuple):
+    """An output of a kernel."""
+
+    name: str
+    shape: tuple[int, ...]  # of one sample
+    limit: float | None = None  # that no sample may exceed; such an output is checked instead of returned
+
+
+def rows_function(
+    layout: Layout,
+    outputs: Sequence[Output],
+    dtype: np.dtype[Any],
+    result: type[Results] | None,
+    *,
+    kernel: Ufunc,
+    packed: Ufunc,
+    most: int,
+    general: Rows,
+    refuse: Callable[[Sequence[Any], bool], None],
+) -> Rows:
+    """Return the function of the arguments in order, `out` and `workers`.
+
+    Args:
+        layout: arguments and outputs of the kernel.
+        outputs: the outputs, in the order of the layout.
+        dtype: of arguments and outputs.
+        result: class of the result; None to return the only output, as a writable array.
+        kernel: ufunc of the layout.
+        packed: ufunc of the packed layout.
+        most: samples at most.
+        general: what calls for all other arguments are handed to.
+        refuse: called with the arguments, and whether `out` has been written, where an output exceeds its limit.
+    """
+    shown = result or Results
+    names = tuple(one.name for one in outputs if one.limit is None)
+    scope: dict[str, Any] = {
+        "ndarray": np.ndarray, "array": np.array, "freeze": np.ndarray.setflags, "dtype": dtype, "names": names,
+        "kernel": kernel.call, "packed": packed.call, "owners": (kernel, packed),
+        "general": general, "refuse": refuse,
+        "Result": shown, "new": shown.__new__, "set_content": Results.__dict__["_content"].__set__,
+    }  # fmt: skip
+    slots = [name for name in names if name in shown.__slots__]
+    scope |= {f"set_{name}": shown.__dict__[name].__set__ for name in slots}
+    source = _source(layout, outputs, dtype.char == "d", slots if result else None, most)
+    exec(_compiled(source), scope)
+    function: Rows = scope["rows"]
+    return function
+
+
+@functools.lru_cache(maxsize=512)  # hundreds of pairs share few sources
+def _compiled(source: str) -> CodeType:
+    return compile(source, "<hingepair: rows>", "exec")
+
+
+def _source(
+    layout: Layout, outputs: Sequence[Output], takes_floats: bool, slots: Sequence[str] | None, most: int
+) -> str:
+    """Return the source of the function; `slots` are the attributes of the result, None for a bare array."""
+    shapes = [one.sample_shape for one in layout.inputs]
+    places = range(len(shapes))
+    arguments = ", ".join(f"in{k}" for k in places)
+    targets = "".join(f"out{k}, " for k in range(len(outputs)))
+    other = f"return general({arguments}, out=out, workers=workers)"
+    frees = [] if slots is None else [f"freeze(out{k}, False)" for k, one in enumerate(outputs)]
+    one_state, few_states, arrays = [], [], []
+    for k, shape in enumerate(shapes):
+        array = f"type(in{k}) is ndarray and in{k}.dtype is dtype"
+        one = f"in{k}.shape == {shape}{f' and in{k}.flags.c_contiguous' if len(shape) > 1 else ''}"
+        is_float = f"type(in{k}) is float or " if takes_floats and not shape else ""
+        arrays.append(f"({is_float}{array})")
+        one_state.append(f"({is_float}{one})")
+        few_states.append(f"type(in{k}) is ndarray and in{k}.shape == (*lead, *{shape}) and in{k}.flags.c_contiguous")
+    lead = f"in0.shape[:-{len(shapes[0])}]" if shapes[0] else "in0.shape if type(in0) is ndarray else ()"
+    few_states += [f"in0.ndim <= {MAX_AXES}", f"0 < in0.size < {most * math.prod(shapes[0])}"]
+
+    lines = [
+        f"def rows({arguments}, out=None, workers=1):",
+        f"    if not ({' and '.join(arrays)}):",
+        f"        {other}",
+        f"    if {' and '.join(one_state)}:",
+        "        lead = ()",
+        "        if out is None:",
+        *_indented(3, _packed_lines(layout, slots is not None, arguments)),
+        *_indented(3, _result_lines(outputs, slots, arguments, written=False)),
+        "        if type(out) is not dict or workers != 1:",
+        f"            {other}",
+        *_indented(2, _memory_lines(shapes, outputs, other)),
+        "        try:",
+        f"            {targets} = kernel({arguments}, out=({targets}))",
+        "        except ValueError:",  # an array that cannot be written: the general function says which
+        f"            {other}",
+        *_indented(2, _result_lines(outputs, slots, arguments, written=True)),
+        f"    lead = {lead}",
+        f"    if out is None and workers == 1 and {' and '.join(few_states)}:",
+        f"        {targets if len(outputs) > 1 else 'out0'} = kernel({arguments})",
+        *_indented(2, frees),
+        *_indented(2, _result_lines(outputs, slots, arguments, written=False)),
+        f"    {other}",
+    ]
+    return "\n".join(lines)
+
+
+def _indented(depth: int, lines: Sequence[str]) -> list[str]:
+    return ["    " * depth + line for line in lines]
+
+
+def _packed_lines(layout: Layout, is_result: bool, arguments: str) -> list[str]:
+    """Return the lines that compute one state into new memory: one array is quicker than one for each output."""
+    if len(layout.outputs) == 1:
+        line = f"out0 = packed({arguments})"
+        if layout.outputs[0].sample_shape:
+            return [line, "freeze(out0, False)"] if is_result else [line]
+        return [line] if is_result else [line, "out0 = array(out0)"]
+    lines, start = [f"all = packed({arguments})"], 0
+    if is_result:
+        lines.append("freeze(all, False)")  # its views too
+    row = layout.packed.outputs[0].sample_shape[1:]
+    for k, one in enumerate(layout.outputs):
+        shape, stop = one.sample_shape, start + math.prod(one.sample_shape) // math.prod(row)
+        place = f"{start}" if shape == row else f"{start}:{stop}"
+        reshaped = f".reshape({shape})" if len(shape) > len(row) + 1 else ""
+        lines.append(f"out{k} = all[{place}]{reshaped}")
+        start = stop
+    return lines
+
+
+def _memory_lines(shapes: Sequence[tuple[int, ...]], outputs: Sequence[Output], other: str) -> list[str]:
+    """Return the lines that take the arrays of `out`, unless they might share memory with others or do not fit."""
+    lines = ["seen = set()"]
+    for k in (k for k, shape in enumerate(shapes) if shape):
+        lines += [
+            f"owner = in{k}.base",
+            "if owner is None:",
+            f"    seen.add(id(in{k}))",
+            "elif type(owner) is ndarray and owner.base is None:",
+            "    seen.add(id(owner))",
+            "else:",
+            f"    {other}",
+        ]
+    lines.append("found = len(seen)")
+    for k, one in enumerate(outputs):
+        lines.append(f"out{k} = {f'out.get({one.name!r})' if one.limit is None else None}")
+        if one.limit is None:
+            lines += [
+                f"if out{k} is not None:",
+                f"    if type(out{k}) is not ndarray or out{k}.dtype is not dtype or out{k}.shape != {one.shape}:",
+                f"        {other}",
+                f"    owner = out{k}.base",
+                "    if owner is None:",
+                f"        seen.add(id(out{k}))",
+                f"    elif type(owner) is ndarray and owner.base is None and out{k}.flags.c_contiguous:",
+                "        seen.add(id(owner))",
+            ]
+    return [*lines, "if not out or len(seen) != found + len(out):", f"    {other}"]
+
+
+def _result_lines(outputs: Sequence[Output], slots: Sequence[str] | None, arguments: str, written: bool) -> list[str]:
+    """Return the lines that check the limits and return the result. Where arrays of the user were written, which stay
+    writable, the result makes read-only views of them when it is asked for them.
+    """
+    lines = []
+    for k, one in enumerate(outputs):
+        if one.limit is not None:
+            lines += [f"if (out{k} > {one.limit!r}).any():", f"    refuse(({arguments},), {written})"]
+    shown = {f"out{k}": one.name for k, one in enumerate(outputs) if one.limit is None}
+    if slots is None:
+        return [*lines, f"return {next(iter(shown))}"]
+    lines += ["result = new(Result)", f"set_content(result, (names, ({', '.join(shown)},), lead))"]
+    if not written:
+        lines += [f"set_{name}(result, {out})" for out, name in shown.items() if name in slots]
+    return [*lines, "return result"]
