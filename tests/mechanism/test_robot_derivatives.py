@@ -8,7 +8,16 @@ import pytest
 
 import hingepair as hp
 from hingepair.errors import ArgumentError
-from support.trees import Robot, base_motion, random_model, record_of, urdf_model, with_mimics
+from support.trees import (
+    Robot,
+    base_motion,
+    on_free_base,
+    pinocchio_state,
+    random_model,
+    record_of,
+    urdf_model,
+    with_mimics,
+)
 
 EPS = 2.0**-53
 
@@ -173,6 +182,52 @@ def test_derivatives_of_dynamics_are_those_of_pinocchio(name):
     )
 
 
+def torque_derivatives_by_pinocchio(model, base, force1, torque1, q, qd, qdd):
+    """Derivatives of (force1, torque1, tau) by rotations of the base and q, and by omega1 and qd; world axes.
+
+    Pinocchio's are by displacements and velocities in the axes of the base, at a constant spatial acceleration.
+    """
+    data, n = model.createData(), model.nv
+    pin.computeRNEADerivatives(model, data, *pinocchio_state(base, q, qd, qdd))
+    S, to_world = base.S, np.eye(n)
+    to_world[:3, :3] = to_world[3:6, 3:6] = S
+    M = np.triu(data.M) + np.triu(data.M, 1).T
+    by_q, by_qd = to_world @ data.dtau_dq @ to_world.T, to_world @ data.dtau_dv @ to_world.T
+    M = to_world @ M @ to_world.T
+    for k, e in enumerate(np.eye(3)):
+        turned = [np.cross(x, e) for x in (base.v, base.omega, base.a - np.cross(base.omega, base.v), base.alpha)]
+        by_q[:, 3 + k] += by_qd[:, :3] @ turned[0] + by_qd[:, 3:6] @ turned[1]
+        by_q[:, 3 + k] += M[:, :3] @ turned[2] + M[:, 3:6] @ turned[3]
+        by_q[:3, 3 + k] += np.cross(e, force1)
+        by_q[3:6, 3 + k] += np.cross(e, torque1)
+    for k, e in enumerate(np.eye(3)):
+        by_qd[:, k] -= M[:, :3] @ np.cross(base.omega, e)
+        by_qd[:, 3 + k] -= M[:, :3] @ np.cross(e, base.v)
+    return by_q, by_qd, M
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_derivatives_on_a_free_base_are_those_of_pinocchio_in_world_axes(seed):
+    model = random_model(seed)
+    robot, free = Robot(record_of(model), "free"), on_free_base(model)
+    rng = np.random.default_rng(seed)
+    base = base_motion(rng)
+    q, qd, qdd = rng.uniform(-1, 1, (3, robot.dof))
+    given = {"base_motion": base}
+    f = robot.inverse_dynamics(q, qd, qdd, **given)
+    expected = torque_derivatives_by_pinocchio(free, base, f.force1, f.torque1, q, qd, qdd)
+    found = robot.inverse_dynamics_derivatives(q, qd, qdd, **given)
+    for name, theirs in zip(("tau_q", "tau_qd", "tau_qdd"), expected, strict=True):
+        np.testing.assert_allclose(found[name], theirs, rtol=0, atol=512 * EPS * max(map(np.max, map(abs, expected))))
+    # what a change of q and qd adds to the torques at the given accelerations, the accelerations take away
+    loads = {"force1": f.force1, "torque1": f.torque1}
+    a = robot.forward_dynamics_derivatives(q, qd, f.tau, **loads, **given)
+    M, left = found.tau_qdd, 256 * EPS * np.linalg.cond(found.tau_qdd)
+    for ours, torques in ((a.qdd_q, found.tau_q), (a.qdd_qd, found.tau_qd)):
+        np.testing.assert_allclose(M @ ours, -torques, rtol=0, atol=left * abs(M).max() * abs(ours).max())
+    np.testing.assert_allclose(M @ a.qdd_tau, np.eye(len(M)), rtol=0, atol=left)
+
+
 def test_wrenches_the_motion_of_the_base_and_mimic_joints_count():
     model = random_model(1)
     tree = record_of(model)
@@ -205,8 +260,6 @@ def test_only_what_is_asked_for_is_computed(ur5, states):
     )
     with pytest.raises(ArgumentError, match="outputs: expected one of tau_q, tau_qd, tau_qdd, got 'tau'"):
         ur5.inverse_dynamics_derivatives(*states, outputs=("tau",))
-    with pytest.raises(ArgumentError, match="robot: expected a base that is not free"):
-        hp.load_robot("ur5_robot", base="free").inverse_dynamics_derivatives(*states)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])

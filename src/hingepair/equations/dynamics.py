@@ -17,6 +17,7 @@ D8  P = sum m_i v_ci, L = sum R_ci x m_i v_ci + I_i omega_i                     
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 from hingepair.equations.derivatives import Entries
@@ -176,16 +177,25 @@ def solve_symmetric(A: Entries, b: Entries) -> tuple[Entries, Entries]:
     `factor_symmetric`.
     """
     lower, pivots = factor_symmetric(A)
+    return solve_factored(lower, lambda k, part: part / pivots[k], b), pivots
+
+
+def solve_factored(
+    lower: Sequence[Sequence[Scalar]], divide: Callable[[int, Scalar], Scalar], b: Sequence[Scalar]
+) -> Entries:
+    """Return x of L D L^T x = b. `lower` are the entries of L, as of `factor_symmetric`; `divide(k, part)` divides by
+    the k-th pivot of D.
+    """
     size = len(b)
     x = list(b)
     for i in range(size):
         for j in range(i):
             x[i] = x[i] - lower[i][j] * x[j]
-    x = [part / pivot for part, pivot in zip(x, pivots, strict=True)]
+    x = [divide(k, part) for k, part in enumerate(x)]
     for i in reversed(range(size)):
         for j in range(i + 1, size):
             x[i] = x[i] - lower[j][i] * x[j]
-    return tuple(x), pivots
+    return tuple(x)
 
 
 def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matrix) -> Scalar:

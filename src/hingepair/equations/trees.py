@@ -1,4 +1,4 @@
-"""Trees of hinges and sliders, T1-T10, as plain arithmetic on tuples of scalars: each body in its own axes.
+"""Trees of hinges and sliders, T1-T12, as plain arithmetic on tuples of scalars: each body in its own axes.
 
 Body 0 is the base, body k >= 1 is what joint k moves, p is its parent. The z axis of body k is the axis of joint k,
 and its reference point lies on it. Q = S Sz(q) turns the axes of body k into those of its parent, r leads from the
@@ -23,6 +23,8 @@ T9  matter on a hinge's axis moves with both bodies: it is counted with the pare
     N_zz = 0 beyond a hinge; of a slider N is the parent's. Nothing above changes by it.
 T10 a geared rotor turns with its joint only, with the inertia I (armature) referred to the joint: it adds I q_k'' to
     tau_k, I to M_kk and to D, I q_k'^2 / 2 to the kinetic energy. The body's own motion is not felt by it.
+T11 dq'' = M^-1 (dtau - dtau(q, q', q'')), where the last change is that of inverse dynamics at constant q''
+T12 A_k = (P, L about the centre of mass c) of the matter beyond joint k, moved by q_k' = 1 alone; in world axes
 
 T1-T3: Luh, Walker, Paul, On-line computational scheme for mechanical manipulators, 1980; T4-T6: Featherstone, Rigid
 Body Dynamics Algorithms, 2008; T9: Gautier, Khalil, Direct calculation of minimum set of inertial parameters, 1990.
@@ -548,6 +550,31 @@ def base_mass_rows(S: Matrix, matter: Matter) -> list[list[Scalar]]:
         [z, 0.0, -x, J[1], J[3]],
         [-y, x, 0.0, J[2], J[4], J[5]],
     ]
+
+
+def momentum_columns(
+    links: Sequence[Link], body_poses: Sequence[Pose], composite_matter: Sequence[Matter], centre: Vector
+) -> list[Wrench]:
+    """Return the linear momentum and the angular momentum about the centre of mass, world axes, for q' = 1 of each
+    joint alone (T12). `centre` leads from the base's reference point to the centre of mass.
+    """
+    columns = []
+    for link, pose, matter in zip(links, body_poses[1:], composite_matter[1:], strict=True):
+        P, L = (rotate(pose.S, part) for part in axis_wrench(link.slides, matter))
+        columns.append((P, add(L, cross(subtract(pose.d, centre), P))))
+    return columns
+
+
+def base_momentum_columns(S1: Matrix, matter: Matter, centre: Vector) -> list[Wrench]:
+    """Return what `momentum_columns` does, for v1 along each world axis and omega1 about each. `matter` is that of
+    the whole tree, and S1 the attitude of the base.
+    """
+    m, (x, y, z) = matter.mass, rotate(S1, matter.first)
+    J = full_matrix(conjugate(S1, inertia_from_moment(matter.second)))
+    moving = [(m, 0.0, 0.0), (0.0, m, 0.0), (0.0, 0.0, m)]
+    turning = [(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)]
+    columns: list[Wrench] = [(P, ZERO_VECTOR) for P in moving]
+    return columns + [(P, subtract(J[3 * k : 3 * k + 3], cross(centre, P))) for k, P in enumerate(turning)]
 
 
 # ---- articulated bodies

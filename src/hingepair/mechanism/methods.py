@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import execution_of
 from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
-from hingepair.engine.results import Results
+from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import read_robot_arguments, read_wrenches
@@ -607,7 +607,11 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismDerivatives:
         """Compute the derivatives of the torques of `inverse_dynamics` by q, qd and qdd, exactly up to rounding.
-        Return a MechanismDerivatives. Wrenches keep their values in world axes while q changes.
+        Wrenches keep their values in world axes while q changes.
+
+        A free base adds six rows, those of force1 and torque1, and six columns: by displacements of R1 and rotations
+        of the base, by v1 and omega1, by a1 and alpha1; all in world axes, where omega1 and alpha1 stay as they are
+        while the base rotates.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -623,10 +627,11 @@ class MechanismMethods(Shown):
 
         Returns:
             The MechanismDerivatives. Its `tau_q`, `tau_qd` and `tau_qdd`, the mass matrix, have the shape
-            (..., dof, dof): a row for each torque, a column for each coordinate.
+            (..., dof, dof): a row for each torque, a column for each coordinate; of a free base
+            (..., 6 + dof, 6 + dof).
 
         Raises:
-            ArgumentError: an argument cannot be used, the base is free, or the robot has too many joints.
+            ArgumentError: an argument cannot be used, or the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -646,21 +651,25 @@ class MechanismMethods(Shown):
         *,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
+        force1: ArrayLike = 0,
+        torque1: ArrayLike = 0,
         base_motion: BodyMotion | None = None,
         outputs: Iterable[str] | None = None,
         out: Out = None,
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismDerivatives:
-        """Compute the derivatives of the accelerations of `forward_dynamics` by q, qd and tau, exactly up to
-        rounding. Return a MechanismDerivatives with `qdd_q`, `qdd_qd` and `qdd_tau`, the inverse mass matrix; shape
-        (..., dof, dof), a row for each acceleration. They are NaN where the mass matrix is singular.
+        """Compute the derivatives of the accelerations of `forward_dynamics` by q, qd and tau, exactly up to rounding
+        (T11): `qdd_q`, `qdd_qd` and `qdd_tau`, the inverse mass matrix; shape (..., dof, dof), a row for each
+        acceleration. They are NaN where the mass matrix is singular. A free base adds rows of a1 and alpha1, and
+        columns as in `inverse_dynamics_derivatives`, those of qdd_tau by force1 and torque1.
 
-        `tau` are the torques of hinges [N m] and the forces of sliders [N]. `outputs` are names out of qdd_q, qdd_qd
-        and qdd_tau, by default all. The other arguments are the same as for `inverse_dynamics_derivatives`.
+        `tau` are the torques of hinges [N m] and the forces of sliders [N]; `force1` and `torque1` are as for
+        `forward_dynamics`. `outputs` are names out of qdd_q, qdd_qd and qdd_tau, by default all. The other arguments
+        are the same as for `inverse_dynamics_derivatives`.
 
         Raises:
-            ArgumentError: an argument cannot be used, the base is free, or the robot has too many joints.
+            ArgumentError: an argument cannot be used, or the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -668,8 +677,10 @@ class MechanismMethods(Shown):
         >>> robot.forward_dynamics_derivatives(np.zeros(6), np.zeros(6), np.zeros(6)).qdd_tau.shape
         (6, 6)
         """
-        coordinates = {"q": q, "qd": qd, "tau": tau}
-        return self._derivatives("qdd", coordinates, gravity, wrenches, base_motion, outputs, out, workers, backend)
+        coordinates, loads = {"q": q, "qd": qd, "tau": tau}, self._loads_on_base(force1, torque1)
+        return self._derivatives(
+            "qdd", coordinates, gravity, wrenches, base_motion, outputs, out, workers, backend, loads
+        )
 
     def _derivatives(
         self,
@@ -682,26 +693,64 @@ class MechanismMethods(Shown):
         out: Out,
         workers: int,
         backend: str,
+        loads: Mapping[str, tuple[Any, str]] | None = None,
     ) -> MechanismDerivatives:
-        """Compute the derivatives of the output "tau" or "qdd" by coordinates."""
-        if self.base == "free":
-            expected = "a base that is not free (prepare(...).jacobian differentiates by S1, omega1 and q)"
-            raise ArgumentError("robot", expected, "base='free'")
-        if holds_dask(coordinates, base_motion, wrenches):
-            raise ArgumentError("q", "arrays in memory, to compute derivatives", "a Dask array among the arguments")
+        """Compute the derivatives of the output "tau" or "qdd", and of those of a free base, by coordinates."""
         accepted = tuple(f"{output}_{name}" for name in coordinates)
         names = _checked_outputs(outputs, out, accepted)
         labelled_loads, frames = self._wrench_inputs(wrenches)
-        computation = self._computation((output,), frames, len(frames))
-        by = tuple((name, (self._constants.form.dof,)) for name in coordinates if f"{output}_{name}" in names)
-        derivative = Derivative("jacobian", (output,), by)
-        computation.check_differentiable(derivative, tuple(coordinates))
-        result: MechanismDerivatives = self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads, derivative
-        )
+        all_outputs = _INVERSE_DYNAMICS_OUTPUT_NAMES if output == "tau" else _ACCELERATION_OUTPUT_NAMES
+        computation = self._computation(all_outputs if self.base == "free" else (output,), frames, len(frames))
+        size = self._constants.form.dof + 6 * (self.base == "free")
+        derivative = Derivative("matrices", names, tuple((name.partition("_")[2], (size,)) for name in names))
+        result: MechanismDerivatives = self._derive(
+            computation, derivative, coordinates, base_motion, out, workers, backend, gravity, wrenches,
+            labelled_loads | dict(loads or {}),
+        )  # fmt: skip
         if output == "qdd" and self._constants.may_be_singular:  # where one derivative is NaN, all are
             self._warn_where_singular(Results({"qdd": result[names[0]][..., 0]}, result.shape), coordinates)
         return result
+
+    def _derive(
+        self,
+        computation: RobotComputation,
+        derivative: Derivative,
+        coordinates: Mapping[str, Any],
+        base_motion: BodyMotion | None,
+        out: Out,
+        workers: int,
+        backend: str,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        wrenches: Wrenches = None,
+        loads: Mapping[str, tuple[Any, str]] | None = None,
+    ) -> Any:
+        """Compute a derivative of a RobotComputation."""
+        if holds_dask(coordinates, base_motion, wrenches):
+            raise ArgumentError("q", "arrays in memory, to compute derivatives", "a Dask array among the arguments")
+        computation.check_differentiable(derivative, tuple(coordinates))
+        return self._run(computation, coordinates, base_motion, out, workers, backend, gravity, loads, derivative)
+
+    def _rate(
+        self,
+        output: str,
+        coordinates: Mapping[str, Any],
+        frames: Mapping[str, Frame],
+        base_motion: BodyMotion | None,
+        out: FloatArray | None,
+        workers: int,
+        backend: str,
+    ) -> FloatArray:
+        """Return the time derivative of an output that depends on q and the attitude of the base alone."""
+        arrays = None if out is None else {f"rate_{output}": out}
+        computation, derivative = self._computation((output,), frames), Derivative("rate", (output,), ())
+        try:
+            found = self._derive(computation, derivative, coordinates, base_motion, arrays, workers, backend)
+        except ArgumentError as error:
+            if error.name != f"out['rate_{output}']":
+                raise
+            raise error.renamed("out") from None
+        rate: FloatArray = writable_arrays(found)[f"rate_{output}"]
+        return rate
 
     def mass_matrix(
         self,

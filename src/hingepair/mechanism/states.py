@@ -255,8 +255,9 @@ class MechanismAccelerations(JointResults):
 
 class MechanismDerivatives(Results):
     """Derivatives of the torques or accelerations of a robot by its coordinates, their rates and accelerations or
-    torques: a row for each torque or acceleration, a column for each coordinate, shape (..., dof, dof). Those that
-    were not computed are None. Only hingepair calls the constructor.
+    torques: a row for each torque or acceleration, a column for each coordinate, shape (..., dof, dof); with a free
+    base (..., 6 + dof, 6 + dof), the base first. Those that were not computed are None. Only hingepair calls the
+    constructor.
     """
 
     __slots__ = {  # noqa: RUF023 (the order of the documentation)

@@ -151,7 +151,7 @@ class Computation:
             ArgumentError: the robot has too many joints.
         """
         sizes = [math.prod(change_shape(*argument)) for argument in derivative.arguments]
-        columns = sum(sizes) if derivative.kind == "jacobian" else 1
+        columns = sum(sizes) if derivative.kind in {"jacobian", "matrices"} else 1
         if not self._loop(self.outputs, given).traced or columns * self._operations > _MAX_DERIVED_OPERATIONS:
             by = ", ".join(name for name, _ in derivative.arguments)
             got = f"{len(self.coordinates.names)} joints, derivatives by {by}"

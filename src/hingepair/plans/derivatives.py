@@ -1,6 +1,7 @@
 """Derivatives of what a loop computes of a pair or a robot, by its arguments.
 
-A change of an attitude is a rotation about world axes: three numbers, not nine.
+A change of an attitude is a rotation about world axes: three numbers, not nine. Accelerations are differentiated as
+the solution of the equations of motion (T11).
 """
 
 from __future__ import annotations
@@ -8,30 +9,42 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from operator import sub
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.derivatives import Change, jacobian, pullback, pushforward, variables, weighted_sum
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import Operand
+from hingepair.engine.trace import Operand, TracedValue
+from hingepair.equations.dynamics import factor_symmetric, solve_factored
 from hingepair.numeric.blocks import components
+from hingepair.plans.trees import Computation, Request, TreeForm, velocity_count
 
-Flat: TypeAlias = Mapping[str, tuple[Any, ...]]
+Parts: TypeAlias = Mapping[str, Sequence[Operand]]
 """Components of outputs by name."""
 
 Moves: TypeAlias = dict[str, list[Change]]
 """Changes by argument, one for each component of a change of it."""
 
 _ATTITUDES: Final = frozenset({"S", "S1", "S2"})
+# What belongs to the coordinates of a robot, those of a free base first.
+_GROUPS: Final = {
+    "q": ("R1", "S1", "q"),
+    "qd": ("v1", "omega1", "qd"),
+    "qdd": ("a1", "alpha1", "qdd"),
+    "tau": ("force1", "torque1", "tau"),
+}
 
 
 class Derivative(NamedTuple):
     """What is differentiated, and how.
 
     Attributes:
-        kind: "jacobian"; "vjp", gradients of a weighted sum of outputs; "jvp", the rates of change of all outputs.
-        outputs: names of the outputs; of a vjp those with weights.
+        kind: "jacobian"; "vjp", gradients of a weighted sum of outputs; "jvp", the rates of change of all outputs;
+            "rate", their time derivatives where q changes by qd and the base turns by omega1; "matrices", Jacobians
+            of inverse or forward dynamics such as tau_q, of a free base with rows and columns of the base.
+        outputs: names of the outputs; of a vjp those with weights, of matrices the names of the matrices.
         arguments: arguments by which derivatives are taken, name and shape of one sample.
     """
 
@@ -60,23 +73,112 @@ def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
     if derivative.kind == "jacobian":
         outputs = {f"{one}_{name}": (*changes[one], *changes[name]) for one in derivative.outputs for name in names}
         outputs |= {one: tail for one, tail in plain.outputs if one not in derivative.outputs}
+    elif derivative.kind == "matrices":
+        outputs = dict.fromkeys(derivative.outputs, (velocity_count(*_tree_of(plain)),) * 2)
+        outputs |= {one: tail for one, tail in plain.outputs if one not in (*_GROUPS["tau"], *_GROUPS["qdd"])}
     elif derivative.kind == "vjp":
         inputs |= {f"weight_{one}": changes[one] for one in derivative.outputs}
         outputs |= {f"gradient_{name}": changes[name] for name in names}
-    else:
+    elif derivative.kind == "jvp":
         inputs |= {f"change_{name}": changes[name] for name in names}
         outputs |= {f"rate_{one}": changes[one] for one in derivative.outputs}
-    function = functools.partial(_differentiate, plain.function, derivative)
+    else:
+        inputs |= {"qd": inputs["q"], "omega1": (3,)}
+        outputs = {f"rate_{one}": tail for one, tail in plain.outputs}
+    rule = {"jacobian": _jacobian, "matrices": _matrices, "vjp": _gradients, "jvp": _rates, "rate": _time_rates}
+    function = functools.partial(rule[derivative.kind], plain, derivative)
     form = None if plain.form is None else (plain.form, derivative)
     return Loop("derivatives", function, inputs, outputs, labels=plain.labels, form=form)
 
 
-def _differentiate(
-    function: Callable[[dict[str, Any]], Mapping[str, Any]], derivative: Derivative, values: Mapping[str, Any]
-) -> dict[str, Any]:
-    values = dict(values)
-    moves: Moves = {}
-    for name, tail in derivative.arguments:
+def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the Jacobian of every output by every argument."""
+    values, moves = _variables(given, derivative.arguments)
+    functions = _functions(plain, values)
+    rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])
+    found: dict[str, Any] = {}
+    for output in derivative.outputs:
+        parts = functions.results[output]
+        columns = zip(*rows[output], strict=True)
+        for name, changes in moves.items():
+            block = [_change_of(output, parts, column) for column in itertools.islice(columns, len(changes))]
+            found[f"{output}_{name}"] = tuple(itertools.chain(*zip(*block, strict=True)))
+    return {**functions.results, **found}
+
+
+def _matrices(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return Jacobians of inverse or forward dynamics, with a row and a column for each velocity."""
+    form, request = _tree_of(plain)
+    kinds = {name: name.partition("_")[2] for name in derivative.outputs}
+    groups = {kind: _group(kind, request) for kind in kinds.values() if kind in {"q", "qd"}}
+    shapes = {"S1": (3, 3), **dict.fromkeys(("q", "qd"), (form.dof,))}
+    values, moves = _variables(given, [(one, shapes.get(one, (3,))) for names in groups.values() for one in names])
+    functions = _functions(plain, values)
+    names = _group(derivative.outputs[0].partition("_")[0], request)
+    rows = functions.jacobian(names, [*itertools.chain(*moves.values())])
+    columns = zip(*(row for name in names for row in rows[name]), strict=True)
+    found = dict(functions.results)
+    blocks = {kind: [*itertools.islice(columns, velocity_count(form, request))] for kind in groups}
+    for name, kind in kinds.items():
+        if kind == "qdd":
+            found[name] = Computation(form, request, given).mass_matrix()
+        elif isinstance(functions, Accelerations) and kind == "tau":
+            found[name] = functions.inverse_mass_matrix()
+        else:
+            found[name] = tuple(itertools.chain(*zip(*blocks[kind], strict=True)))
+    return found
+
+
+def _gradients(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the gradient of the weighted sum of the outputs by every argument."""
+    values, moves = _variables(given, derivative.arguments)
+    functions = _functions(plain, values)
+    weights: dict[str, list[Operand]] = {}
+    for output in derivative.outputs:
+        parts = functions.results[output]
+        sums: list[Operand] = [0.0] * len(parts)
+        weights[output] = sums
+        for weight, change in zip(components(values[f"weight_{output}"]), _changes(output, parts), strict=True):
+            for k, rate in change:
+                sums[k] = sums[k] + weight * rate * _share(output)
+    inputs = [x for change in itertools.chain(*moves.values()) for x, _ in change]
+    slopes = dict(zip(map(id, inputs), functions.pullback(weights, inputs), strict=True))
+    gradients = {
+        f"gradient_{name}": tuple(weighted_sum((slopes[id(x)], rate) for x, rate in change) for change in changes)
+        for name, changes in moves.items()
+    }
+    return {**functions.results, **gradients}
+
+
+def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the rates of change of all outputs."""
+    values, moves = _variables(given, derivative.arguments)
+    changes = [
+        (weight, change)
+        for name, group in moves.items()
+        for weight, change in zip(components(values[f"change_{name}"]), group, strict=True)
+    ]
+    functions = _functions(plain, values)
+    rates = functions.pushforward(derivative.outputs, _sum(changes))
+    changed = {f"rate_{one}": tuple(_change_of(one, functions.results[one], rate)) for one, rate in rates.items()}
+    return {**functions.results, **changed}
+
+
+def _time_rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the time derivatives of all components of the outputs."""
+    turns = any(isinstance(x, TracedValue) or x for x in given["omega1"])  # S1 folds where the base does not turn
+    arguments = [("q", (len(given["qd"]),)), *([("S1", (3, 3))] if turns else [])]
+    values, moves = _variables(given, arguments)
+    changes = [*zip(given["qd"], moves["q"], strict=True)]
+    changes += zip(given["omega1"], moves.get("S1", ()), strict=False)
+    rates = _functions(plain, values).pushforward(derivative.outputs, _sum(changes))
+    return {f"rate_{output}": tuple(rate) for output, rate in rates.items()}
+
+
+def _variables(given: Mapping[str, Any], arguments: Iterable[tuple[str, ArrayShape]]) -> tuple[dict[str, Any], Moves]:
+    """Return the values with variables in the place of arguments, and the changes of the arguments."""
+    values, moves = dict(given), Moves()
+    for name, tail in arguments:
         if name in values:
             others = [x for other, group in values.items() if other != name for x in components(group)]
             parts = variables(components(values[name]), others)
@@ -84,51 +186,119 @@ def _differentiate(
             moves[name] = [[(parts[k], rate) for k, rate in change] for change in _changes(name, parts)]
         else:  # no output depends on it
             moves[name] = [[] for _ in range(math.prod(change_shape(name, tail)))]
-    results = function(dict(values))
-    flat = {name: components(results[name]) for name in derivative.outputs}
-    rule = {"jacobian": _jacobian, "vjp": _gradients, "jvp": _rates}[derivative.kind]
-    return {**results, **rule(flat, moves, values)}
+    return values, moves
 
 
-def _jacobian(flat: Flat, moves: Moves, _: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the Jacobian of every output by every argument."""
-    rows = iter(jacobian([part for parts in flat.values() for part in parts], [*itertools.chain(*moves.values())]))
-    found = {}
-    for output, parts in flat.items():
-        columns = zip(*(next(rows) for _ in parts), strict=True)
-        for name, changes in moves.items():
-            block = [_change_of(output, parts, column) for column in itertools.islice(columns, len(changes))]
-            found[f"{output}_{name}"] = tuple(itertools.chain(*zip(*block, strict=True)))
-    return found
-
-
-def _gradients(flat: Flat, moves: Moves, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the gradient of the weighted sum of the outputs by every argument."""
-    pairs = []
-    for output, parts in flat.items():
-        weights = components(values[f"weight_{output}"])
-        for weight, change in zip(weights, _changes(output, parts), strict=True):
-            pairs += [(parts[k], weight * rate * _share(output)) for k, rate in change]
-    inputs = [x for change in itertools.chain(*moves.values()) for x, _ in change]
-    slopes = dict(zip(map(id, inputs), pullback(pairs, inputs), strict=True))
-    return {
-        f"gradient_{name}": tuple(weighted_sum((slopes[id(x)], rate) for x, rate in change) for change in changes)
-        for name, changes in moves.items()
-    }
-
-
-def _rates(flat: Flat, moves: Moves, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the rates of change of all outputs."""
+def _sum(changes: Iterable[tuple[Operand, Change]]) -> list[tuple[Operand, Operand]]:
+    """Return the weighted sum of changes."""
     sums: dict[int, tuple[Operand, Operand]] = {}
-    for name, changes in moves.items():
-        for weight, change in zip(components(values[f"change_{name}"]), changes, strict=True):
-            for x, rate in change:
-                sums[id(x)] = x, sums.get(id(x), (x, 0.0))[1] + weight * rate
-    rates = iter(pushforward([part for parts in flat.values() for part in parts], [*sums.values()]))
-    return {
-        f"rate_{output}": tuple(_change_of(output, parts, [next(rates) for _ in parts]))
-        for output, parts in flat.items()
-    }
+    for weight, change in changes:
+        for x, rate in change:
+            sums[id(x)] = x, sums.get(id(x), (x, 0.0))[1] + weight * rate
+    return [*sums.values()]
+
+
+def _group(kind: str, request: Request) -> tuple[str, ...]:
+    return _GROUPS[kind] if request.free else _GROUPS[kind][2:]
+
+
+def _functions(plain: Loop, values: dict[str, Any]) -> Functions:
+    """Return the outputs of a loop as functions that can be differentiated."""
+    if {name for name, _ in plain.outputs}.isdisjoint(_GROUPS["qdd"]) or not isinstance(plain.form, TreeForm):
+        return Functions(plain.function(values))
+    return Accelerations(Computation(*plain.form, values))
+
+
+def _tree_of(plain: Loop) -> TreeForm:
+    if not isinstance(plain.form, TreeForm):
+        raise TypeError(f"{plain.name} is no loop of a robot")
+    return plain.form
+
+
+class Functions:
+    """Results of a program.
+
+    Args:
+        results: results by name, scalars or tuples of components.
+    """
+
+    def __init__(self, results: Mapping[str, Any]) -> None:
+        self.results: Parts = {name: components(value) for name, value in results.items()}
+
+    def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
+        """Return the Jacobians of the named results: a row for each component, a column for each change."""
+        return self._by_name(names, jacobian(self._flat(names), changes))
+
+    def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
+        """Return the rates of change of the components of the named results."""
+        return self._by_name(names, pushforward(self._flat(names), change))
+
+    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
+        """Return the derivatives by inputs of the sum of the results' components times the weights."""
+        flat = (zip(self.results[name], parts, strict=True) for name, parts in weights.items())
+        return pullback(itertools.chain(*flat), inputs)
+
+    def _flat(self, names: Iterable[str]) -> list[Operand]:
+        return [part for name in names for part in self.results[name]]
+
+    def _by_name(self, names: Iterable[str], rows: Iterable[Any]) -> dict[str, list[Any]]:
+        left = iter(rows)
+        return {name: [*itertools.islice(left, len(self.results[name]))] for name in names}
+
+
+class Accelerations(Functions):
+    """Results of forward dynamics. The accelerations change such that they take back what a change of inputs adds to
+    the torques (T11); this takes fewer operations than to differentiate the articulated bodies (T5, T6).
+
+    Args:
+        computation: forward dynamics.
+    """
+
+    def __init__(self, computation: Computation) -> None:
+        form, request, values = computation.form, computation.request, computation.values
+        self._names, loads = (_group(kind, request) for kind in ("qdd", "tau"))
+        super().__init__(computation.outputs(dict.fromkeys((*request.outputs, *self._names))))
+        motion = {name: variables(self.results[name]) for name in self._names}
+        self._held = [(x, 0.0) for part in motion.values() for x in part]
+        inverse = Computation(form, request, {**values, **motion})
+        needed = Functions(inverse.outputs(loads)).results
+        self._lack = Functions({name: tuple(map(sub, components(values[name]), needed[name])) for name in loads})
+        self._lower, pivots = factor_symmetric(inverse.mass_entries)
+        self._shares, self._doubt = [1.0 / pivot for pivot in pivots], computation.singular_doubt
+
+    def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
+        """Return the Jacobians of the named results: a row for each component, a column for each change."""
+        held = [[*change, *self._held] for change in changes]
+        rows = itertools.chain(*self._lack.jacobian(self._lack.results, held).values())
+        columns = [self._solve(column) for column in zip(*rows, strict=True)]
+        solved = self._by_name(self._names, map(list, zip(*columns, strict=True)))
+        return super().jacobian([name for name in names if name not in solved], changes) | solved
+
+    def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
+        """Return the rates of change of the components of the named results."""
+        rates = itertools.chain(*self._lack.pushforward(self._lack.results, [*change, *self._held]).values())
+        solved = self._by_name(self._names, self._solve([*rates]))
+        return super().pushforward([name for name in names if name not in solved], change) | solved
+
+    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
+        """Return the derivatives by inputs of the sum of the results' components times the weights."""
+        column = [x for name in self._names for x in weights.get(name, (0.0,) * len(self.results[name]))]
+        loads = iter(self._solve(column))
+        solved = {name: [*itertools.islice(loads, len(part))] for name, part in self._lack.results.items()}
+        others = {name: parts for name, parts in weights.items() if name not in self._names}
+        gradients = self._lack.pullback(solved, [*inputs, *(x for x, _ in self._held)])
+        return [a + b + self._doubt for a, b in zip(gradients, super().pullback(others, inputs), strict=False)]
+
+    def inverse_mass_matrix(self) -> tuple[Operand, ...]:
+        """Return the entries of M^-1, row by row."""
+        size = len(self._shares)
+        columns = [self._solve([float(i == k) for i in range(size)]) for k in range(size)]
+        return tuple(itertools.chain(*columns))  # symmetric
+
+    def _solve(self, column: Sequence[Operand]) -> tuple[Operand, ...]:
+        """Return M^-1 times a column."""
+        found = solve_factored(self._lower, lambda k, part: part * self._shares[k], column[::-1])[::-1]
+        return tuple(x + self._doubt for x in found)
 
 
 def _changes(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operand]]]:

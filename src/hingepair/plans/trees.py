@@ -1,4 +1,4 @@
-"""What to compute of a tree of joints: which recursions (T1-T10) lead from coordinates to the outputs asked for.
+"""What to compute of a tree of joints: which recursions (T1-T12) lead from coordinates to the outputs asked for.
 
 The constants of a robot are one vector of numbers. Those that are 0, 1 or -1 are part of the program, which folds
 them; all others are parameters, so that one program serves every robot of the same build and every payload.
@@ -103,6 +103,13 @@ class Request(NamedTuple):
     loaded: tuple[int, ...] = ()
 
 
+class TreeForm(NamedTuple):
+    """What a loop of a robot computes."""
+
+    form: Form
+    request: Request
+
+
 class Output(NamedTuple):
     """An output that can be computed for a robot. The function `shape_function` returns the shape of one sample for a
     form and a request, `input_names` are the names of the inputs other than constants, and the function `compute`
@@ -153,6 +160,10 @@ class Computation:
         lowest = _take_numbers(parts, SHAPE_BY_BASE_PIVOT_NAME)
         self.base_min_pivots = [lowest["min_force_pivot"]] * 3 + [lowest["min_torque_pivot"]] * 3
         self.frames = [(body, _take_numbers(parts, SHAPE_BY_FRAME_CONSTANT_NAME)) for body in request.frames]
+
+    def outputs(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return outputs by name, each a scalar or a flat tuple of components."""
+        return {name: TREE_OUTPUT_BY_NAME[name].compute(self) for name in names}
 
     # ---- coordinates of joints, and what acts along them
 
@@ -281,14 +292,21 @@ class Computation:
             sums[column] = tuple(a + b for a, b in zip(sums[column], moved, strict=True))
         return [*((*linear, *angular) for linear, angular in base_columns), *sums]
 
-    def jacobian(self) -> tuple[Scalar, ...]:
-        """Return the Jacobian of (v, omega) of the first frame with respect to v1 and omega1 of a free base and to
-        q', as a flat tuple row by row.
+    def jacobian(self, in_frame: bool) -> tuple[Scalar, ...]:
+        """Return the Jacobian of (v, omega) of all frames with respect to v1 and omega1 of a free base and to q', as
+        a flat tuple row by row; (v, omega) in the axes of the frame if `in_frame`, else of the world.
         """
-        d, (body, _) = self.frame_poses[0].d, self.frames[0]
-        joint_columns = eq.point_jacobian_columns(self.links, self.poses, body, d)
-        base_columns = eq.base_jacobian_columns(d) if self.request.free else ()
-        return _matrix_rows(self._jacobian_columns(joint_columns, base_columns))
+        entries: list[Scalar] = []
+        for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True):
+            columns = eq.point_jacobian_columns(self.links, self.poses, body, pose.d)
+            on_base = eq.base_jacobian_columns(pose.d) if self.request.free else []
+            if in_frame:
+                columns, on_base = (
+                    [(rotate(transpose(pose.S), v), rotate(transpose(pose.S), omega)) for v, omega in part]
+                    for part in (columns, on_base)
+                )
+            entries += _matrix_rows(self._jacobian_columns(columns, on_base))
+        return tuple(entries)
 
     def acceleration_bias(self) -> tuple[Scalar, ...]:
         """Return the accelerations (a, alpha) of the first frame for q'' = 0, as a tuple of six numbers. A free base
@@ -476,7 +494,7 @@ class Computation:
         rounding errors, if the matrix is singular.
         """
         if self.form.mimics:
-            return factor_symmetric(self._mass_entries)[1][::-1][6 * self.request.free :]
+            return factor_symmetric(self.mass_entries)[1][::-1][6 * self.request.free :]
         return tuple(step.pivot for step in self.articulated[0])
 
     @lock_free_cached_property
@@ -486,7 +504,7 @@ class Computation:
         """
         if not self.request.free:
             return ()
-        lower, pivots = factor_symmetric(self._mass_entries if self.form.mimics else self.articulated_base)
+        lower, pivots = factor_symmetric(self.mass_entries if self.form.mimics else self.articulated_base)
         growths: list[Scalar] = []
         for row in lower:  # a pivot has the errors of those before it, times the squares of the entries of L
             growth: Scalar = 1.0
@@ -502,6 +520,13 @@ class Computation:
         """Return the tuples (a + gravity, alpha, q''), where a is the acceleration of the base without gravity. All
         are NaN if a pivot of the mass matrix M is not larger than its rounding error.
         """
+        doubt = self.singular_doubt
+        groups = (add(a, self.values["gravity"]), alpha, qdd)
+        return tuple(tuple(part + doubt for part in group) for group in groups)
+
+    @lock_free_cached_property
+    def singular_doubt(self) -> Scalar:
+        """NaN where a pivot of the mass matrix is not larger than its rounding error, else 0."""
         limits: list[Scalar] = [0.0] * self.form.dof
         for column, (ratio, _), limit in zip(self.form.columns, self.ratios, self.min_pivots, strict=True):
             limits[column] = limits[column] + limit * ratio * ratio
@@ -512,8 +537,7 @@ class Computation:
         for limit, pivot in zip(limits, pivots, strict=True):
             if not (type(limit) is float and limit == 0):
                 doubt = doubt + where_less(limit * limit, pivot * pivot, 0.0, math.nan)
-        groups = (add(a, self.values["gravity"]), alpha, qdd)
-        return tuple(tuple(part + doubt for part in group) for group in groups)
+        return doubt
 
     def _solve_by_mass_matrix(self) -> tuple[tuple[Scalar, ...], ...]:
         """Solve forward dynamics by factoring the mass matrix M, and return the tuples (a1, alpha1, q''). The first
@@ -527,13 +551,15 @@ class Computation:
         if shift:
             f, t = (rotate(values["S1"], part) for part in self.transmitted_bias_wrenches[0])
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
-        accelerations = solve_symmetric(self._mass_entries, tuple(loads[::-1]))[0][::-1]
+        accelerations = solve_symmetric(self.mass_entries, tuple(loads[::-1]))[0][::-1]
         a, alpha = (accelerations[:3], accelerations[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
         return self._nan_where_singular(a, alpha, accelerations[shift:])
 
     @property
-    def _mass_entries(self) -> tuple[Scalar, ...]:
-        """Entries on and below the diagonal of M, row by row, with the last coordinate first."""
+    def mass_entries(self) -> tuple[Scalar, ...]:
+        """Entries on and below the diagonal of M, row by row, with the last coordinate first: then entries between
+        branches stay zero while M is factored.
+        """
         rows = self.mass_rows
         order = range(len(rows) - 1, -1, -1)
         return tuple(rows[max(i, j)][min(i, j)] for i in order for j in order if j >= i)
@@ -573,6 +599,16 @@ class Computation:
         omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
         force = self._transmitted_wrenches(self.qd, self.zero_rates, omega, alpha, a, with_loads=False)[0][0]
         return scale(rotate(self.values["S1"], force), _reciprocal(self.composites[0].mass))
+
+    def centroidal_momentum_matrix(self) -> tuple[Scalar, ...]:
+        """Return the matrix A of (linear momentum, angular momentum about the centre of mass) = A (v1, omega1, q'),
+        the first two of a free base only, as a flat tuple row by row.
+        """
+        centre, matter = self.centre_from_base, self.composites
+        on_base = eq.base_momentum_columns(self.values["S1"], matter[0], centre) if self.request.free else ()
+        return _matrix_rows(
+            self._jacobian_columns(eq.momentum_columns(self.links, self.poses, matter, centre), on_base)
+        )
 
     @lock_free_cached_property
     def velocities_in_own_axes(self) -> list[eq.Rates]:
@@ -676,6 +712,12 @@ def _velocities_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
     return lambda form, request: (*lengths, velocity_count(form, request))
 
 
+def _jacobian_shape(form: Form, request: Request) -> ArrayShape:
+    """Return the shape of the Jacobians of all frames, of which a single one has no axis of frames."""
+    frames = () if len(request.frames) == 1 else (len(request.frames),)
+    return (*frames, 6, velocity_count(form, request))
+
+
 _POSE_INPUT_NAMES = ("q", "S1")  # of poses
 _VELOCITY_INPUT_NAMES = ("q", "qd", "S1", "omega1")  # of velocities
 _ACCELERATION_INPUT_NAMES = ("q", "qd", "qdd", "S1", "omega1", "alpha1")  # of accelerations
@@ -714,7 +756,8 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
         _ACCELERATION_INPUT_NAMES,
         lambda c: _chain_vectors(alpha for _, alpha in c.frame_accelerations),
     ),
-    "jacobian": Output(_velocities_shape(6), _POSE_INPUT_NAMES, Computation.jacobian),
+    "jacobian": Output(_jacobian_shape, _POSE_INPUT_NAMES, lambda c: c.jacobian(False)),
+    "jacobian_in_frame": Output(_jacobian_shape, _POSE_INPUT_NAMES, lambda c: c.jacobian(True)),
     "acceleration_bias": Output(
         _fixed_shape(6), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.acceleration_bias
     ),
@@ -738,6 +781,9 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
     ),
     "S1_check": Output(
         _fixed_shape(), ("S1",), lambda c: ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME["S1"][0].function(c.values["S1"])
+    ),
+    "centroidal_momentum_matrix": Output(
+        _velocities_shape(6), _POSE_INPUT_NAMES, Computation.centroidal_momentum_matrix
     ),
     "kinetic": Output(_fixed_shape(), (*_VELOCITY_INPUT_NAMES, "v1"), Computation.kinetic),
     "potential": Output(_fixed_shape(), ("q", "R1", "S1", "gravity"), Computation.potential),
@@ -815,8 +861,7 @@ def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> 
     output to a scalar or a flat tuple of components. `values` is a dictionary of the inputs, which may be scalars of
     any kind.
     """
-    computation = Computation(form, request, values)
-    return {name: TREE_OUTPUT_BY_NAME[name].compute(computation) for name in request.outputs}
+    return Computation(form, request, values).outputs(request.outputs)
 
 
 @functools.lru_cache(maxsize=512)
@@ -830,4 +875,4 @@ def request_loop(form: Form, request: Request) -> Loop:
     inputs = input_shapes(form, request)
     function = functools.partial(compute_request, form, request)
     traced = estimated_operations(form, request) <= MAX_TRACED_OPERATIONS
-    return Loop("robot", function, inputs, outputs, labels=labels, form=(form, request), traced=traced)
+    return Loop("robot", function, inputs, outputs, labels=labels, form=TreeForm(form, request), traced=traced)
