@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.dynamics.loads import KinkSide, Loads, MotionAtInstants
+from hingepair.dynamics.state_steps import forward_dynamics_steps, inertia_steps
 from hingepair.engine.backend import Execution
 from hingepair.engine.calls import Call
 from hingepair.equations import dynamics as dyn
@@ -29,15 +30,10 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants
-from hingepair.pair.dynamics import (
-    MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO,
-    check_nonsingular_mass_matrix,
-    mass_constants,
-)
+from hingepair.pair.dynamics import check_masses, tree_constants
 from hingepair.pair.evaluate import cached_call
 from hingepair.pair.hinge_load import call_with_arrays
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.plans.dynamics_steps import forward_dynamics_steps, inertia_steps
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, all_steps, needed_steps
 from hingepair.plans.steps import Step, same, upright
 from hingepair.rotations.matrices import matrix_to_quaternion
@@ -152,8 +148,7 @@ class PairMotion:
         self._hinge = hinge
         self._base_motion = base if callable(base) else None
         self._is_free_or_pinned = base in ("free", "pinned")
-        bodies = ({"body1": pair.body1} if self._is_free_or_pinned else {}) | {"body2": pair.body2}
-        masses = mass_constants(bodies, "; or base='fixed', for which body 2 suffices")
+        masses = _masses(pair, moves_body1=self._is_free_or_pinned)
         self.loads, self._is_planar = loads, is_planar
         self.side: tuple[float, float] = (0.0, 0.0)  # branch of the torque at the hinge, between its kinks
         self.held = False  # whether friction or a stop holds the hinge at rest
@@ -179,7 +174,6 @@ class PairMotion:
             )
 
         if not self._is_free_or_pinned:
-            _check_hinge_inertia(pair)
             self.state, self.sizes, self.rate_mask, self.psi_index = (
                 np.array([psi, psid]),
                 np.ones(2),
@@ -188,7 +182,6 @@ class PairMotion:
             )
             self._rate_call = self._acceleration_call = compile_call(None, "psidd")
             return
-        check_nonsingular_mass_matrix(pair.constants, (pair.body1, pair.body2))
         self._motion_call, self._rate_call = (
             compile_call(is_planar, "R1", "S1", "v1", "omega1"),
             compile_call(is_planar, "state_rates"),
@@ -503,14 +496,28 @@ def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs:
     return Plan(outputs, plan_steps, inputs, SPATIAL_MOTION_KIND)
 
 
-def _check_hinge_inertia(pair: HingePair) -> None:
-    """Raise an ArgumentError if body 2 of the pair has no inertia about the hinge axis beyond round-off."""
-    body2: Any = pair.body2
-    axis, centre = pair.home.T @ pair.n, body2.center_of_mass - pair.u2
-    offset = np.cross(axis, centre)
-    inertia = axis @ body2.inertia @ axis + body2.mass * (offset @ offset)
-    if inertia <= MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO * np.trace(body2.inertia):
-        raise ArgumentError("pair.body2", "inertia about the hinge axis, beyond round-off", body2)
+def _masses(pair: HingePair, *, moves_body1: bool) -> dict[str, Any]:
+    """Return mass, centre of mass and inertia of the bodies that move, as numbers and tuples by name.
+
+    Raises:
+        ArgumentError: a body that moves has no mass properties, or nothing resists its motion.
+    """
+    bodies = ({"body1": pair.body1} if moves_body1 else {}) | {"body2": pair.body2}
+    check_masses(bodies, "; or base='fixed', for which body 2 suffices")
+    tree = tree_constants(pair.constants, (pair.body1, pair.body2)).arrays["tree"]
+    of_hinge, *of_body1 = tree[-3:] > 0  # sizes below which pivots are rounding; 0 where they are larger
+    if of_hinge or (moves_body1 and any(of_body1)):
+        expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
+        raise ArgumentError(
+            "pair.body2", f"{expected} body's inertia is negligible relative to the other's", pair.body2
+        )
+    values: dict[str, Any] = {}
+    for name, body in bodies.items():
+        if body is not None:
+            k = name[-1]
+            values |= {f"m{k}": body.mass, f"c{k}": tuple(body.center_of_mass.tolist())}
+            values[f"I{k}"] = tuple(body.inertia.ravel().tolist())
+    return values
 
 
 def _rotate_by_cayley(g: Array, quats: Array) -> Array:

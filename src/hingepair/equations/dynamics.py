@@ -1,4 +1,4 @@
-"""Newton and Euler for both bodies, the hinge's wrench eliminated: D1-D8, as plain arithmetic on tuples of scalars.
+"""Newton and Euler for both bodies, the hinge's wrench eliminated: D1-D6 and D8, for simulation.
 
 A body brings its mass m, its centre of mass c from its reference point and its inertia I about c, both in its own
 axes; what turns with a body is taken to world axes here: r_i = S_i c_i. e = d + r2 leads from R1 to the centre of
@@ -10,8 +10,7 @@ D3  force = f_2, torque = t_2 + h x f_2                                   the hi
 D4  hinge_torque = k . torque                                             motor, spring, stops...; the rest constrains
 D5  force1 = f_1 + f_2, torque1 = t_1 + r1 x f_1 + t_2 + e x f_2          what must act on body 1, about R1
 D6  M (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque)        D1-D5, sorted by accelerations
-D7  T = sum m_i v_ci^2 / 2 + omega_i . I_i omega_i / 2, U = -sum m_i g . R_ci       energies
-D8  P = sum m_i v_ci, L = sum R_ci x m_i v_ci + I_i omega_i                         momenta, about the origin
+D8  P = sum m_i v_ci, L = sum R_ci x m_i v_ci + I_i omega_i               momenta
 """
 
 from __future__ import annotations
@@ -111,44 +110,14 @@ def pair_inertia(
     )
 
 
-def mass_matrix(
-    m1: Scalar, m2: Scalar, r1: Vector, e: Vector, partial_velocity2: Vector, inertia_about_R1: PairInertia
-) -> Entries:
-    """Return the mass matrix M for (a1, alpha1, psi'') (D6), 7 x 7, as a flat tuple row by row. r1 and e lead from R1
-    to the centres of mass of body 1 and body 2, partial_velocity2 is the velocity of body 2's centre of mass for psi'
-    = 1, and inertia_about_R1 is the result of `pair_inertia` about R1.
-    """
-    zero = 0 * m1
-    total = m1 + m2
-    x, y, z = add(scale(r1, m1), scale(e, m2))
-    px, py, pz = scale(partial_velocity2, m2)
-    J, coupling, hinge_inertia = inertia_about_R1
-    return (
-        total, zero, zero, zero, z, -y, px,
-        zero, total, zero, -z, zero, x, py,
-        zero, zero, total, y, -x, zero, pz,
-        zero, -z, y, J[0], J[3], J[6], coupling[0],
-        z, zero, -x, J[3], J[4], J[7], coupling[1],
-        -y, x, zero, J[6], J[7], J[8], coupling[2],
-        px, py, pz, *coupling, hinge_inertia,
-    )  # fmt: skip
-
-
-def angular_accelerations(
-    inertia: PairInertia, J2: Matrix, torque: Vector, hinge_torque: Scalar
-) -> tuple[Vector, Scalar, Entries]:
-    """Return the tuple (alpha1, psi'', pivot ratios) from the torque about a point and the hinge torque (D6).
-    `inertia` is the result of `pair_inertia` about that point; J2, body 2's inertia, only scales the last ratio. The
-    four ratios compare each pivot with its diagonal entry; one near 0 means that the inertia is singular.
-
-    The matrix is 4 x 4, symmetric and positive definite; it is factored as L D L^T.
+def angular_accelerations(inertia: PairInertia, torque: Vector, hinge_torque: Scalar) -> tuple[Vector, Scalar]:
+    """Return (alpha1, psi'') from the torque about a point and the hinge torque (D6). `inertia` is the result of
+    `pair_inertia` about that point.
     """
     J, coupling, hinge_inertia = inertia
-    (ax, ay, az, psidd), (px, py, pz, p_hinge) = solve_symmetric(
-        (J[0], J[3], J[4], *J[6:9], *coupling, hinge_inertia), (*torque, hinge_torque)
-    )
-    pivot_ratios = (px / J[0], py / J[4], pz / J[8], p_hinge / (hinge_inertia + (J2[0] + J2[4] + J2[8])))
-    return (ax, ay, az), psidd, pivot_ratios
+    rows = (J[0], J[3], J[4], *J[6:9], *coupling, hinge_inertia)
+    (ax, ay, az, psidd), _ = solve_symmetric(rows, (*torque, hinge_torque))
+    return (ax, ay, az), psidd
 
 
 def factor_symmetric(A: Entries) -> tuple[list[list[Scalar]], Entries]:
@@ -198,43 +167,11 @@ def solve_factored(
     return tuple(x)
 
 
-def kinetic_energy(mass: Scalar, velocity: Vector, omega: Vector, inertia: Matrix) -> Scalar:
-    """Return the kinetic energy of one body (D7). `velocity` is the velocity of the centre of mass, and `inertia` is
-    about the centre of mass; omega and `inertia` are in the same axes.
-    """
-    return (mass * dot(velocity, velocity) + dot(omega, rotate(inertia, omega))) * 0.5
-
-
-def point_velocity(v: Vector, omega: Vector, r: Vector) -> Vector:
-    """Return v + omega x r, the velocity of a body's point at r from its reference point."""
-    return add(v, cross(omega, r))
-
-
-def angular_momentum(mass: Scalar, R: Vector, velocity: Vector, inertia: Matrix, omega: Vector) -> Vector:
-    """Return the angular momentum of one body about the origin (D8). R and `velocity` are the position and the
-    velocity of the centre of mass, and `inertia` is about the centre of mass; all are in world axes.
-    """
-    return add(cross(R, scale(velocity, mass)), rotate(inertia, omega))
-
-
 def hinge_torque_of(axis: Vector, torque2: Vector, r2: Vector, force2: Vector) -> Scalar:
     """Return the contribution of the force force2 at R2 and of the torque torque2 on body 2 to the hinge torque, a
     number: their moment about the hinge axis (D4). The vector r2 = S2 u2 leads from R2 to the hinge point.
     """
     return dot(axis, subtract(torque2, cross(r2, force2)))
-
-
-def potential_energy(m1: Scalar, centre1: Vector, m2: Scalar, centre2: Vector, gravity: Vector) -> Scalar:
-    """Return the potential energy of both bodies (D7), which is zero for a body whose centre of mass is at the
-    world's origin. centre1 and centre2 are the positions of the centres of mass, and `gravity` is the acceleration of
-    gravity.
-    """
-    return -(m1 * dot(gravity, centre1) + m2 * dot(gravity, centre2))
-
-
-def linear_momentum(m1: Scalar, v_centre1: Vector, m2: Scalar, v_centre2: Vector) -> Vector:
-    """Return the linear momentum P of both bodies, from the velocities of their centres of mass (D8)."""
-    return add(scale(v_centre1, m1), scale(v_centre2, m2))
 
 
 def cayley_attitude(g: Vector, S: Matrix) -> Matrix:

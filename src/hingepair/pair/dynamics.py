@@ -1,54 +1,41 @@
-"""Dynamics of the pair: forces from a motion, and a motion from forces (D1-D8)."""
+"""Dynamics of the pair: forces from a motion, and a motion from forces, as a tree with one hinge (T1-T10)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.calls import Call
 from hingepair.engine.results import writable_arrays
-from hingepair.equations.spatial import Vector
+from hingepair.equations.spatial import ZERO_VECTOR
 from hingepair.errors import ArgumentError
-from hingepair.numeric.arrays import FloatArray, is_zero, one_constant, vectors
+from hingepair.numeric.arrays import Float64Array, FloatArray, is_zero, one_constant, vectors
+from hingepair.numeric.blocks import numbers
 from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import cached_call
+from hingepair.pair.constants import Constants, with_hinge_frames
+from hingepair.pair.evaluate import cached_call, compute_arrays
 from hingepair.pair.forward_kinematics import read_component
-from hingepair.plans.dynamics_steps import (
-    FORWARD_DYNAMICS_LOAD_NAMES,
-    FORWARD_DYNAMICS_OUTPUT_NAMES,
-    INVERSE_DYNAMICS_OUTPUT_NAMES,
-)
-from hingepair.plans.plan import SPATIAL_MOTION_KIND, make_plan
+from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES, LOADS
+from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, make_plan
 
 DEFAULT_GRAVITY_VECTOR = (0.0, 0.0, -9.81)
 """Acceleration of free fall unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
-_ZERO_VECTOR_COMPONENTS: Vector = (0.0, 0.0, 0.0)  # of a load or a vector that is zero
-_DEFAULT_GRAVITY_ARRAY = np.array(DEFAULT_GRAVITY_VECTOR)  # made once, for calls with the default
-_ZERO_LOAD_ARRAY = np.zeros(3)  # a force or torque of 0, which becomes a constant of the program
-# The loads that are vectors: forces and torques on the bodies.
-_VECTOR_LOAD_NAMES = tuple(name for name in FORWARD_DYNAMICS_LOAD_NAMES if name != "hinge_torque")
-_MASSLESS_BODY1_CONSTANTS = {
-    "m1": 0.0,
-    "c1": _ZERO_VECTOR_COMPONENTS,
-    "I1": (0.0,) * 9,
-}  # constants of a body 1 without mass
-MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO = 64 * 2.0**-53
-"""Pivots of the mass matrix that are at most this share of their diagonal elements consist of round-off."""
+_DEFAULT_GRAVITY = np.array(DEFAULT_GRAVITY_VECTOR)  # made once
+_ZERO_LOAD = np.zeros(3)  # a force or torque of 0, which becomes a constant of the program
+_VECTOR_LOADS = LOADS[:-1]  # hinge_torque is a number
+_OF_BODY1 = {"force1", "torque1", "mass_matrix", "kinetic", "potential", "linear", "angular", "pushed_tree"}
+_ROUNDING = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding
 
 
 def _one_line_repr(self: Any) -> str:
-    """Return the `repr` of a named tuple of arrays as one line of text. It shows the numbers of each field, or only
-    the shape if the field has more than nine numbers.
-    """
+    """Return a named tuple of arrays as one line of text, with the shapes of fields of more than nine numbers."""
     shapes = {n: getattr(v, "shape", ()) for n, v in self._asdict().items()}
     parts = (
         f"{n}={v!r}" if math.prod(shapes[n]) <= 9 else f"{n}: shape {shapes[n]}" for n, v in self._asdict().items()
@@ -57,19 +44,14 @@ def _one_line_repr(self: Any) -> str:
 
 
 class Forces(NamedTuple):
-    """Forces and torques that a motion of the pair requires (D5), as a named tuple of arrays: `force1` and `torque1`
-    act on body 1 at its reference point, and `hinge_torque` acts on body 2 about the hinge axis.
+    """Forces and torques that a motion of a pair requires (T1-T3)."""
 
-    Attributes:
-        force1: force that must act on body 1 at R1, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.
-        torque1: torque that must act on body 1 about R1, world axes [N m]; shape (..., 3), or (...,) for a planar
-            pair.
-        hinge_torque: torque that body 1 must exert on body 2 about the hinge axis [N m]; shape (...,). It is the sum
-            of motor, spring, damper, friction and stops.
-    """
-
+    #: force that must act on body 1 at R1, world axes [N]; shape (..., 3), (..., 2) for a planar pair
     force1: FloatArray
+    #: torque that must act on body 1 about R1, world axes [N m]; shape (..., 3), (...,) for a planar pair
     torque1: FloatArray
+    #: torque that body 1 must exert on body 2 about the hinge axis [N m]: motor, spring, damper, friction and stops;
+    #: shape (...,)
     hinge_torque: FloatArray
 
     def __repr__(self) -> str:
@@ -77,18 +59,13 @@ class Forces(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """Accelerations of a pair that forces and torques cause (D6), as a named tuple of arrays: `a1` and `alpha1` of
-    body 1, and `psidd` of the hinge angle.
+    """Accelerations of a pair that forces and torques cause (T5, T6)."""
 
-    Attributes:
-        a1: acceleration of body 1's reference point, the second time derivative of R1, world axes [m/s^2]; shape
-            (..., 3).
-        alpha1: angular acceleration of body 1, world axes [rad/s^2]; shape (..., 3).
-        psidd: second time derivative of the hinge angle [rad/s^2]; shape (...,).
-    """
-
+    #: second time derivative of R1, world axes [m/s^2]; shape (..., 3)
     a1: FloatArray
+    #: angular acceleration of body 1, world axes [rad/s^2]; shape (..., 3)
     alpha1: FloatArray
+    #: second time derivative of the hinge angle [rad/s^2]; shape (...,)
     psidd: FloatArray
 
     def __repr__(self) -> str:
@@ -96,22 +73,16 @@ class Accelerations(NamedTuple):
 
 
 class HingeWrench(NamedTuple):
-    """Force and torque that body 1 exerts on body 2 at the hinge point (D3, D4), as a named tuple of arrays: `force`,
-    `torque`, `hinge_torque`, which is the component of `torque` along the hinge axis, and `bearing_torque`, which is
-    the rest of `torque`, perpendicular to the axis.
+    """Force and torque that body 1 exerts on body 2 at the hinge point (T3)."""
 
-    Attributes:
-        force: force at the hinge point, world axes [N]; shape (..., 3), or (..., 2) for a planar pair.
-        torque: torque about the hinge point, world axes [N m]; shape (..., 3), or (...,) for a planar pair.
-        hinge_torque: component of the torque along the hinge axis [N m]; shape (...,). It is the sum of motor,
-            spring, damper, friction and stops.
-        bearing_torque: part of the torque perpendicular to the hinge axis, which the bearing carries, world axes
-            [N m]; shape (..., 3), or (...,) for a planar pair.
-    """
-
+    #: force, world axes [N]; shape (..., 3), (..., 2) for a planar pair
     force: FloatArray
+    #: torque about the hinge point, world axes [N m]; shape (..., 3), (...,) for a planar pair
     torque: FloatArray
+    #: component of the torque along the hinge axis [N m]: motor, spring, damper, friction and stops; shape (...,)
     hinge_torque: FloatArray
+    #: part of the torque across the hinge axis, which the bearing carries, world axes [N m]; shape (..., 3), (...,)
+    #: for a planar pair
     bearing_torque: FloatArray
 
     def __repr__(self) -> str:
@@ -119,15 +90,11 @@ class HingeWrench(NamedTuple):
 
 
 class Energy(NamedTuple):
-    """Energy of both bodies of a pair (D7), as a named tuple of arrays: the kinetic energy `kinetic` and the
-    potential energy `potential`.
+    """Energy of a pair or a robot (T7)."""
 
-    Attributes:
-        kinetic: kinetic energy of both bodies [J]; shape (...,).
-        potential: potential energy of both bodies in uniform gravity, zero at the world's origin [J]; shape (...,).
-    """
-
+    #: kinetic energy [J]; shape (...,)
     kinetic: FloatArray
+    #: potential energy in uniform gravity, zero for a mass at the world's origin [J]; shape (...,)
     potential: FloatArray
 
     def __repr__(self) -> str:
@@ -135,223 +102,279 @@ class Energy(NamedTuple):
 
 
 class Momentum(NamedTuple):
-    """Momentum of both bodies of a pair (D8), as a named tuple of arrays: the linear momentum `linear`, and the
-    angular momentum `angular` about the world's origin.
+    """Momentum of a pair or a robot (T8)."""
 
-    Attributes:
-        linear: linear momentum of both bodies, world axes [kg m/s]; shape (..., 3), or (..., 2) for a planar pair.
-        angular: angular momentum of both bodies about the world's origin, world axes [kg m^2/s]; shape (..., 3), or
-            (...,) for a planar pair.
-    """
-
+    #: linear momentum, world axes [kg m/s]; shape (..., 3), (..., 2) for a planar pair
     linear: FloatArray
+    #: angular momentum, of a pair about the world's origin, world axes [kg m^2/s]; shape (..., 3), (...,) for a
+    #: planar pair
     angular: FloatArray
 
     def __repr__(self) -> str:
         return _one_line_repr(self)
 
 
-def mass_constants(bodies: Mapping[str, Body | None], hint_without_body1: str = "") -> dict[str, Any]:
-    """Return the masses, centres of mass and inertias of `bodies`, a dict of Bodies with the keys "body1" and
-    "body2". The result is a dict of floats and tuples of floats with the keys m1, c1, I1, m2, c2 and I2. Issue a
-    DynamicsWarning for each assumed value. Raise ArgumentError for a body that is None; if the body is body1, the
-    message ends with `hint_without_body1`.
-
-    The hint says what to call instead.
-
-    Raises:
-        ArgumentError: a body has no mass properties; names it.
-    """
-    values: dict[str, Any] = {}
-    for name, body in bodies.items():
-        if body is None:
-            examples = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
-            hint = hint_without_body1 if name == "body1" else ""
-            raise ArgumentError(f"pair.{name}", f"mass properties, as in {examples}{hint}", None)
-        centre, inertia = tuple(body.center_of_mass.tolist()), tuple(body.inertia.ravel().tolist())
-        values |= {f"m{name[-1]}": body.mass, f"c{name[-1]}": centre, f"I{name[-1]}": inertia}
-        for sentence in body.assumed:
-            warn_of_dynamics(f"pair.{name}: {sentence}")
-    return values
-
-
-def _extended_constants(constants: Constants, extra_values: Mapping[str, Any]) -> Constants:
-    """Return new Constants of a pair, extended by values by name: floats and tuples of components."""
-    extra_arrays = {name: np.array(value) for name, value in extra_values.items()}
-    return Constants({**constants.values, **extra_values}, {**constants.arrays, **extra_arrays}, constants.shape)
-
-
-def with_loads_and_masses(
-    constants: Constants, bodies: Bodies, gravity: ArrayLike, needed_names: Iterable[str]
-) -> Constants:
-    """Return new Constants of a pair, extended by gravity, by loads of zero, and by the mass properties of the bodies
-    that are needed: body 1 if `needed_names` contains m1, c1 or I1, body 2 if it contains m2, c2 or I2. `bodies` is
-    (body1, body2), each a Body or None. Issue a DynamicsWarning for each assumed value. Raise ArgumentError if a
-    needed body is None or gravity is unusable.
-
-    Raises:
-        ArgumentError: a body that is needed has no mass properties, or gravity cannot be used; names it.
-    """
-    needed_bodies = {
-        name: body for name, body in _bodies_by_name(bodies) if {f"{c}{name[-1]}" for c in "mcI"} & {*needed_names}
-    }
-    zero_loads = {
-        name: 0.0 if name == "hinge_torque" else _ZERO_VECTOR_COMPONENTS for name in FORWARD_DYNAMICS_LOAD_NAMES
-    }
-    gravity_vector = tuple(one_constant("gravity", gravity, 3).tolist())
-    return _extended_constants(constants, {"gravity": gravity_vector, **zero_loads, **mass_constants(needed_bodies)})
-
-
-def _bodies_by_name(bodies: Bodies) -> Iterable[tuple[str, Body | None]]:
-    """Return an iterable of the pairs ("body1", its Body or None) and ("body2", its Body or None)."""
-    return zip(("body1", "body2"), bodies, strict=True)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DynamicsComputationSpec:
-    """Specification of a computation of dynamics, an argument of `compute_dynamics`. `outputs` are the names of the
-    outputs, `letters` the names of the arrays of body 1's motion that the computation needs, and `bodies` the names
-    of the bodies whose masses it needs. `hint_without_body1` is a hint that ends the error message if body 1 has no
-    mass.
-    """
+class DynamicsTask(NamedTuple):
+    """A computation of dynamics."""
 
     outputs: tuple[str, ...]
     letters: tuple[str, ...]  # of the motion of body 1
     bodies: tuple[str, ...] = ("body1", "body2")  # whose masses it needs
-    hint_without_body1: str = ""  # end of the message if body 1 has no mass: what to call instead
+    hint: str = ""  # end of the message if body 1 has no mass: what to call instead
 
 
-MASS_MATRIX_COMPUTATION_SPEC = DynamicsComputationSpec(("mass_matrix",), ("S",))  # D6
-# Inverse dynamics, D1-D5.
-INVERSE_DYNAMICS_COMPUTATION_SPEC = DynamicsComputationSpec(
-    INVERSE_DYNAMICS_OUTPUT_NAMES,
-    ("S", "omega", "a", "alpha"),
-    hint_without_body1="; or pair.hinge_wrench, for which body 2 suffices",
+MASS_MATRIX: Final = DynamicsTask(("mass_matrix",), ("S",))
+INVERSE_DYNAMICS: Final = DynamicsTask(
+    FORCES, ("S", "omega", "a", "alpha"), hint="; or pair.hinge_wrench, for which body 2 suffices"
 )
-# The wrench of body 1 on body 2, D3, D4.
-HINGE_WRENCH_COMPUTATION_SPEC = DynamicsComputationSpec(
-    ("f2", "moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",)
+HINGE_WRENCH: Final = DynamicsTask(
+    ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",)
 )
-FORWARD_DYNAMICS_COMPUTATION_SPEC = DynamicsComputationSpec(
-    (*FORWARD_DYNAMICS_OUTPUT_NAMES, "pivot_ratios"), ("S", "omega")
-)  # forward dynamics, D6
-# D7.
-ENERGY_COMPUTATION_SPEC = DynamicsComputationSpec(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
-MOMENTUM_COMPUTATION_SPEC = DynamicsComputationSpec(("linear", "angular"), ("R", "S", "v", "omega"))  # D8
+FORWARD_DYNAMICS: Final = DynamicsTask(ACCELERATIONS, ("S", "omega"))
+PIVOTS: Final = DynamicsTask(("pivots",), ("S", "omega"))
+ENERGY: Final = DynamicsTask(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
+MOMENTUM: Final = DynamicsTask(("linear", "angular"), ("R", "S", "v", "omega"))
 
 
 def compute_dynamics(
-    spec: DynamicsComputationSpec,
+    task: DynamicsTask,
     constants: Constants,
     bodies: Bodies,
     body1: BodyMotion,
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
     **hinge_and_loads: ArrayLike,
 ) -> tuple[FloatArray, ...]:
-    """Compute the outputs that a DynamicsComputationSpec names, at all samples, and return a tuple of writable arrays
-    in the order of `spec.outputs`. `bodies` is (body1, body2), each a Body or None; `body1` is a BodyMotion; psi,
-    psid, psidd and loads are keyword arguments. The compiled call is cached in `constants.prepared` unless a mass is
-    assumed. Raise ArgumentError for unusable arguments and missing masses; issue a DynamicsWarning for each assumed
-    value.
+    """Compute the outputs of a task at all samples; return writable arrays. psi, psid, psidd and loads are keyword
+    arguments. Issue a DynamicsWarning for each assumed mass.
 
     Raises:
-        ArgumentError: an argument cannot be used; names it.
+        ArgumentError: an argument cannot be used, or a body that is needed has no mass.
     """
-    gravity_array = (
-        _DEFAULT_GRAVITY_ARRAY if gravity is DEFAULT_GRAVITY_VECTOR else one_constant("gravity", gravity, 3)
-    )
+    gravity_array = _DEFAULT_GRAVITY if gravity is DEFAULT_GRAVITY_VECTOR else one_constant("gravity", gravity, 3)
     inputs = {
-        name: _load_array(name, value) if name in _VECTOR_LOAD_NAMES else value
-        for name, value in hinge_and_loads.items()
+        name: _load_array(name, value) if name in _VECTOR_LOADS else value for name, value in hinge_and_loads.items()
     }
-    rows = (*(getattr(body1, letter, None) for letter in spec.letters), gravity_array, *inputs.values())
-    call: Call | None = constants.prepared.get(spec)
+    rows = (*(getattr(body1, letter, None) for letter in task.letters), gravity_array, *inputs.values())
+    call: Call | None = constants.prepared.get(task)
     if call is not None and type(body1) is BodyMotion:
         state = call.rows(*rows)
         if state is not None:
             return tuple(writable_arrays(state).values())
-    constants_with_masses = with_masses(spec, constants, bodies)
-    values: dict[str, Any] = motion_arrays("body1", body1, *spec.letters)
+    with_tree = with_masses(task, constants, bodies)
+    values: dict[str, Any] = motion_arrays("body1", body1, *task.letters)
     for name, value in inputs.items():
         if value is None:
             raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: an output needs it", None)
     values["gravity"] = tuple(gravity_array.tolist())
-    for name, value in inputs.items():  # a zero load is a constant of the program
-        values[name] = (
-            read_component(name, value)
-            if name not in _VECTOR_LOAD_NAMES
-            else _ZERO_VECTOR_COMPONENTS
-            if value is _ZERO_LOAD_ARRAY
-            else value
-        )
+    for name, value in inputs.items():
+        if name not in _VECTOR_LOADS:
+            values[name] = read_component(name, value)
+        else:
+            values[name] = ZERO_VECTOR if value is _ZERO_LOAD else value
     shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION_KIND.shapes[name])] for name, v in values.items()}
-    plan = make_plan(spec.outputs, None, "home" in constants.values, given_names=tuple(values))
-    call = cached_call(constants_with_masses, plan, tuple(values), "auto")
-    if not any(
-        body is not None and body.assumed for body in bodies
-    ):  # with an assumed value, every call issues a warning
-        constants.prepared[spec] = call
+    plan = make_plan(task.outputs, None, "home" in constants.values, given_names=tuple(values))
+    call = cached_call(with_tree, plan, tuple(values), "auto")
+    if not any(body is not None and body.assumed for body in bodies):  # else every call warns
+        constants.prepared[task] = call
     state = call.rows(*rows)
     return tuple(writable_arrays(call.run(values, shapes) if state is None else state).values())
 
 
-def with_masses(spec: DynamicsComputationSpec, constants: Constants, bodies: Bodies) -> Constants:
-    """Return the Constants of a pair, extended by the mass properties of `bodies`, which is (body1, body2). If body 1
-    is None and the computation `spec` does not need its mass, body 1 gets the mass 0. The result is cached in
-    `constants.prepared`. Raise ArgumentError if a needed body is None; issue a DynamicsWarning for assumed values.
+def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
+    return _ZERO_LOAD if is_zero(value) else vectors(name, value, 3)
+
+
+def may_be_singular(tree: Constants) -> bool:
+    """Return whether the hinge or body 1 may move without any inertia that resists."""
+    return bool(_limits(tree).any())
+
+
+def _limits(tree: Constants) -> Float64Array:
+    """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding."""
+    limits: Float64Array = tree.arrays["tree"][..., -3:]
+    return limits
+
+
+def warn_where_singular(psidd: FloatArray, name: str | None, constants: Constants) -> None:
+    """Issue a DynamicsWarning where accelerations are NaN because the mass matrix of the pair is singular."""
+    tree: Constants = constants.prepared["tree"]
+    bad = np.isnan(psidd)
+    if not may_be_singular(tree) or not bad.any():
+        return
+    still: dict[str, Any] = dict.fromkeys(("omega1", "gravity", *_VECTOR_LOADS), ZERO_VECTOR)
+    still |= dict.fromkeys(("psi", "psid", "hinge_torque"), 0.0) | {"S1": np.eye(3)}
+    pivots = compute_arrays(tree, ("pivots",), still, dict.fromkeys(still, ()))["pivots"]
+    low = ~(pivots > _limits(tree)[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
+    if low.any():
+        which = "the hinge" if low[..., 0].any() else "body 1"
+        where = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
+        warn_of_dynamics(f"{name or 'pair'}: no mass resists {which} {where}; accelerations are NaN there")
+
+
+def watch(pair: Any, result: Any, _: Any) -> None:
+    """Warn of a singular mass matrix in the results of a prepared call."""
+    warn_where_singular(np.asarray(result.psidd), pair.name, pair.constants)
+
+
+# ---- the pair as a tree
+
+
+def with_masses(task: DynamicsTask, constants: Constants, bodies: Bodies) -> Constants:
+    """Return the Constants of a pair with its numbers as a tree. A body 1 that is None has no mass where the task
+    does not need it. Issue a DynamicsWarning for each assumed value.
 
     Raises:
-        ArgumentError: a body that the computation needs has no mass properties; names it.
+        ArgumentError: a body that is needed has no mass properties, or a mass times a squared length overflows.
     """
-    present = {name: body for name, body in _bodies_by_name(bodies) if body is not None or name in spec.bodies}
-    masses = _MASSLESS_BODY1_CONSTANTS | mass_constants(present, spec.hint_without_body1)  # for all computations
-    extended: Constants = constants.prepared.get("masses") or _extended_constants(constants, masses)
-    constants.prepared["masses"] = extended
+    named = zip(("body1", "body2"), bodies, strict=True)
+    check_masses({name: body for name, body in named if body is not None or name in task.bodies}, task.hint)
+    return tree_constants(constants, bodies)
+
+
+def tree_constants(constants: Constants, bodies: Bodies) -> Constants:
+    """Return the Constants of a pair with its numbers as a tree, which are computed once.
+
+    Raises:
+        ArgumentError: a mass times the square of a length overflows.
+    """
+    extended: Constants | None = constants.prepared.get("tree")
+    if extended is None:
+        arrays = tree_numbers(constants, *bodies)
+        values = {name: numbers(array) for name, array in arrays.items()}
+        extended = Constants({**constants.values, **values}, {**constants.arrays, **arrays}, constants.shape)
+        constants.prepared["tree"] = extended
     return extended
 
 
-def make_accelerations(bodies: Bodies, outputs: Iterable[FloatArray]) -> Accelerations:
-    """Return the Accelerations (a1, alpha1, psidd) from `outputs`: the arrays a1, alpha1 and psidd, and the pivot
-    ratios of the mass matrix (D6). Raise ArgumentError, whose message shows body 2 of `bodies`, if a pivot ratio
-    shows that the mass matrix is singular.
+def with_loads_and_masses(constants: Constants, bodies: Bodies, gravity: ArrayLike, plan: Plan) -> Constants:
+    """Return the Constants of a pair with gravity, loads of zero and, where the plan needs them, its numbers as a
+    tree.
 
     Raises:
-        ArgumentError: the mass matrix is singular.
+        ArgumentError: a body that is needed has no mass properties, or gravity cannot be used.
     """
-    *accelerations, pivot_ratios = outputs
-    if (pivot_ratios <= MIN_MASS_MATRIX_PIVOT_TO_DIAGONAL_RATIO).any():
-        expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
-        raise ArgumentError(
-            "pair.body2", f"{expected} body's inertia is negligible relative to the other's", bodies[1]
+    values: dict[str, Any] = {name: 0.0 if name == "hinge_torque" else ZERO_VECTOR for name in LOADS}
+    values["gravity"] = tuple(one_constant("gravity", gravity, 3).tolist())
+    if not plan.inputs.isdisjoint({"tree", "whole_body2"}):
+        of_body2 = _OF_BODY1.isdisjoint(step.result for step in plan.steps)
+        constants = with_masses(HINGE_WRENCH if of_body2 else MASS_MATRIX, constants, bodies)
+    arrays = {name: np.array(value) for name, value in values.items()}
+    return Constants({**constants.values, **values}, {**constants.arrays, **arrays}, constants.shape)
+
+
+def check_masses(bodies: Mapping[str, Body | None], hint: str = "") -> None:
+    """Raise ArgumentError for a body, by name, that is None; `hint` ends the message for body 1. Issue a
+    DynamicsWarning for each assumed value.
+    """
+    for name, body in bodies.items():
+        if body is None:
+            examples = f"HingePair(..., {name}=hp.Body(mass=2.0)), or in a scene [pair.{name}] mass = 2.0"
+            raise ArgumentError(
+                f"pair.{name}", f"mass properties, as in {examples}{hint if name == 'body1' else ''}", None
+            )
+        for sentence in body.assumed:
+            warn_of_dynamics(f"pair.{name}: {sentence}")
+
+
+def tree_numbers(constants: Constants, body1: Body | None, body2: Body | None) -> dict[str, Float64Array]:
+    """Return the numbers of a pair as a tree of one hinge, in the order of `plans.trees`: `tree` (..., 32), in which
+    matter on the hinge's axis counts with body 1 (T9); `whole_body2` (..., 22), in which it does not, and body 1 does
+    not count; and `arm2` (..., 3), from the hinge point to R2. A body that is None has no mass.
+
+    The tree's axes of body 2 are e1, e2 and n of body 1 at psi = 0.
+
+    Raises:
+        ArgumentError: a mass times the square of a length overflows.
+    """
+    frames = with_hinge_frames(constants).values
+    axes = np.stack([np.stack(np.broadcast_arrays(*frames[name]), axis=-1) for name in ("e1", "e2", "n")], axis=-1)
+    home = constants.arrays["home"]
+    turn = _product(np.swapaxes(axes, -1, -2), home.reshape(*home.shape[:-1], 3, 3))  # from body 2's axes
+    u1, u2 = constants.arrays["u1"], constants.arrays["u2"]
+    with np.errstate(all="ignore"):
+        m1, h1, N1, least1, spread1 = _moments(body1, np.eye(3), np.zeros(3))
+        m2, h2, N2, _, spread2 = _moments(body2, turn, u2)
+        # Matter on the axis, moved to body 1 (T9).
+        w = axes[..., 2]
+        h_z, N_zz = h2[..., 2:], N2[..., 2, 2, None, None]
+        across = _outer(u1, w)
+        base_h = h1 + m2 * u1 + h_z * w
+        base_N = N1 + m2 * _outer(u1, u1) + h_z[..., None] * (across + _swapped(across)) + N_zz * _outer(w, w)
+        lowest = _lowest_pivots(m1, least1, body1, spread1, m2, N2, h2, spread2, u1)
+        place = [axes.reshape(*axes.shape[:-2], 9), u1]
+        tree = _joined(
+            [*_scalars(m1 + m2), base_h, _six(base_N), *place, h2[..., :2], _six(N2)[..., :5], lowest],
         )
-    return Accelerations(*accelerations)
+        whole = _joined([*place, *_scalars(m2), h2, _six(N2)])
+    if not (np.isfinite(tree).all() and np.isfinite(whole).all()):
+        expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
+        raise ArgumentError("pair", expected, "products that overflow")
+    return {"tree": tree, "whole_body2": whole, "arm2": -_product(turn, u2[..., None])[..., 0]}
 
 
-def check_nonsingular_mass_matrix(constants: Constants, bodies: Bodies) -> None:
-    """Raise ArgumentError if the mass matrix of a pair is singular at psi = 0, so that forces do not determine the
-    accelerations. `constants` holds the Constants of the pair; `bodies` is (body1, body2), each a Body or None. Issue
-    a DynamicsWarning for assumed masses.
-
-    Raises:
-        ArgumentError: as for `make_accelerations`.
+def _moments(body: Body | None, turn: Any, u: Any) -> tuple[float, Any, Any, float, Any]:
+    """Return mass, first and second moment of a body about the point u in turned axes, its least moment of inertia,
+    and a bound on its inertia about that point.
     """
-    resting_body1 = BodyMotion(R=_ZERO_VECTOR_COMPONENTS, S=np.eye(3), omega=_ZERO_VECTOR_COMPONENTS)
-    loads = dict.fromkeys(FORWARD_DYNAMICS_LOAD_NAMES, 0.0)
-    outputs = compute_dynamics(
-        FORWARD_DYNAMICS_COMPUTATION_SPEC,
-        constants,
-        bodies,
-        resting_body1,
-        gravity=_ZERO_VECTOR_COMPONENTS,
-        psi=0.0,
-        psid=0.0,
-        **loads,
+    if body is None:
+        return 0.0, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
+    m, inertia, lever = body.mass, body.inertia, body.center_of_mass - u
+    c = _product(turn, lever[..., None])[..., 0]
+    J = _product(_product(turn, inertia), _swapped(turn))
+    N = (J[..., 0, 0] + J[..., 1, 1] + J[..., 2, 2])[..., None, None] / 2 * np.eye(3) - J + m * _outer(c, c)
+    spread = m * np.abs(lever).sum(axis=-1) ** 2 + np.abs(inertia).max()
+    return m, m * c, N, float(np.linalg.eigvalsh(inertia)[0]), spread
+
+
+def _lowest_pivots(
+    m1: float, least1: float, body1: Body | None, spread1: Any, m2: float, N2: Any, h2: Any, spread2: Any, u1: Any
+) -> Float64Array:
+    """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding, (..., 3); 0
+    where they cannot be that small, as `mechanism.constants` has them for robots.
+    """
+    reach = np.abs(u1).sum(axis=-1)
+    hinge = _ROUNDING * spread2
+    force = _ROUNDING * (m1 + m2)
+    torque = _ROUNDING * (spread1 + spread2 + 2 * reach * np.abs(h2).sum(axis=-1) + m2 * reach**2)
+    c = np.zeros(3) if body1 is None else body1.center_of_mass
+    resists = least1 > torque
+    if m1 > 0 and least1 > 0:
+        resists &= 1 / (1 / m1 + float(c @ c) / least1) > force
+    # 1e-300, since 0 stands for a pivot that is never small
+    turns = N2[..., 0, 0] + N2[..., 1, 1] > hinge
+    return np.stack(
+        np.broadcast_arrays(
+            np.where(turns, 0.0, np.maximum(hinge, 1e-300)),
+            np.where(resists, 0.0, np.maximum(force, 1e-300)),
+            np.where(resists, 0.0, np.maximum(torque, 1e-300)),
+        ),
+        axis=-1,
     )
-    make_accelerations(bodies, outputs)
 
 
-def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return a force or a torque as an array of shape (..., 3); for the number 0, return zeros of shape (3,). Raise
-    ShapeError, which names the argument `name`, for another shape.
-    """
-    return _ZERO_LOAD_ARRAY if is_zero(value) else vectors(name, value, 3)
+def _product(A: Any, B: Any) -> Any:
+    """Return A @ B in which products with 0 and 1 are exact, and without -0.0."""
+    return sum(A[..., :, k, None] * B[..., k, None, :] for k in range(3)) + 0.0
+
+
+def _swapped(A: Any) -> Any:
+    return np.swapaxes(A, -1, -2)
+
+
+def _outer(a: Any, b: Any) -> Any:
+    return a[..., :, None] * b[..., None, :]
+
+
+def _six(N: Any) -> Any:
+    """Return the entries xx, xy, xz, yy, yz and zz of symmetric matrices."""
+    return N[..., (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+
+
+def _scalars(*values: float) -> list[Any]:
+    return [np.array([value]) for value in values]
+
+
+def _joined(parts: list[Any]) -> Float64Array:
+    """Return parts with their components on the last axis as one array, broadcast."""
+    shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1) + 0.0

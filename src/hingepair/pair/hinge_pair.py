@@ -440,7 +440,7 @@ class HingePair(Shown):
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape
-        (..., 7, 7) (D6). `body1` is the BodyMotion of body 1; only S is used. Raise ArgumentError if a body has no
+        (..., 7, 7) (T4). `body1` is the BodyMotion of body 1; only S is used. Raise ArgumentError if a body has no
         mass properties.
 
         bias is the value of (force1, torque1, hinge_torque) for a1 = 0, alpha1 = 0 and psi'' = 0; velocities and
@@ -468,9 +468,7 @@ class HingePair(Shown):
         """
         if holds_dask(body1, psi):
             return self._lazily(self.mass_matrix, body1=body1, psi=psi)
-        (matrix,) = dynamics.compute_dynamics(
-            dynamics.MASS_MATRIX_COMPUTATION_SPEC, self.constants, self._bodies, body1, psi=psi
-        )
+        (matrix,) = dynamics.compute_dynamics(dynamics.MASS_MATRIX, self.constants, self._bodies, body1, psi=psi)
         return matrix
 
     def inverse_dynamics(
@@ -483,7 +481,7 @@ class HingePair(Shown):
         gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
-        (D1-D5). `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError
+        (T1-T3). `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError
         if a body has no mass properties.
 
         Args:
@@ -516,7 +514,7 @@ class HingePair(Shown):
             return self._lazily(self.inverse_dynamics, body1=body1, **hinge, gravity=gravity)
         return Forces(
             *dynamics.compute_dynamics(
-                dynamics.INVERSE_DYNAMICS_COMPUTATION_SPEC, self.constants, self._bodies, body1, gravity, **hinge
+                dynamics.INVERSE_DYNAMICS, self.constants, self._bodies, body1, gravity, **hinge
             )
         )
 
@@ -534,8 +532,7 @@ class HingePair(Shown):
         gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> Accelerations:
         """Compute the Accelerations of body 1 and of the hinge angle under gravity and under the forces and torques
-        on both bodies (D6). `body1` is the BodyMotion of body 1. Raise ArgumentError if a body has no mass
-        properties, or if the mass matrix is singular.
+        on both bodies (T5, T6). `body1` is the BodyMotion of body 1.
 
         The arrays broadcast against each other. By default, all forces and torques are 0.
 
@@ -552,11 +549,11 @@ class HingePair(Shown):
 
         Returns:
             The Accelerations, with the attributes a1 [m/s^2] and alpha1 [rad/s^2] of body 1, world axes, shape
-            (..., 3), and psidd [rad/s^2], shape (...,).
+            (..., 3), and psidd [rad/s^2], shape (...,). Where the mass matrix is singular, for instance because body
+            2 has no inertia about the hinge axis, they are NaN, and a DynamicsWarning says so.
 
         Raises:
-            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the mass matrix
-                is singular, for instance because the inertia of body 2 about the hinge axis is negligible.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -572,7 +569,7 @@ class HingePair(Shown):
         if holds_dask(body1, loads, hinge):
             return self._lazily(self.forward_dynamics, body1=body1, **hinge, **loads, gravity=gravity)
         outputs = dynamics.compute_dynamics(
-            dynamics.FORWARD_DYNAMICS_COMPUTATION_SPEC,
+            dynamics.FORWARD_DYNAMICS,
             self.constants,
             self._bodies,
             body1,
@@ -580,7 +577,8 @@ class HingePair(Shown):
             **loads,
             **hinge,
         )
-        return dynamics.make_accelerations(self._bodies, outputs)
+        dynamics.warn_where_singular(outputs[2], self.name, self.constants)
+        return Accelerations(*outputs)
 
     def hinge_wrench(
         self,
@@ -591,7 +589,7 @@ class HingePair(Shown):
         *,
         gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> HingeWrench:
-        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
+        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (T3).
         `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError if body 2
         has no mass properties; body 1 needs none.
 
@@ -624,7 +622,7 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.hinge_wrench, body1=body1, **hinge, gravity=gravity)
         outputs = dynamics.compute_dynamics(
-            dynamics.HINGE_WRENCH_COMPUTATION_SPEC, self.constants, self._bodies, body1, gravity, **hinge
+            dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge
         )
         return HingeWrench(*outputs)
 
@@ -636,7 +634,7 @@ class HingePair(Shown):
         *,
         gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
     ) -> Energy:
-        """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). `body1` is the BodyMotion of
+        """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). `body1` is the BodyMotion of
         body 1. If body 1 has no mass properties, return the energy of body 2 alone. Raise ArgumentError if body 2 has
         no mass properties.
 
@@ -666,13 +664,11 @@ class HingePair(Shown):
         if holds_dask(body1, hinge):
             return self._lazily(self.energy, body1=body1, **hinge, gravity=gravity)
         return Energy(
-            *dynamics.compute_dynamics(
-                dynamics.ENERGY_COMPUTATION_SPEC, self.constants, self._bodies, body1, gravity, **hinge
-            )
+            *dynamics.compute_dynamics(dynamics.ENERGY, self.constants, self._bodies, body1, gravity, **hinge)
         )
 
     def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
-        """Compute the Momentum of the pair: linear, and angular about the world's origin (D8). `body1` is the
+        """Compute the Momentum of the pair: linear, and angular about the world's origin (T8). `body1` is the
         BodyMotion of body 1. Raise ArgumentError if a body has no mass properties.
 
         Args:
@@ -698,11 +694,7 @@ class HingePair(Shown):
         hinge = {"psi": psi, "psid": psid}
         if holds_dask(body1, hinge):
             return self._lazily(self.momentum, body1=body1, **hinge)
-        return Momentum(
-            *dynamics.compute_dynamics(
-                dynamics.MOMENTUM_COMPUTATION_SPEC, self.constants, self._bodies, body1, **hinge
-            )
-        )
+        return Momentum(*dynamics.compute_dynamics(dynamics.MOMENTUM, self.constants, self._bodies, body1, **hinge))
 
     def residuals(
         self,

@@ -283,7 +283,7 @@ class PlanarPair(Shown):
 
     def mass_matrix(self, q: CoordinateInput) -> FloatArray:
         """Compute the mass matrix M, shape (..., 4, 4). It satisfies M @ (x'', y'', phi'', psi'') + bias = (force1,
-        torque1, hinge_torque) (D6). Raise ArgumentError if a body has no mass properties.
+        torque1, hinge_torque) (T4-T6). Raise ArgumentError if a body has no mass properties.
 
         force1, which has two components, and torque1 act on body 1 at R1; hinge_torque is the torque of body 1 on
         body 2. Apart from these, only gravity acts on the bodies. bias is the value of (force1, torque1,
@@ -307,7 +307,7 @@ class PlanarPair(Shown):
         """
         if holds_dask(q):
             return self._lazily(self.mass_matrix, q=q)
-        (M,) = self._compute_dynamics(dynamics.MASS_MATRIX_COMPUTATION_SPEC, {"q": q})
+        (M,) = self._compute_dynamics(dynamics.MASS_MATRIX, {"q": q})
         return M[..., _PLANAR_INDICES_IN_SPATIAL_COORDINATES[:, None], _PLANAR_INDICES_IN_SPATIAL_COORDINATES]
 
     def inverse_dynamics(
@@ -318,7 +318,7 @@ class PlanarPair(Shown):
         *,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> Forces:
-        """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the hinge (D1-D5).
+        """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the hinge (T1-T3).
         `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if a body has no mass properties.
 
         Args:
@@ -347,9 +347,7 @@ class PlanarPair(Shown):
         rows = {"q": q, "qd": qd, "qdd": qdd}
         if holds_dask(rows):
             return self._lazily(self.inverse_dynamics, **rows, gravity=gravity)
-        force1, torque1, hinge_torque = self._compute_dynamics(
-            dynamics.INVERSE_DYNAMICS_COMPUTATION_SPEC, rows, gravity
-        )
+        force1, torque1, hinge_torque = self._compute_dynamics(dynamics.INVERSE_DYNAMICS, rows, gravity)
         return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
 
     def hinge_wrench(
@@ -360,7 +358,7 @@ class PlanarPair(Shown):
         *,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> HingeWrench:
-        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (D3, D4).
+        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (T3).
         `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if body 2 has no mass properties;
         body 1 needs none.
 
@@ -388,9 +386,7 @@ class PlanarPair(Shown):
         rows = {"q": q, "qd": qd, "qdd": qdd}
         if holds_dask(rows):
             return self._lazily(self.hinge_wrench, **rows, gravity=gravity)
-        force, torque, hinge_torque, bearing_torque = self._compute_dynamics(
-            dynamics.HINGE_WRENCH_COMPUTATION_SPEC, rows, gravity
-        )
+        force, torque, hinge_torque, bearing_torque = self._compute_dynamics(dynamics.HINGE_WRENCH, rows, gravity)
         return HingeWrench(force[..., :2], torque[..., 2], hinge_torque, bearing_torque[..., 2])
 
     def forward_dynamics(
@@ -406,8 +402,7 @@ class PlanarPair(Shown):
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> FloatArray:
         """Compute the second time derivatives qdd of the coordinates, shape (..., 4), under gravity and under the
-        forces and torques on both bodies (D6). Raise ArgumentError if a body has no mass properties, or if the mass
-        matrix is singular.
+        forces and torques on both bodies (T5, T6).
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
@@ -420,12 +415,12 @@ class PlanarPair(Shown):
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
 
         Returns:
-            The array qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4).
+            The array qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4). Where the mass matrix is
+            singular, for instance because body 2 has no inertia about the hinge, it is NaN, and a DynamicsWarning
+            says so.
 
         Raises:
-            ArgumentError: an argument cannot be used, a body of the pair has no mass properties, or the mass matrix
-                is singular. The mass matrix is singular, for instance, if the inertia of body 2 about the hinge is
-                negligible.
+            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -437,16 +432,15 @@ class PlanarPair(Shown):
         loads["hinge_torque"] = hinge_torque
         if holds_dask(q, qd, loads):
             return self._lazily(self.forward_dynamics, q=q, qd=qd, **loads, gravity=gravity)
-        outputs = self._compute_dynamics(
-            dynamics.FORWARD_DYNAMICS_COMPUTATION_SPEC, {"q": q, "qd": qd}, gravity, **loads
-        )
-        a1, alpha1, psidd = dynamics.make_accelerations((self.body1, self.body2), outputs)
+        outputs = self._compute_dynamics(dynamics.FORWARD_DYNAMICS, {"q": q, "qd": qd}, gravity, **loads)
+        a1, alpha1, psidd = outputs
+        dynamics.warn_where_singular(psidd, self.name, self.massive().constants)
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(
         self, q: CoordinateInput, qd: CoordinateInput, *, gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR
     ) -> Energy:
-        """Compute the kinetic and potential Energy of the pair in uniform gravity (D7). If body 1 has no mass
+        """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). If body 1 has no mass
         properties, the energy is the energy of body 2 alone. Raise ArgumentError if body 2 has no mass properties.
 
         Args:
@@ -469,11 +463,11 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd):
             return self._lazily(self.energy, q=q, qd=qd, gravity=gravity)
-        return Energy(*self._compute_dynamics(dynamics.ENERGY_COMPUTATION_SPEC, {"q": q, "qd": qd}, gravity))
+        return Energy(*self._compute_dynamics(dynamics.ENERGY, {"q": q, "qd": qd}, gravity))
 
     def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
         """Compute the Momentum of the pair: its linear momentum, and its angular momentum about the world's origin
-        (equation D8). Raise ArgumentError if a body has no mass properties.
+        (T8). Raise ArgumentError if a body has no mass properties.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
@@ -494,18 +488,18 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd):
             return self._lazily(self.momentum, q=q, qd=qd)
-        linear, angular = self._compute_dynamics(dynamics.MOMENTUM_COMPUTATION_SPEC, {"q": q, "qd": qd})
+        linear, angular = self._compute_dynamics(dynamics.MOMENTUM, {"q": q, "qd": qd})
         return Momentum(linear[..., :2], angular[..., 2])
 
     def _compute_dynamics(
         self,
-        spec: dynamics.DynamicsComputationSpec,
+        task: dynamics.DynamicsTask,
         coordinates: Mapping[str, Any],
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
         **loads: ArrayLike,
     ) -> tuple[FloatArray, ...]:
-        """Compute the outputs that a DynamicsComputationSpec names, as vectors in space: a force has three
-        components. Return a tuple of arrays in the order of `spec.outputs`. `coordinates` is a dict with the keys q,
+        """Compute the outputs that a task names, as vectors in space: a force has three
+        components. Return a tuple of arrays in the order of `task.outputs`. `coordinates` is a dict with the keys q,
         qd and qdd, as far as needed, `gravity` has two components, and planar loads are keyword arguments. Raise
         ArgumentError if a coordinate argument is None or a needed mass is missing.
         """
@@ -526,8 +520,8 @@ class PlanarPair(Shown):
         for name, value in loads.items():
             values[name] = load = _spatial_load(name, value)
             shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
-        constants = dynamics.with_masses(spec, space.constants, (space.body1, space.body2))
-        return tuple(compute_arrays(constants, spec.outputs, values, shapes, sequence="XYZ").values())
+        constants = dynamics.with_masses(task, space.constants, (space.body1, space.body2))
+        return tuple(compute_arrays(constants, task.outputs, values, shapes, sequence="XYZ").values())
 
 
 _PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi

@@ -16,12 +16,7 @@ from hingepair.pair.derivatives import POSE_SENSITIVITY_NAMES, VELOCITY_SENSITIV
 from hingepair.pair.evaluate import computation_of
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.computation import QUATERNIONS
-from hingepair.plans.dynamics_steps import (
-    DYNAMICS_CONSTANT_NAMES,
-    FORWARD_DYNAMICS_LOAD_NAMES,
-    FORWARD_DYNAMICS_OUTPUT_NAMES,
-    INVERSE_DYNAMICS_OUTPUT_NAMES,
-)
+from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES, LOADS, MASS_CONSTANTS
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, default_outputs, make_plan
 from hingepair.plans.prepared import Prepared
 from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
@@ -33,12 +28,12 @@ _INPUT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
     "inverse_dynamics": ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd"),
-    "forward_dynamics": ("S1", "omega1", "psi", "psid", *INVERSE_DYNAMICS_OUTPUT_NAMES),
+    "forward_dynamics": ("S1", "omega1", "psi", "psid", *FORCES),
 }
 # All inputs that a prepared call can take.
 _ALLOWED_INPUT_NAMES: Final = (
     *("q", "qd", "qdd", "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
-    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *FORWARD_DYNAMICS_LOAD_NAMES),
+    *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
 )
 _TWO_BODY_OUTPUT_NAMES: Final = (
     *("gap", "tilt", "tilt_angle", "psi", "gap_rate", "tilt_rate", "slip", "psid", "gap_acceleration"),
@@ -51,7 +46,7 @@ _ALLOWED_OUTPUT_NAMES: Final = (
     *POSE_SENSITIVITY_NAMES,
     *VELOCITY_SENSITIVITY_NAMES,
     *_TWO_BODY_OUTPUT_NAMES,
-    *INVERSE_DYNAMICS_OUTPUT_NAMES,
+    *FORCES,
     *("bearing_torque", "mass_matrix", "kinetic", "potential", "linear", "angular"),
 )
 """All outputs that a prepared call can compute."""
@@ -72,11 +67,11 @@ def prepare(
     """
     names = _checked_input_names(given)
     bodies, constants = (pair.body1, pair.body2), pair.constants
-    forward = any(name in FORWARD_DYNAMICS_LOAD_NAMES for name in names)
+    forward = any(name in LOADS for name in names)
     if outputs is None and forward:
-        outputs = FORWARD_DYNAMICS_OUTPUT_NAMES
+        outputs = ACCELERATIONS
     elif outputs is None and given == "inverse_dynamics":
-        outputs = INVERSE_DYNAMICS_OUTPUT_NAMES
+        outputs = FORCES
     rows = "q" in names
     if rows:
         find_sequence(sequence)
@@ -84,10 +79,8 @@ def prepare(
     output_names = default_outputs(level) if outputs is None else check_outputs(outputs, _ALLOWED_OUTPUT_NAMES)
     plan_of = functools.partial(make_plan, sequence=sequence if rows else None, has_home="home" in constants.values)
     plan = plan_of(output_names, given_names=names)
-    if not plan.inputs.isdisjoint(DYNAMICS_CONSTANT_NAMES):
-        constants = dynamics.with_loads_and_masses(constants, bodies, gravity, plan.inputs)
-    if forward:
-        dynamics.check_nonsingular_mass_matrix(constants, bodies)
+    if not plan.inputs.isdisjoint(MASS_CONSTANTS):
+        constants = dynamics.with_loads_and_masses(constants, bodies, gravity, plan)
     if "S2" in names:
         constants = with_hinge_frames(constants)
     known_names = {*names, *constants.values}
@@ -102,7 +95,9 @@ def prepare(
         pair.prepare, names, outputs=output_names, sequence=sequence, gravity=gravity,
         workers=execution.workers, backend=execution.backend,
     )  # fmt: skip
-    return Prepared(computation, names, execution, None, remade)
+    may_be_singular = forward and "psidd" in output_names and dynamics.may_be_singular(constants)
+    watch = functools.partial(dynamics.watch, pair) if may_be_singular else None
+    return Prepared(computation, names, execution, None, remade, watch)
 
 
 def prepare_planar(

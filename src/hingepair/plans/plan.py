@@ -18,14 +18,15 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.plans.dynamics_steps import (
-    FORWARD_DYNAMICS_LOAD_NAMES,
     KNOWN_MOTION_DYNAMICS_STEPS,
+    LOADS,
     forward_dynamics_steps,
 )
 from hingepair.plans.steps import (
     ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME,
     ATTITUDE2_CHECK_STEPS,
     ATTITUDE2_STEP_WITHOUT_HOME,
+    BODIES_TO_HINGE_POINT_VECTOR_STEPS,
     BODY2_KINEMATICS_STEPS,
     CONSTRAINT_AND_HINGE_ANGLE_STEPS,
     GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT_NAME,
@@ -69,11 +70,16 @@ _SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
     "tilt_angle": (),
     "constraint_jacobian": (5, 12),
     "constraint_bias": (5,),
-    **dict.fromkeys(("m1", "m2", "hinge_torque", "kinetic", "potential"), ()),
-    **dict.fromkeys(("c1", "c2", "gravity", "force1", "torque1", "force2", "torque2"), (3,)),
-    **dict.fromkeys(("f2", "moment", "bearing_torque", "linear", "angular"), (3,)),
-    **dict.fromkeys(("home", "I1", "I2"), (9,)),
-    "pivot_ratios": (4,),
+    **dict.fromkeys(("hinge_torque", "kinetic", "potential"), ()),
+    **dict.fromkeys(("gravity", "force1", "torque1", "force2", "torque2", "arm2"), (3,)),
+    **dict.fromkeys(("hinge_force", "hinge_moment", "bearing_torque", "linear", "angular"), (3,)),
+    "home": (9,),
+    "tree": (32,),
+    "whole_body2": (22,),
+    "pivots": (7,),
+    **dict.fromkeys(("m1", "m2"), ()),
+    **dict.fromkeys(("c1", "c2"), (3,)),
+    **dict.fromkeys(("I1", "I2"), (9,)),
     "mass_matrix": (7, 7),
     **dict.fromkeys(("S1_check", "S2_check", "quat_xyzw_check", "quat_wxyz_check"), ()),
     **dict.fromkeys(("state", "state_rates"), (14,)),
@@ -285,9 +291,12 @@ def all_steps(
     ]
     if not given_names:
         return tuple(steps)
-    if any(name in FORWARD_DYNAMICS_LOAD_NAMES for name in given_names):
+    if any(name in LOADS for name in given_names):
         return forward_dynamics_steps(tuple(steps))
-    steps += CONSTRAINT_AND_HINGE_ANGLE_STEPS if "S2" in given_names else KNOWN_MOTION_DYNAMICS_STEPS
+    if "S2" in given_names:
+        steps += CONSTRAINT_AND_HINGE_ANGLE_STEPS
+    else:
+        steps += [*BODIES_TO_HINGE_POINT_VECTOR_STEPS, *KNOWN_MOTION_DYNAMICS_STEPS]
     steps += [*JACOBIAN_AND_ACCELERATION_BIAS_STEPS, *SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS]
     if sequence is not None:
         steps += coordinate_jacobian_steps(sequence)

@@ -358,6 +358,14 @@ class Computation:
         return self._transmitted_wrenches(self.qd, self.qdd, omega, alpha, falling)
 
     @lock_free_cached_property
+    def joint_wrenches(self) -> list[eq.Wrench]:
+        """List of what each joint's parent exerts on the joint's body, (force, torque) about the joint's point, world
+        axes. It holds where the numbers of the bodies are their own, that is, where no matter counts with parents.
+        """
+        bodies = zip(self.poses[1:], self.transmitted_wrenches[1:], strict=True)
+        return [(rotate(pose.S, force), rotate(pose.S, torque)) for pose, (force, torque) in bodies]
+
+    @lock_free_cached_property
     def transmitted_bias_wrenches(self) -> list[eq.Wrench]:
         """List of the wrenches (force, torque) that the joints transmit for q'' = 0, each in the axes of the joint's
         body, with the total wrench on the base first. For a free base, its acceleration and gravity are left out.
