@@ -237,8 +237,8 @@ def test_a_failed_check_exits_with_1(monkeypatch: pytest.MonkeyPatch, short_scen
 
     genuine = cross_validation.Comparison.worst_of
 
-    def spoiled(output, error, ratio, shape):
-        return genuine(output, error, ratio + 17, shape)
+    def spoiled(output, error, ratio, *others, **fields):
+        return genuine(output, error, ratio + 17, *others, **fields)
 
     monkeypatch.setattr(cross_validation.Comparison, "worst_of", spoiled)
     assert "FAILED" in run_command("check", short_scene, code=1).stdout

@@ -9,8 +9,8 @@ import pytest
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
+from hingepair.validation.pinocchio_twin import BASE_AT_REST
 from hingepair.validation.robot_scales import RobotScales
-from hingepair.validation.robot_twin import BASE_AT_REST
 from support import states
 from support.robot_proof import ratio
 

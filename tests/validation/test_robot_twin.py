@@ -17,7 +17,7 @@ from hingepair.errors import ArgumentError
 from hingepair.formats.robots import robot_urdf
 from hingepair.urdf import records
 from hingepair.validation import robot_check
-from hingepair.validation.robot_twin import robot_twin
+from hingepair.validation.pinocchio_twin import robot_twin
 from support import states
 from support.exported import ARM
 
@@ -144,7 +144,7 @@ def test_the_report_says_where_what_is_largest():
     assert data["rows"][0]["worst_part"] in hp.load_robot("ur5_robot").links
     assert (data["ok"], data["base"], data["frames"]) == (True, "fixed", 11)
     assert "<table>" in report._repr_html_()
-    assert repr(report) == f"RobotValidation('ur5', {report.verdict})"
+    assert repr(report) == f"CrossValidation('ur5', {report.verdict})"
 
 
 @pytest.mark.slow

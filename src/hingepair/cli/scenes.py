@@ -36,8 +36,7 @@ from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResu
 from hingepair.scenes.scene import Scene, SceneResult, load_scene
 from hingepair.validation.cross_validate import cross_validate
 from hingepair.validation.report import CrossValidation
-from hingepair.validation.robot_report import RobotValidation
-from hingepair.validation.robot_states import random_and_hard_states
+from hingepair.validation.states import random_and_hard_states
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 ResultsOption = Annotated[Path | None, out_option(f"Write all instants to FILE ({', '.join(RESULT_FILE_SUFFIXES)}).")]
@@ -129,7 +128,7 @@ def check_command(
         print(compared.to_json() if as_json else compared)
         raise typer.Exit(0 if compared.ok else 1)
     scene = load_scene(Path(source))
-    report: CrossValidation | RobotValidation
+    report: CrossValidation
     if isinstance(scene, Scene):
         report, notes = (
             scene.cross_validate(10_001),

@@ -1,9 +1,9 @@
-"""Comparison of the outputs of a pair with the outputs of Pinocchio."""
+"""Comparison of the outputs of pairs and robots with the outputs of Pinocchio."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.accuracy import angular_rate_sizes, error_ratios, euler_rate_sizes, output_scales, unit_roundoff
+from hingepair.pair.accuracy import (
+    PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT,
+    PROMISED_BOUND_BY_OUTPUT,
+    SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT,
+    angular_rate_sizes,
+    euler_rate_sizes,
+    output_scales,
+    unit_roundoff,
+)
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.forward_kinematics import read_pair_coordinates
@@ -19,11 +27,10 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import Coordinates
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
-from hingepair.validation.free_flyer import frame_motion, import_pinocchio
-from hingepair.validation.pinocchio_twin import PinocchioTwin, to_pinocchio
+from hingepair.validation.pinocchio_twin import PairTwin, frame_motions, import_pinocchio, to_pinocchio
 from hingepair.validation.report import Comparison, CrossValidation
 from hingepair.validation.robot_check import cross_validate_robot
-from hingepair.validation.robot_report import RobotValidation
+from hingepair.validation.states import finite_samples
 
 if TYPE_CHECKING:
     from hingepair.pair.hinge_pair import HingePair
@@ -50,7 +57,7 @@ def cross_validate(
     frames: str | Iterable[str] | None = None,
     base_motion: BodyMotion | None = None,
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
-) -> RobotValidation: ...
+) -> CrossValidation: ...
 
 
 def cross_validate(
@@ -63,17 +70,13 @@ def cross_validate(
     frames: str | Iterable[str] | None = None,
     base_motion: BodyMotion | None = None,
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
-) -> CrossValidation | RobotValidation:
-    """Compare the outputs that hingepair computes for a pair or a robot at the states q, qd, qdd with the outputs
-    that Pinocchio computes. Return a report that says whether they agree: a CrossValidation for a pair, a
-    RobotValidation for a robot.
+) -> CrossValidation:
+    """Compare the outputs that hingepair computes for a pair or a robot with those that Pinocchio computes.
 
     The two computations share no code. For a pair, Pinocchio also computes the attitude and the angular velocity of
-    body 1 from the Euler angles, with a chain of three revolute joints in the order of the Euler sequence.
-
-    For a pair, R2, S2 and d = R2 - R1 are compared. If qd is given, v2 and omega2 are compared too, and if qdd is
-    given, a2 and alpha2. Pinocchio computes d as the position of body 2 for R1 = 0, because the difference of R2 and
-    R1 would contain the rounding errors of both.
+    body 1 from the Euler angles, with a chain of three revolute joints in the order of the Euler sequence. R2, S2 and
+    d = R2 - R1 are compared, with qd also v2 and omega2, with qdd also a2 and alpha2. Pinocchio computes d as the
+    position of body 2 for R1 = 0, because the difference of R2 and R1 would contain the rounding errors of both.
 
     A robot that was read from a URDF is compared with the model that Pinocchio itself makes of the same text: names
     and placements of joints, masses and inertias, and all results. Pinocchio also holds the locked joints. A robot
@@ -103,11 +106,10 @@ def cross_validate(
         gravity: for a robot, acceleration of free fall, world axes [m/s^2]; shape (3,); (0, 0, -9.81) by default.
 
     Returns:
-        For a pair a `CrossValidation` (hingepair.validation.report), for a robot a `RobotValidation`
-        (hingepair.validation.robot_report). Both have `.ok` (True if all compared outputs agree; False if one
-        does not, or if no sample could be compared), `.verdict` (text of one line), `.to_json()` (the report as JSON
-        text), `.skipped` (number of samples that were left out because an input is not finite) and `.rows`. `print`
-        shows the report as a table. `.rows` is a tuple with a row for each output, with these attributes:
+        A `CrossValidation` (hingepair.validation.report). It has `.ok` (True if all compared outputs agree; False if
+        one does not, or if no sample could be compared), `.verdict` (text of one line), `.to_json()` (the report as
+        JSON text), `.skipped` (number of samples that were left out because an input is not finite) and `.rows`.
+        `print` shows the report as a table. `.rows` is a tuple with a row for each output, with these attributes:
 
         - `.output`: name of the output;
         - `.max_error`: largest error, in the unit of the output;
@@ -141,22 +143,23 @@ def cross_validate(
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
         with np.errstate(all="ignore"):  # scales may overflow
             return cross_validate_robot(pair, coordinates, frames, base_motion, gravity)
-    planar = isinstance(pair, PlanarPair)
-    space = pair.to_spatial() if isinstance(pair, PlanarPair) else pair
-    twin = to_pinocchio(space)
     state: PairState | PlanarState
     if isinstance(pair, PlanarPair):
+        space, kind, subject = pair.to_spatial(), PLANAR_MOTION_KIND, "in the plane"
+        twin = to_pinocchio(space)
         state = pair.forward_kinematics(q, qd, qdd)
     else:
+        space, kind, subject = pair, SPATIAL_MOTION_KIND, f"Euler sequence {sequence}"
+        twin = to_pinocchio(space)
         state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    parts = read_pair_coordinates(PLANAR_MOTION_KIND if planar else SPATIAL_MOTION_KIND, q, qd, qdd).parts
-    flat = _arguments_by_sample(parts, np.shape(state.R2)[:-1])
-    spatial_coordinates = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
-    body1 = _body1_by_pinocchio(spatial_coordinates, "XYZ" if planar else sequence)
-    rate_sizes = (None, None) if qd is None else euler_rate_sizes(*(c[:, 3:6] for c in spatial_coordinates[1:]))
-    return _compare_with_pinocchio(
-        space, twin, state, body1, [c[:, 6] for c in spatial_coordinates], rate_sizes, None if planar else sequence
-    )
+    parts = read_pair_coordinates(kind, q, qd, qdd).parts
+    flat, _ = finite_samples(parts, np.shape(state.R2)[:-1], {})
+    planar = kind is PLANAR_MOTION_KIND
+    rows = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]
+    body1 = _body1_by_pinocchio(rows, sequence)
+    sizes = (None, None) if qd is None else euler_rate_sizes(*(c[:, 3:6] for c in rows[1:]))
+    given = _Given(space, twin, body1, [c[:, 6] for c in rows], sizes)
+    return _compare(given, state, subject, None if planar else sequence)
 
 
 def cross_validate_from_body1(
@@ -166,13 +169,11 @@ def cross_validate_from_body1(
     psid: ArrayLike | None = None,
     psidd: ArrayLike | None = None,
 ) -> CrossValidation:
-    """Compare the motion of body 2 that hingepair computes with the motion that Pinocchio computes. Both use the same
-    motion of body 1, the same psi, and psid and psidd if they are given. Return a CrossValidation, the report on the
-    comparison.
+    """Compare the motion of body 2 that hingepair computes with the motion that Pinocchio computes, for a motion of
+    body 1 whose attitude is a matrix.
 
-    This function compares the same outputs as `cross_validate`, but takes the attitude of body 1 as a matrix instead
-    of Euler angles. Pinocchio stores attitudes as quaternions. Therefore the results agree only if `body1.S` is a
-    rotation to within rounding errors; `project_to_rotation` returns such a rotation.
+    Pinocchio stores attitudes as quaternions. Therefore the results agree only if `body1.S` is a rotation to within
+    rounding errors; `project_to_rotation` returns such a rotation.
 
     Args:
         pair: a single HingePair (u1, u2, n and home without leading axes).
@@ -185,7 +186,6 @@ def cross_validate_from_body1(
         A `CrossValidation`, as described for `cross_validate`.
 
     Raises:
-        ArgumentError: an argument cannot be used by `pair.forward_kinematics_from_body1`.
         MissingDependencyError: Pinocchio is not installed.
 
     >>> import hingepair as hp
@@ -197,74 +197,66 @@ def cross_validate_from_body1(
     state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd)
     angles = {name: c for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None}
     letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]
-    flat = _arguments_by_sample(angles | {letter: getattr(body1, letter) for letter in letters}, state.shape)
-    flat_body1 = BodyMotion(**{letter: flat[letter] for letter in letters})
-    rate_sizes = angular_rate_sizes(flat_body1.omega, flat_body1.alpha)
-    return _compare_with_pinocchio(pair, twin, state, flat_body1, [flat[name] for name in angles], rate_sizes, None)
+    values = angles | {letter: getattr(body1, letter) for letter in letters}
+    flat, _ = finite_samples(values, state.shape, {**dict.fromkeys(angles, 0), "S": 2})
+    motion = BodyMotion(**{letter: flat[letter] for letter in letters})
+    sizes = angular_rate_sizes(motion.omega, motion.alpha)
+    return _compare(_Given(pair, twin, motion, [flat[name] for name in angles], sizes), state, "attitude given", None)
 
 
-def _arguments_by_sample(arguments: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, Float64Array]:
-    """Return a dict of the named arguments as float64 arrays (N, ...), broadcast to the leading shape `shape`, which
-    has N samples.
-    """
-    arrays: dict[str, Float64Array] = {}
-    for name, value in arguments.items():
-        array = np.stack(np.broadcast_arrays(*value), axis=-1) if isinstance(value, tuple) else np.asarray(value)
-        rank = 0 if name in {"psi", "psid", "psidd"} else 2 if name == "S" else 1
-        sample_shape = array.shape[array.ndim - rank :]
-        arrays[name] = np.broadcast_to(array, (*shape, *sample_shape)).reshape(-1, *sample_shape).astype(np.float64)
-    finite = [np.isfinite(c).all(axis=tuple(range(1, c.ndim))) for c in arrays.values()]
-    for values in arrays.values():
-        values[~np.logical_and.reduce(finite)] = np.nan
-    return arrays
+class _Given(NamedTuple):
+    """What Pinocchio's results follow from, at N samples."""
+
+    pair: HingePair
+    twin: PairTwin
+    body1: BodyMotion
+    hinge: list[Float64Array]  # psi and, as far as given, its derivatives
+    sizes: tuple[Float64Array | None, Float64Array | None]  # W1 and A1 of the scales
 
 
-def _compare_with_pinocchio(
-    pair: HingePair,
-    twin: PinocchioTwin,
-    state: PairState | PlanarState,
-    body1: BodyMotion,
-    hinge: list[Float64Array],
-    rate_sizes: tuple[Float64Array | None, Float64Array | None],
-    sequence: str | None,
-) -> CrossValidation:
-    """Compute the motion of body 2 by Pinocchio's model `twin`, compare it with `state`, the outputs of the pair, and
-    return a CrossValidation.
-    """
+def _compare(given: _Given, state: PairState | PlanarState, subject: str, sequence: str | None) -> CrossValidation:
+    """Return the report on `state`, which the equations computed."""
+    pair, _, body1, hinge, (W1, A1) = given
     _, psid, psidd = (*hinge, None, None)[:3]
     scales = output_scales(
         u1=pair.u1, u2=pair.u2, R1=body1.R, v1=body1.v, a1=body1.a,
-        W1=rate_sizes[0], A1=rate_sizes[1], psid=psid, psidd=psidd, pinocchio=True,
+        W1=W1, A1=A1, psid=psid, psidd=psidd, pinocchio=True,
     )  # fmt: skip
-    expected_outputs = _body2_by_pinocchio(twin, body1, hinge)
+    outputs = _body2_by_pinocchio(given)
     if isinstance(state, PlanarState):
         phi2 = np.asarray(state.phi2, np.float64).reshape(-1)
-        expected_outputs, scales["phi2"] = _planar_part(expected_outputs, phi2), 1 + np.abs(phi2) + np.abs(hinge[0])
-    shape, dtype = np.shape(state.R2)[:-1], np.asarray(state.R2).dtype
-    rows = []
-    for name, expected in expected_outputs.items():
-        computed = np.asarray(getattr(state, name)).reshape(expected.shape)
-        rows.append(Comparison.worst_of(name, *error_ratios(name, computed, expected, scales[name], dtype), shape))
-    skipped = int(np.isnan(hinge[0]).sum())
-    return CrossValidation(pair.name, sequence, shape, skipped, unit_roundoff(dtype), tuple(rows))
+        outputs, scales["phi2"] = _planar_part(outputs, phi2), 1 + np.abs(phi2) + np.abs(hinge[0])
+    shape, u = np.shape(state.R2)[:-1], unit_roundoff(np.asarray(state.R2).dtype)
+    rows = tuple(
+        Comparison.of(
+            name, getattr(state, name), expected, np.asarray(scales[name]), u, shape, scale=_scale_formula(name)
+        )
+        for name, expected in outputs.items()
+    )
+    return CrossValidation(pair.name, shape, int(np.isnan(hinge[0]).sum()), u, rows, subject, sequence)
 
 
-def _body2_by_pinocchio(twin: PinocchioTwin, body1: BodyMotion, hinge: list[Float64Array]) -> dict[str, Float64Array]:
-    """Compute the motion of body 2 by Pinocchio's model `twin`, and return a dict of arrays (N, ...) by
-    output name.
-    """
-    q = twin.configuration(body1, hinge[0])
-    v = twin.velocity(body1, *hinge[:2]) if len(hinge) > 1 else None
-    a = twin.acceleration(body1, *hinge) if len(hinge) > 2 else None
-    body2 = twin.body2(q, v, a)
-    q[:, :3] = 0
-    outputs = {"R2": body2.R, "S2": body2.S, "d": twin.body2(q).R, "v2": body2.v, "omega2": body2.omega}
+def _scale_formula(output: str) -> str:
+    formula = SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT.get(output) or PROMISED_BOUND_BY_OUTPUT[output].scale
+    added = PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT.get(output)
+    return f"{formula} + {added}" if added else formula
+
+
+def _body2_by_pinocchio(given: _Given) -> dict[str, Float64Array]:
+    """Compute the motion of body 2 by Pinocchio; d is its position if R1 is zero."""
+    _, twin, body1, hinge, _ = given
+    states = [twin.configuration(body1, hinge[0])]
+    states += [twin.velocity(body1, *hinge[:2])] if len(hinge) > 1 else []
+    states += [twin.acceleration(body1, *hinge)] if len(hinge) > 2 else []
+    body2 = twin.body2(*states)
+    states[0][:, :3] = 0
+    outputs = {"R2": body2.R, "S2": body2.S, "d": twin.body2(states[0]).R, "v2": body2.v, "omega2": body2.omega}
     outputs |= {"a2": body2.a, "alpha2": body2.alpha}
     return {name: values for name, values in outputs.items() if values is not None}
 
 
-def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
-    """Return a dict of the components in the plane z = 0 of spatial outputs by name."""
+def _planar_part(outputs: Mapping[str, Float64Array], phi2: Float64Array) -> dict[str, Float64Array]:
+    """Return the components in the plane z = 0; in place of S2 its angle, of all equal ones that nearest to phi2."""
     planar = {}
     for name, values in outputs.items():
         if name == "S2":
@@ -275,15 +267,17 @@ def _planar_part(outputs: dict[str, Float64Array], phi2: Float64Array) -> dict[s
     return planar
 
 
-def _body1_by_pinocchio(coordinates: list[Float64Array], sequence: str) -> BodyMotion:
-    """Compute the motion of body 1 by Pinocchio, and return it as a BodyMotion, shape (N,)."""
+def _body1_by_pinocchio(rows: list[Float64Array], sequence: str) -> BodyMotion:
+    """Compute the motion of body 1 from q and, as far as given, its derivatives, shape (N, 7) each: its attitude is
+    that of the last link of a chain of three joints, in reverse order for an extrinsic sequence.
+    """
     pin = import_pinocchio("cross_validate")
     order = -1 if sequence.islower() else 1
     model, joint, identity = pin.Model(), 0, pin.SE3.Identity()
     for letter in sequence.upper()[::order]:
         joint = model.addJoint(joint, getattr(pin, f"JointModelR{letter}")(), identity, f"R{letter}{joint}")
     frame = model.addFrame(pin.Frame("body1", joint, identity, pin.FrameType.OP_FRAME))
-    angles = [np.ascontiguousarray(c[:, 3:6][:, ::order]) for c in coordinates]
-    motion = frame_motion(model, model.createData(), frame, angles)
-    translations = zip(("R", "v", "a"), (c[:, :3] for c in coordinates), strict=False)
-    return BodyMotion(**motion | dict(translations))
+    angles = [np.ascontiguousarray(c[:, 3:6][:, ::order]) for c in rows]
+    motion = frame_motions(model, model.createData(), [frame], angles)
+    translations = zip(("R", "v", "a"), (c[:, :3] for c in rows), strict=False)
+    return BodyMotion(**{name: array[:, 0] for name, array in motion.items()} | dict(translations))

@@ -3,108 +3,142 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
-from typing import Final
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import printable
+from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
-from hingepair.pair.accuracy import (
-    MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE,
-    PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT,
-    PROMISED_BOUND_BY_OUTPUT,
-    SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT,
-)
+from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE as MAX_RATIO
 
-# The headings of the table of rates.
-_RATE_HEADINGS = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
-MAX_LOAD_RATIO: Final = 64
-"""Largest difference of a load from Pinocchio's inverse dynamics that passes, in units of u * scale.
-
-A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations. The
-largest difference in 1,000 motions was 11.
-"""
-# Descriptions of the scales of the loads' differences, by the load.
-_LOAD_SCALES: Final[Mapping[str, str]] = {
-    "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
-    "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
-    "hinge_torque": "as for torque1, but of body 2 alone",
-}
-# The headings of the table of outputs.
-_HEADINGS = ("output", "largest error", "in u*scale", "bound", "at sample", "compared", "")
+# A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations:
+# the largest difference in 1,000 motions was 11.
+MAX_LOAD_RATIO = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Comparison of one output of the equations with Pinocchio's."""
+    """Comparison of one output with Pinocchio's, over all samples and all links or joints that have it."""
 
-    #: name of the output
     output: str
     #: largest difference of a component, in the unit of the output; inf if only one result is finite
     max_error: float
     #: largest difference in units of u * scale, where each sample has its own scale
     max_ratio: float
-    #: index of the sample with the largest ratio; None if nothing was compared
+    #: sample with the largest ratio; None if nothing was compared
     worst_sample: tuple[int, ...] | None
     #: number of compared samples
     samples: int
     #: the largest ratio that passes
-    bound: float = MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
+    bound: float = MAX_RATIO
+    #: formula of the scale; "" where it is a sum over joints
+    scale: str = ""
+    #: link or joint with the largest ratio; "" for an output that has no parts
+    worst_part: str = ""
+    #: number of samples that were left out because the mass matrix is singular there
+    singular: int = 0
+    #: which joint nothing resists at the first of these samples
+    unresisted: str = ""
 
     @property
     def ok(self) -> bool:
-        """Whether a sample was compared, and every compared sample is within the bound."""
-        return self.samples > 0 and self.max_ratio <= self.bound
+        """Whether something was compared, or excused by a singular mass matrix, and all of it is within the bound."""
+        return (self.samples > 0 or self.singular > 0) and self.max_ratio <= self.bound
 
     @property
-    def scale(self) -> str:
-        """Formula of the scale of this output's error, as text for a reader."""
-        added_terms = PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT.get(self.output)
-        if self.output in _LOAD_SCALES:
-            return _LOAD_SCALES[self.output]
-        formula = SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT.get(self.output) or PROMISED_BOUND_BY_OUTPUT[self.output].scale
-        return f"{formula} + {added_terms}" if added_terms else formula
+    def note(self) -> str:
+        """Sentence on the samples that were left out because the mass matrix is singular; "" if there are none."""
+        if not self.singular:
+            return ""
+        where = f"{self.singular} of {self.samples + self.singular} samples"
+        return f"{self.output} is not compared at {where}, where the mass matrix is singular: {self.unresisted}"
+
+    @classmethod
+    def of(
+        cls,
+        output: str,
+        computed: ArrayLike,
+        expected: Float64Array,
+        sizes: Float64Array,
+        u: float,
+        shape: tuple[int, ...],
+        parts: Sequence[str] = ("",),
+        **fields: Any,
+    ) -> Comparison:
+        """Return the comparison of computed with expected values.
+
+        Args:
+            output: name of the output.
+            computed: shape (N, ...); with several parts (N, parts, ...).
+            expected: like `computed`; what is not finite is not compared.
+            sizes: scale of the errors; shape (N,), or any that broadcasts against `expected`.
+            u: unit roundoff of the computation.
+            shape: leading shape of the N samples.
+            parts: names of the links or joints.
+            **fields: further fields of the comparison.
+        """
+        sizes = sizes.reshape(sizes.shape + (1,) * (expected.ndim - 1)) if sizes.ndim == 1 else sizes
+        comparable = np.isfinite(expected) & np.isfinite(sizes)
+        smallest = float(np.finfo(np.float64 if u < 1e-12 else np.float32).tiny)  # the ratio of bodies at rest
+        with np.errstate(all="ignore"):
+            error = np.abs(np.asarray(computed, dtype=np.float64).reshape(expected.shape) - expected)
+            error = np.where(comparable, np.where(np.isfinite(error), error, np.inf), np.nan)
+            ratio = error / np.maximum(sizes * u, smallest)
+        by_part = len(expected), len(parts), error[0].size // len(parts) if len(expected) else 1
+        error, ratio = (values.reshape(by_part).max(axis=-1) for values in (error, ratio))
+        return cls.worst_of(output, error, ratio, shape, parts, **fields)
 
     @classmethod
     def worst_of(
         cls,
         output: str,
-        error: NDArray[np.float64],
-        ratio: NDArray[np.float64],
+        error: Float64Array,
+        ratio: Float64Array,
         shape: tuple[int, ...],
-        bound: float = MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE,
+        parts: Sequence[str],
+        **fields: Any,
     ) -> Comparison:
-        """Return the Comparison of the output named `output` with the largest of its errors over the samples. `error`
-        holds the errors, shape (N,), and `ratio` the same errors divided by u * scale, the unit roundoff times the
-        scale of the output. `shape` is the leading shape of the samples, and `bound` the largest ratio that passes.
-        NaN is not compared.
-        """
-        compared = ~np.isnan(ratio)
+        """Return the comparison with the largest of the ratios; `error` and `ratio` have shape (N, parts)."""
+        compared = ~np.isnan(ratio).all(axis=1)
         if not compared.any():
-            return cls(output, 0.0, 0.0, None, 0, bound)
-        worst = int(np.nanargmax(ratio))
-        where = tuple(int(i) for i in np.unravel_index(worst, shape))
-        return cls(output, float(np.nanmax(error)), float(ratio[worst]), where, int(compared.sum()), bound)
+            return cls(output, 0.0, 0.0, None, 0, **fields)
+        sample, part = (int(i) for i in np.unravel_index(np.nanargmax(ratio), ratio.shape))
+        where = tuple(int(i) for i in np.unravel_index(sample, shape))
+        worst = float(np.nanmax(error)), float(ratio[sample, part])
+        return cls(output, *worst, where, int(compared.sum()), worst_part=parts[part], **fields)
+
+    def cells(self, with_parts: bool) -> tuple[str, ...]:
+        """Return the row of this comparison in a table."""
+        if self.worst_sample is None:
+            verdict = "not compared" if self.singular else "nothing compared"
+            return self.output, "-", "-", f"{self.bound:g}", "-", *("-",) * with_parts, "0", verdict
+        error, ratio = (
+            f"{self.max_error:.2e}",
+            f"{self.max_ratio:.2f}" if self.max_ratio < 1e6 else f"{self.max_ratio:.1e}",
+        )
+        where, part = ",".join(map(str, self.worst_sample)) or "-", printable(self.worst_part) or "-"
+        found = (self.output, error, ratio, f"{self.bound:g}", where, *(part,) * with_parts)
+        return *found, str(self.samples), "ok" if self.ok else "FAILED"
 
 
 @dataclass(frozen=True, slots=True)
 class RateComparison:
     """Comparison of a rate, such as v1, with the slope of a quantity, such as R1, by finite differences."""
 
-    #: name of the rate
     rate: str
-    #: name of the quantity whose rate it is
+    #: the quantity whose rate it is
     of: str
     #: largest difference of a component, in the rate's unit
     max_error: float
     #: largest difference that passes
     allowed: float
-    #: the sample with the largest difference; None where nothing was compared
+    #: sample with the largest difference; None where nothing was compared
     worst_sample: int | None
-    #: how many samples were compared
+    #: number of compared samples
     samples: int
 
     @property
@@ -114,27 +148,35 @@ class RateComparison:
 
     @classmethod
     def worst_of(cls, rate: str, quantity: str, error: NDArray[np.float64], allowed: float) -> RateComparison:
-        """Return the RateComparison of the rate named `rate` with the largest of its errors over the samples. `error`
-        holds the differences of the rate from the slope of the quantity named `quantity`, shape (N,), and `allowed`
-        is the largest difference that passes. NaN is not compared.
-        """
+        """Return the comparison with the largest of the errors, shape (N,); NaN is not compared."""
         compared = ~np.isnan(error)
         if not compared.any():
             return cls(rate, quantity, 0.0, allowed, None, 0)
         worst = int(np.nanargmax(error))
         return cls(rate, quantity, float(error[worst]), allowed, worst, int(compared.sum()))
 
+    def cells(self) -> tuple[str, ...]:
+        """Return the row of this comparison in a table."""
+        if self.worst_sample is None:
+            return self.rate, self.of, "-", f"{self.allowed:.2g}", "-", "0", "not compared"
+        found = self.rate, self.of, f"{self.max_error:.2e}", f"{self.allowed:.2g}", str(self.worst_sample)
+        return *found, str(self.samples), "ok" if self.ok else "FAILED"
+
+
+class _Section(NamedTuple):
+    title: str
+    rows: Sequence[Sequence[str]]  # the first is the heading
+    right: Collection[int]  # columns that are aligned to the right
+
+    def lines(self) -> list[str]:
+        return [*([self.title] if self.title else []), *align_columns(self.rows, self.right)]
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CrossValidation(Shown):
-    """Report on the comparison of the outputs of a pair with Pinocchio's: a row for each output, a verdict, and
-    conversions to a table and to JSON.
-    """
+    """Report on the comparison of the outputs of a pair or a robot with Pinocchio's."""
 
-    #: name of the pair
     name: str
-    #: Euler sequence; None if the attitude of body 1 was given as a matrix, and for planar pairs
-    sequence: str | None
     #: leading shape of the samples
     shape: tuple[int, ...]
     #: number of samples that were left out because their input is not finite
@@ -143,10 +185,21 @@ class CrossValidation(Shown):
     u: float
     #: one comparison for each output
     rows: tuple[Comparison, ...]
-    #: for a simulated motion, comparisons of the loads with the forces that the motion requires according to
-    #: Pinocchio's `rnea`
+    #: what was compared, for the title
+    subject: str = ""
+    #: Euler sequence of a pair; None if the attitude of body 1 was given as a matrix, in the plane, and of a robot
+    sequence: str | None = None
+    #: "fixed" or "free" of a robot; None of a pair
+    base: str | None = None
+    #: number of compared frames of a robot
+    frames: int = 0
+    #: where Pinocchio's model comes from
+    compared_with: str = ""
+    #: of a robot from a URDF, comparisons with Pinocchio's reading of it: names, placements and inertias
+    description: tuple[Comparison, ...] = ()
+    #: of a simulated motion, its loads and the forces that it requires according to Pinocchio's `rnea`
     forces: tuple[Comparison, ...] = ()
-    #: for a simulated motion, comparisons of each rate with the slope of its quantity
+    #: of a simulated motion, each rate and the slope of its quantity
     rates: tuple[RateComparison, ...] = ()
     #: remarks on the comparison, as sentences
     notes: tuple[str, ...] = ()
@@ -163,85 +216,80 @@ class CrossValidation(Shown):
 
     @property
     def ok(self) -> bool:
-        """Whether every output of every finite sample is within its bound, and at least one output was compared."""
-        compared = [row.ok for row in self.rows + self.forces] + [row.ok for row in self.rates]
-        return bool(self.rows) and all(compared)
+        """Whether an output was compared, and all that was compared is within its bound."""
+        oks = [row.ok for row in (*self.description, *self.rows, *self.forces)] + [row.ok for row in self.rates]
+        return any(row.samples for row in self.rows) and all(oks)
 
     @property
     def verdict(self) -> str:
-        """One line of text that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED, and how many
-        samples, if any, were left out.
+        """One line that says PASSED, FAILED with the failed outputs, or NOTHING COMPARED, and how many samples, if
+        any, were left out.
         """
         beside = left_out_remark(self.skipped, self.samples)
         if not self.compared:
             return f"NOTHING COMPARED: {'no finite sample' if self.samples else 'there are no samples'}{beside}"
-        failed = [row.output for row in self.rows + self.forces if not row.ok]
+        failed = [row.output for row in (*self.description, *self.rows, *self.forces) if not row.ok]
         failed += [row.rate for row in self.rates if not row.ok]
         if failed:
             return f"FAILED: {', '.join(dict.fromkeys(failed))}{beside}"
-        outputs = f"{len(self.rows)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
-        forces = ", ".join(row.output for row in self.forces)
-        more = f", and {forces} within {MAX_LOAD_RATIO} u*scale of its rnea" if forces else ""
-        limit = f"{MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE} u*scale"
-        return f"PASSED: {outputs} within {limit} of Pinocchio{more}{beside}"
+        left = [row.output for row in self.rows if not row.samples]
+        outputs = f"{len(self.rows) - len(left)} outputs of {self.compared} sample{'s' if self.compared != 1 else ''}"
+        read = "the description and " if self.description else ""
+        loads = ", ".join(row.output for row in self.forces)
+        more = f", and {loads} within {MAX_LOAD_RATIO} u*scale of its rnea" if loads else ""
+        without = f"; not compared: {', '.join(left)}" if left else ""
+        return f"PASSED: {read}{outputs} within {MAX_RATIO} u*scale of Pinocchio{more}{without}{beside}"
+
+    def _sections(self) -> list[_Section]:
+        rows = (*self.description, *self.rows)
+        with_parts = any(row.worst_part for row in rows)
+        parts = ("of",) * with_parts
+        heading = ("output", "largest error", "in u*scale", "bound", "at sample", *parts, "compared", "")
+        right = {1, 2, 3, 4, 5 + with_parts}
+        sections = [_Section("", [heading, *(row.cells(with_parts) for row in rows)], right)]
+        if self.forces:
+            title = "the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"
+            sections.append(_Section(title, [heading, *(row.cells(with_parts) for row in self.forces)], right))
+        if self.rates:
+            title = "the rates against slopes by finite differences, where the instants are close enough for them"
+            heading = ("rate", "slope of", "largest error", "allowed", "at sample", "compared", "")
+            sections.append(_Section(title, [heading, *(row.cells() for row in self.rates)], {2, 3, 4, 5}))
+        return sections
+
+    def _remarks(self) -> tuple[list[str], list[str]]:
+        """Return the lines below the first table, and the last lines."""
+        how = "summed over the joints" if self.base else "in full: .rows, --json"
+        below = [f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel ({how})"]
+        below += [f"compared with {self.compared_with}"] if self.compared_with else []
+        below += [row.note for row in self.rows if row.note]
+        return below, [*(f"note: {note}" for note in self.notes), self.verdict]
 
     def __str__(self) -> str:
-        planar = any(row.output in SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT for row in self.rows)
-        attitude_source = "in the plane" if planar else "attitude given"
-        attitude = attitude_source if self.sequence is None else f"Euler sequence {self.sequence}"
-        title = f"{printable(self.name)}: the equations against Pinocchio, {attitude}"
-        unit = f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel (in full: .rows, --json)"
-        lines = [
-            title,
-            *align_columns([_HEADINGS, *map(_comparison_cells, self.rows)], {1, 2, 3, 4, 5}),
-            unit,
-        ]
-        if self.forces:
-            lines += ["the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"]
-            lines += align_columns([_HEADINGS, *map(_comparison_cells, self.forces)], {1, 2, 3, 4, 5})
-        if self.rates:
-            lines += ["the rates against slopes by finite differences, where the instants are close enough for them"]
-            lines += align_columns([_RATE_HEADINGS, *map(_rate_cells, self.rates)], {2, 3, 4, 5})
-        return "\n".join((*lines, *(f"note: {note}" for note in self.notes), self.verdict))
+        (first, *others), (below, last) = self._sections(), self._remarks()
+        more = (line for section in others for line in section.lines())
+        return "\n".join((printable(self._title()), *first.lines(), *below, *more, *last))
 
     def __repr__(self) -> str:
         return f"CrossValidation({self.name!r}, {self.verdict})"
 
+    def _title(self) -> str:
+        return f"{self.name}: the equations against Pinocchio, {self.subject}"
+
     def _sheet(self) -> Sheet:
-        """Return the printed table of the comparison as a Sheet of strings: a title, a heading and a row for each
-        output, load or rate, and notes with the verdict.
-        """
-        title = f"{self.name}: the equations against Pinocchio"
-        rows = (
-            _HEADINGS,
-            *map(_comparison_cells, (*self.rows, *self.forces)),
-            *map(_rate_cells, self.rates),
-        )
-        return Sheet(title, rows, (*self.notes, self.verdict))
+        (first, *others), (below, last) = self._sections(), self._remarks()
+        width = len(first.rows[0])
+        more = (row for section in others for row in section.rows)
+        rows = [tuple(row) + ("",) * (width - len(row)) for row in (*first.rows, *more)]
+        return Sheet(self._title(), rows, (*below, *last))
 
     def to_json(self) -> str:
         """Return the report as JSON text; a number that is not finite becomes null."""
-        facts = {name: getattr(self, name) for name in ("name", "ok", "verdict", "samples", "compared", "skipped")}
-        facts |= {"sequence": self.sequence, "u": self.u, "notes": list(self.notes)}
-        for name, rows in (("rows", self.rows), ("forces", self.forces)):
-            facts[name] = [{**asdict(row), "ok": row.ok, "scale": row.scale} for row in rows]
-        facts["rates"] = [{**asdict(row), "ok": row.ok} for row in self.rates]
+        names = ("name", "ok", "verdict", "samples", "compared", "skipped", "u", "notes")
+        own = ("base", "frames", "compared_with") if self.base else ("sequence",)
+        facts = {name: getattr(self, name) for name in (*names, *own)}
+        for group in ("description", "rows", "forces", "rates"):
+            facts[group] = [
+                {**asdict(row), "ok": row.ok} | ({"note": row.note} if isinstance(row, Comparison) else {})
+                for row in getattr(self, group)
+            ]
         return json_text(facts)
-
-
-def _rate_cells(row: RateComparison) -> tuple[str, ...]:
-    """Return a tuple of the cells, as strings, of a row of a report's table that compares a rate with a slope."""
-    if row.worst_sample is None:
-        return row.rate, row.of, "-", f"{row.allowed:.2g}", "-", "0", "not compared"
-    error, verdict = f"{row.max_error:.2e}", "ok" if row.ok else "FAILED"
-    return row.rate, row.of, error, f"{row.allowed:.2g}", str(row.worst_sample), str(row.samples), verdict
-
-
-def _comparison_cells(row: Comparison) -> tuple[str, ...]:
-    """Return a tuple of the cells, as strings, of a row of a report's table that compares one output."""
-    if row.worst_sample is None:
-        return row.output, "-", "-", f"{row.bound:g}", "-", "0", "nothing compared"
-    where = ",".join(map(str, row.worst_sample)) or "-"
-    verdict = "ok" if row.ok else "FAILED"
-    error, ratio = f"{row.max_error:.2e}", f"{row.max_ratio:.2f}" if row.max_ratio < 1e6 else f"{row.max_ratio:.1e}"
-    return row.output, error, ratio, f"{row.bound:g}", where, str(row.samples), verdict

@@ -9,38 +9,28 @@ import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.finite_differences import differentiate
-from hingepair.pair.accuracy import error_ratios, norm
+from hingepair.pair.accuracy import norm, unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import skew
-from hingepair.validation.free_flyer import import_pinocchio
-from hingepair.validation.pinocchio_twin import to_pinocchio
-from hingepair.validation.report import (
-    MAX_LOAD_RATIO,
-    Comparison,
-    RateComparison,
-)
+from hingepair.validation.pinocchio_twin import import_pinocchio, to_pinocchio
+from hingepair.validation.report import MAX_LOAD_RATIO, Comparison, RateComparison
 
+# Components of Pinocchio's generalized force (force and torque on body 1, torque of the hinge) that only loads cause,
+# by the base and by whether the motion is planar; for other bases, it is only the hinge torque.
 _LOAD_COMPONENTS: Final[Mapping[tuple[str, bool], tuple[int, ...]]] = {
     ("free", False): (0, 1, 2, 3, 4, 5, 6),
     ("pinned", False): (3, 4, 5, 6),
     ("free", True): (0, 1, 5, 6),
     ("pinned", True): (5, 6),
 }
-"""Indices of the components of Pinocchio's generalized force (force and torque on body 1, torque of the hinge) that
-only loads cause, by the base and by whether the motion is planar. For other bases, it is only the hinge torque."""
-# The components of the loads in Pinocchio's generalized force.
-_FORCE_SLICES: Final = {
-    "force1": slice(0, 3),
-    "torque1": slice(3, 6),
-    "hinge_torque": slice(6, 7),
+_FORCE_SLICES: Final = {"force1": slice(0, 3), "torque1": slice(3, 6), "hinge_torque": slice(6, 7)}
+_SCALE_TEXTS: Final = {
+    "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
+    "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
+    "hinge_torque": "as for torque1, but of body 2 alone",
 }
-
-_SLOPE_ORDERS: Final = (6, 4)  # of the slopes, and of the slopes that they are compared with
-# Largest accepted error of a rate; rates of another motion differ by more.
-_RATE_TOLERANCE: Final = 0.05
-# If a rate changes by more between two samples, there may be an oscillation between them, and it is not compared.
-_MAX_RATE_CHANGE: Final = 0.5
+_SLOPE_ORDERS: Final = (6, 4)  # of the slopes, and of those that tell their errors
 
 
 def compare_forces(
@@ -95,8 +85,9 @@ def compare_forces(
     rows = []
     for name, columns in _FORCE_SLICES.items():
         if {*range(*columns.indices(7))} & {*load_components}:
-            errors = error_ratios(name, load_forces[:, columns], required_forces[:, columns], scales[name])
-            rows.append(Comparison.worst_of(name, *errors, psi.shape, MAX_LOAD_RATIO))
+            compared = load_forces[:, columns], required_forces[:, columns], scales[name]
+            fields: dict[str, Any] = {"bound": MAX_LOAD_RATIO, "scale": _SCALE_TEXTS[name]}
+            rows.append(Comparison.of(name, *compared, unit_roundoff(np.float64), psi.shape, **fields))
     return tuple(rows)
 
 
@@ -164,17 +155,13 @@ def compare_rates(
         x, xd, xdd = (np.asarray(array).reshape(len(t), -1) for array in arrays)
         sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
         step = float(np.diff(t).max(initial=0.0))
-        enough = len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= _MAX_RATE_CHANGE * sizes[0]
+        enough = (
+            len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= 0.5 * sizes[0]
+        )  # else it may oscillate between samples
         for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
             error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
-            rows.append(
-                RateComparison.worst_of(
-                    name,
-                    quantity,
-                    error,
-                    _RATE_TOLERANCE * float(np.nanmax(np.abs(rate), initial=0.0)),
-                )
-            )
+            allowed = 0.05 * float(np.nanmax(np.abs(rate), initial=0.0))  # rates of another motion differ by more
+            rows.append(RateComparison.worst_of(name, quantity, error, allowed))
     return tuple(rows)
 
 

@@ -16,9 +16,8 @@ import numpy as np
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import unit_roundoff
-from hingepair.validation.free_flyer import import_pinocchio
-from hingepair.validation.robot_report import RobotComparison
-from hingepair.validation.robot_twin import RobotTwin
+from hingepair.validation.pinocchio_twin import Twin, import_pinocchio
+from hingepair.validation.report import Comparison
 
 _U = unit_roundoff(np.float64)
 
@@ -31,8 +30,8 @@ class _Rule(NamedTuple):
     offset: float
 
 
-def urdf_twin(robot: Mechanism) -> tuple[RobotTwin | None, str]:
-    """Return (twin, sentence) for a robot: a RobotTwin with a free-flyer whose model is Pinocchio's reading of the
+def urdf_twin(robot: Mechanism) -> tuple[Twin | None, str]:
+    """Return (twin, sentence) for a robot: a Twin with a free-flyer whose model is Pinocchio's reading of the
     URDF, or None where there is no such text, and what the robot is compared with. The mass of a fixed base, which
     has no effect, is left out.
     """
@@ -64,7 +63,7 @@ def urdf_twin(robot: Mechanism) -> tuple[RobotTwin | None, str]:
         rule = _Rule(name, 1.0, 0.0) if name in columns else rules[name]
         ratios[row, columns.index(rule.leader)] = rule.ratio
         offsets[row] = rule.offset
-    return RobotTwin(model, model.createData(), True, ratios, offsets), "Pinocchio's reading of the URDF"
+    return Twin(model, model.createData(), True, ratios, offsets), "Pinocchio's reading of the URDF"
 
 
 def _mimic_rules(root: ET.Element, names: set[str]) -> dict[str, _Rule]:
@@ -119,7 +118,7 @@ def _add_frames(pin: Any, model: Any, robot: Mechanism) -> None:
         model.inertias[number] = inertia
 
 
-def compare_descriptions(robot: Mechanism, twin: RobotTwin) -> tuple[RobotComparison, ...]:
+def compare_descriptions(robot: Mechanism, twin: Twin) -> tuple[Comparison, ...]:
     """Compare the joints, placements and masses of a robot with those of its URDF twin; return a row for each. Where
     the joints have other names, there is only a row for these, and nothing else can be compared.
     """
@@ -167,9 +166,9 @@ def _largest(values: Float64Array) -> float:
     return float(np.abs(values).max())
 
 
-def _row(output: str, parts: Sequence[str], errors: Any, ratios: Any) -> RobotComparison:
+def _row(output: str, parts: Sequence[str], errors: Any, ratios: Any) -> Comparison:
     """Return the row of one part of the description, which holds at all samples."""
     if not parts:
-        return RobotComparison(output, 0.0, 0.0, (), "", 1)
+        return Comparison(output, 0.0, 0.0, (), 1)
     error, ratio = (np.asarray(values, dtype=np.float64)[None] for values in (errors, ratios))
-    return RobotComparison.worst_of(output, error, ratio, (), parts)
+    return Comparison.worst_of(output, error, ratio, (), parts)

@@ -40,7 +40,7 @@ from hingepair.scenes.motion import LimitCounter, kink_sentences
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
-    from hingepair.validation.robot_report import RobotValidation
+    from hingepair.validation.report import CrossValidation
 
 _FRAME_LEVELS: Final = {
     **dict.fromkeys(("R", "S", "quat", "d"), POSE),
@@ -457,9 +457,9 @@ class MechanismScene(SampledScene):
                 raise ArgumentError("outputs", kinds + self.joint_motion.hint, quoted(name))
         yield from requested
 
-    def cross_validate(self, max_instants: int | None = None) -> RobotValidation:
+    def cross_validate(self, max_instants: int | None = None) -> CrossValidation:
         """Compare the mechanism's equations with Pinocchio at `max_instants` evenly spread instants of the motion, by
-        default at all; return a RobotValidation.
+        default at all; return a CrossValidation.
 
         The motion of all links, Jacobians, the mass matrix, energies, momenta, forces and accelerations are compared,
         as far as the motion has derivatives.
