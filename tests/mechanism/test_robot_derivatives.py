@@ -182,6 +182,57 @@ def test_derivatives_of_dynamics_are_those_of_pinocchio(name):
     )
 
 
+@pytest.mark.parametrize("base", ["fixed", "free"])
+def test_jacobians_in_both_axes_momentum_matrices_and_their_rates_are_those_of_pinocchio(base):
+    model = random_model(4)
+    robot, frames = Robot(record_of(model), base), ("link_3", "link_6")
+    rng = np.random.default_rng(2)
+    q, qd = rng.uniform(-2, 2, (2, robot.dof))
+    motion = base_motion(rng) if base == "free" else hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
+    model = on_free_base(model) if base == "free" else model
+    q_pin, v_pin, _ = pinocchio_state(motion, q, qd, qd) if base == "free" else (q, qd, qd)
+    to_local, rate = np.eye(model.nv), np.zeros((model.nv, model.nv))  # of velocities, whose base is local there
+    if base == "free":
+        to_local[:3, :3] = to_local[3:6, 3:6] = motion.S.T
+        rate[:3, :3] = rate[3:6, 3:6] = -motion.S.T @ hp.skew(motion.omega)
+    data = model.createData()
+    pin.computeJointJacobiansTimeVariation(model, data, q_pin, v_pin)
+    pin.updateFramePlacements(model, data)
+    for axes, reference in (("world", pin.LOCAL_WORLD_ALIGNED), ("frame", pin.LOCAL)):
+        J = robot.jacobian(q, frames=frames, axes=axes, base_motion=motion)
+        change = robot.jacobian_rate(q, qd, frames=frames, axes=axes, base_motion=motion)
+        for k, frame in enumerate(frames):
+            number = model.getFrameId(frame)
+            theirs = pin.getFrameJacobian(model, data, number, reference)
+            rates = pin.getFrameJacobianTimeVariation(model, data, number, reference) @ to_local + theirs @ rate
+            np.testing.assert_allclose(J[k], theirs @ to_local, rtol=0, atol=128 * EPS * abs(theirs).max())
+            np.testing.assert_allclose(change[k], rates, rtol=0, atol=256 * EPS * abs(rates).max())
+            one = robot.jacobian(q, frame, axes=axes, base_motion=motion)
+            np.testing.assert_allclose(one, J[k], rtol=0, atol=16 * EPS * abs(theirs).max())
+    data = model.createData()
+    pin.dccrba(model, data, q_pin, v_pin)
+    A = robot.centroidal_momentum_matrix(q, base_motion=motion)
+    change = robot.centroidal_momentum_matrix_rate(q, qd, base_motion=motion)
+    np.testing.assert_allclose(A, data.Ag @ to_local, rtol=0, atol=128 * EPS * abs(A).max())
+    theirs = data.dAg @ to_local + data.Ag @ rate
+    np.testing.assert_allclose(change, theirs, rtol=0, atol=256 * EPS * abs(theirs).max())
+    out = np.empty_like(change)
+    assert robot.centroidal_momentum_matrix_rate(q, qd, base_motion=motion, out=out) is out
+    np.testing.assert_array_equal(out, change)
+
+
+def test_jacobians_refuse_what_they_cannot_use(ur5):
+    q = np.zeros(6)
+    with pytest.raises(ArgumentError, match=r"axes: expected one of world, frame, got 'local'"):
+        ur5.jacobian(q, axes="local")
+    with pytest.raises(ArgumentError, match="frames: expected names, or frame= in their place"):
+        ur5.jacobian(q, "tool0", frames=("tool0", "base"))
+    with pytest.raises(ArgumentError, match="frames: expected the name of one link or joint"):
+        ur5.acceleration_bias(q, q, frames=("tool0", "base"))
+    with pytest.raises(ArgumentError, match=r"out: expected shape \(6, 6\)"):
+        ur5.jacobian_rate(q, q, "tool0", out=np.empty((6, 5)))
+
+
 def torque_derivatives_by_pinocchio(model, base, force1, torque1, q, qd, qdd):
     """Derivatives of (force1, torque1, tau) by rotations of the base and q, and by omega1 and qd; world axes.
 

@@ -21,7 +21,18 @@ from hingepair.plans.arguments import Arguments, CoordinateNames
 from hingepair.plans.computation import Computation
 from hingepair.plans.trees import Request, estimated_operations, input_shapes, request_loop
 
-MASS_INDEPENDENT_OUTPUT_NAMES = ("R", "S", "d", "v", "omega", "a", "alpha", "jacobian", "acceleration_bias")
+MASS_INDEPENDENT_OUTPUT_NAMES = (
+    "R",
+    "S",
+    "d",
+    "v",
+    "omega",
+    "a",
+    "alpha",
+    "jacobian",
+    "jacobian_in_frame",
+    "acceleration_bias",
+)
 """Outputs that do not depend on masses."""
 
 _BASE_SHAPES: Final = {

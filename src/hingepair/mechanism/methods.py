@@ -58,7 +58,9 @@ Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 # Outputs of motion at the levels of pose, velocity and acceleration.
 _OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
 _MOTION_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
-_SINGLE_FRAME_OUTPUT_NAMES: Final = ("jacobian", "acceleration_bias")  # which are computed for a single frame
+_SINGLE_FRAME_OUTPUT_NAMES: Final = ("acceleration_bias",)  # which are computed for a single frame
+_JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # outputs by axes
+_FRAMED: Final = (*_SINGLE_FRAME_OUTPUT_NAMES, *_JACOBIANS.values())
 _INVERSE_DYNAMICS_OUTPUT_NAMES = ("tau", "force1", "torque1")  # of inverse dynamics
 _ACCELERATION_OUTPUT_NAMES = ("qdd", "a1", "alpha1")  # of forward dynamics
 _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME: Final[Mapping[str, type[JointResults]]] = {
@@ -68,10 +70,12 @@ _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME: Final[Mapping[str, type[JointResults]
 """Classes of the results, by the first output; results of motion are a MechanismState."""
 _PREPARABLE_BARE_ARRAY_OUTPUT_NAMES: Final = (
     "jacobian",
+    "jacobian_in_frame",
     "acceleration_bias",
     "mass_matrix",
     "bias_forces",
     "gravity_forces",
+    "centroidal_momentum_matrix",
 )
 """Outputs of methods that return a bare array, which `prepare` takes too."""
 _BARE_ARRAY_OUTPUT_NAMES: Final = (
@@ -201,24 +205,26 @@ class MechanismMethods(Shown):
         frame: str | None = None,
         *,
         frames: str | Iterable[str] | None = None,
+        axes: str = "world",
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian J of the frame named `frame` as an array (..., 6, dof): if the base is at rest,
-        (v, omega) = J @ qd (E2, E8). For a free base, (v, omega) = J @ (v1, omega1, qd), and J has shape
-        (..., 6, 6 + dof). `base_motion` is None or a BodyMotion. If an array `out` is given, J is written into it.
+        """Compute the Jacobian J of a frame, an array (..., 6, dof): if the base is at rest, (v, omega) = J @ qd
+        (E2, E8). For a free base, (v, omega) = J @ (v1, omega1, qd), and J has shape (..., 6, 6 + dof).
 
-        v is the velocity of the frame's origin, and omega is the angular velocity of the frame. v1 and omega1 are the
-        velocity of the base's reference point and the angular velocity of the base. All four are in world axes.
-        Pinocchio calls this Jacobian LOCAL_WORLD_ALIGNED.
+        v is the velocity of the frame's origin and omega the angular velocity of the frame, in world axes
+        (Pinocchio's LOCAL_WORLD_ALIGNED) or in the axes of the frame (LOCAL). v1 and omega1, of the base's reference
+        point and the base, are in world axes in both cases.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
             frame: name of a link, a joint or an added frame. The default is the only link in `robot.tips`; if there
                 are several, `frame` must be given.
-            frames: the same name, as other methods take it; in place of `frame`.
+            frames: several names, in place of `frame`: the shape is then (..., frames, 6, dof); without the axis of
+                frames for a single name.
+            axes: axes of v and omega, "world" or "frame".
             base_motion: motion of the base; only S is used. By default, S is the identity.
             out: an array of the shape of the result, into which the result is written.
             workers: number of threads; -1 for one thread per core.
@@ -230,10 +236,45 @@ class MechanismMethods(Shown):
 
         >>> import numpy as np
         >>> import hingepair as hp
-        >>> hp.load_robot("ur5_robot").jacobian(np.zeros(6), "tool0").shape
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> robot.jacobian(np.zeros(6), "tool0").shape
         (6, 6)
+        >>> robot.jacobian(np.zeros((5, 6)), frames=("tool0", "wrist_1_link"), axes="frame").shape
+        (5, 2, 6, 6)
         """
-        return self._run_array("jacobian", {"q": q}, base_motion, out, workers, backend, frame=frame, frames=frames)
+        check_choice("axes", axes, tuple(_JACOBIANS))
+        return self._run_array(
+            _JACOBIANS[axes], {"q": q}, base_motion, out, workers, backend, frame=frame, frames=frames
+        )
+
+    def jacobian_rate(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        frame: str | None = None,
+        *,
+        frames: str | Iterable[str] | None = None,
+        axes: str = "world",
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute the time derivative of the result of `jacobian`, of the same shape. Of `base_motion`, S and omega
+        are used. `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
+
+        Raises:
+            ArgumentError: as for `jacobian`; or the robot has too many joints.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot, q, qd = hp.load_robot("ur5_robot"), np.zeros(6), np.ones(6)
+        >>> np.allclose(robot.jacobian_rate(q, qd, "tool0") @ qd, robot.acceleration_bias(q, qd, "tool0"))
+        True
+        """
+        check_choice("axes", axes, tuple(_JACOBIANS))
+        chosen = self._named_frames("frames", self._frame_or_only_tip(frame, frames))
+        return self._rate(_JACOBIANS[axes], {"q": q, "qd": qd}, chosen, base_motion, out, workers, backend)
 
     def acceleration_bias(
         self,
@@ -395,7 +436,8 @@ class MechanismMethods(Shown):
 
                 - R, S, d (the vector from the base's reference point to R), v, omega, a and alpha, from
                   `forward_kinematics`;
-                - jacobian and acceleration_bias, only for the first frame in `frames`;
+                - jacobian and jacobian_in_frame, one bound for all frames in `frames`;
+                - acceleration_bias, only for the first frame in `frames`;
                 - tau, force1 and torque1, from `inverse_dynamics`;
                 - qdd, and for a free base a1 and alpha1, from `forward_dynamics`;
                 - mass_matrix, bias_forces, gravity_forces, centre_of_mass, centre_of_mass_jacobian and
@@ -920,6 +962,55 @@ class MechanismMethods(Shown):
         """
         return self._run_array("centre_of_mass_bias", {"q": q, "qd": qd}, base_motion, out, workers, backend)
 
+    def centroidal_momentum_matrix(
+        self,
+        q: Coordinates,
+        *,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute the matrix A, shape (..., 6, dof), of the linear momentum of the robot and its angular momentum
+        about its centre of mass: (linear, angular) = A @ qd if the base is at rest (T12). For a free base, it is
+        A @ (v1, omega1, qd), and A has shape (..., 6, 6 + dof).
+
+        Vectors are in world axes. The mass of the base is included only if the base is free, and rotors are not, as
+        in `momentum`. The arguments are the same as for `jacobian`; of `base_motion`, only S is used.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot, q, qd = hp.load_robot("ur5_robot"), np.zeros(6), np.ones(6)
+        >>> h = robot.momentum(q, qd, about="centre")
+        >>> np.allclose(robot.centroidal_momentum_matrix(q) @ qd, [*h.linear, *h.angular])
+        True
+        """
+        return self._run_array("centroidal_momentum_matrix", {"q": q}, base_motion, out, workers, backend)
+
+    def centroidal_momentum_matrix_rate(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        *,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute the time derivative of `centroidal_momentum_matrix`, of the same shape. Of `base_motion`, S and
+        omega are used. `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or the robot has too many joints.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> hp.load_robot("ur5_robot").centroidal_momentum_matrix_rate(np.zeros(6), np.ones(6)).shape
+        (6, 6)
+        """
+        coordinates = {"q": q, "qd": qd}
+        return self._rate("centroidal_momentum_matrix", coordinates, {}, base_motion, out, workers, backend)
+
     def energy(
         self,
         q: Coordinates,
@@ -999,9 +1090,10 @@ class MechanismMethods(Shown):
         Args:
             given: one of two things:
 
-                - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian" or
-                  "acceleration_bias" (of one frame), "inverse_dynamics", "forward_dynamics", "mass_matrix",
-                  "bias_forces" or "gravity_forces". The callable then takes these
+                - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian",
+                  "jacobian_in_frame" (in the axes of the frames), "acceleration_bias" (of one frame),
+                  "inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_forces", "gravity_forces" or
+                  "centroidal_momentum_matrix". The callable then takes these
                   arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
                   "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics"; only q for the others.
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
@@ -1010,10 +1102,11 @@ class MechanismMethods(Shown):
                 Of the arrays of the base (R1 to alpha1, force1 and torque1), those that are not among the arguments
                 are zero, with two exceptions: S1 is the identity, and in the forward dynamics of a free base, a1 and
                 alpha1 are results.
-            frames: as for `forward_kinematics`. "jacobian" and "acceleration_bias" need exactly one frame.
+            frames: as for `forward_kinematics`. "acceleration_bias" needs exactly one frame.
             outputs: names of the outputs to compute. If `given` is the name of a computation, they are outputs of
                 this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,
-                and jacobian, acceleration_bias, mass_matrix, bias_forces and gravity_forces. If the tuple holds qdd,
+                and jacobian, jacobian_in_frame, acceleration_bias, mass_matrix, bias_forces, gravity_forces and
+                centroidal_momentum_matrix. If the tuple holds qdd,
                 they can also be outputs of `inverse_dynamics`; if the tuple holds tau, outputs of `forward_dynamics`.
                 The default for a tuple is all outputs of `forward_kinematics` for which the arguments suffice.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
@@ -1047,10 +1140,9 @@ class MechanismMethods(Shown):
         if loads and self.base != "free":
             raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
         output_names = self._prepared_outputs(given, names, outputs)
-        framed = any(name in (*FRAME_MOTION_OUTPUT_NAMES, *_SINGLE_FRAME_OUTPUT_NAMES) for name in output_names)
+        framed = any(name in (*FRAME_MOTION_OUTPUT_NAMES, *_FRAMED) for name in output_names)
         chosen_frames = self._named_frames("frames", frames) if framed else {}
-        if len(chosen_frames) != 1 and any(name in _SINGLE_FRAME_OUTPUT_NAMES for name in output_names):
-            raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
+        self._check_one_frame(output_names, chosen_frames, frames)
         computation = self._computation(output_names, chosen_frames)
         names = checked_given(names, computation.inputs)
         if computation.needs_masses:
@@ -1170,6 +1262,11 @@ class MechanismMethods(Shown):
             raise ArgumentError(argument, "each name once", quoted(names))
         return {one: self._named_frame(argument, one) for one in names}
 
+    def _check_one_frame(self, outputs: Iterable[str], chosen: Mapping[str, Frame], frames: Any) -> None:
+        """Refuse several frames for outputs of a single one."""
+        if len(chosen) != 1 and any(name in _SINGLE_FRAME_OUTPUT_NAMES for name in outputs):
+            raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
+
     def _named_frame(self, argument: str, name: Any) -> Frame:
         """Return the Frame of a link, a joint or a further frame by its name. Raise an ArgumentError for the argument
         named `argument` if there is no such frame.
@@ -1183,24 +1280,21 @@ class MechanismMethods(Shown):
             raise ArgumentError(argument, expected, quoted(name))
         return frame
 
-    def _frame_or_only_tip(self, frame: str | None, frames: str | Iterable[str] | None) -> str:
-        """Check the arguments `frame` and `frames`, of which one may be given, and return the name; without one,
-        return the name of the last link of the robot's only branch. Whether a frame has the name is not checked.
+    def _frame_or_only_tip(self, frame: str | None, frames: str | Iterable[str] | None = None) -> Any:
+        """Return the argument that names frames, out of the arguments `frame` and `frames` of a method; without one,
+        the name of the last link of the robot's only branch. Whether there are such frames is not checked.
 
         Raises:
-            ArgumentError: both or several names are given, none is although the robot has several branches, or the
-                name is no string.
+            ArgumentError: both are given, none is although the robot has several branches, or `frame` is no string.
         """
         if frames is not None:
-            names = (frames,) if isinstance(frames, str) else tuple(frames)
-            if frame is not None or len(names) != 1:
-                raise ArgumentError("frames", "one name, or frame= in its place", quoted(frames))
-            frame = names[0]
+            if frame is not None:
+                raise ArgumentError("frames", "names, or frame= in their place", quoted(frames))
+            return frames
         if frame is None:
             if len(self.tree.tips) != 1:
-                raise ArgumentError(
-                    "frame", f"the name of a link or joint, such as {', '.join(self.tree.tips[:4])}", None
-                )
+                expected = f"the name of a link or joint, such as {', '.join(self.tree.tips[:4])}"
+                raise ArgumentError("frame", expected, None)
             return self.tree.tips[0]
         if not isinstance(frame, str):
             raise ArgumentError("frame", "the name of a link or joint", quoted(frame))
@@ -1326,8 +1420,9 @@ class MechanismMethods(Shown):
             return self._run_lazily(
                 computation, coordinates, base_motion, out, workers, backend, gravity_vector, labelled_loads or {}
             )
+        turning = ("omega1",) if derivative is not None and derivative.kind == "rate" else ()
         values = read_robot_arguments(
-            self._constants.names, coordinates, base_motion, computation.inputs, labelled_loads or {}
+            self._constants.names, coordinates, base_motion, (*computation.inputs, *turning), labelled_loads or {}
         )
         return computation.run(values, execution, gravity_vector, out, derivative=derivative)
 
@@ -1431,14 +1526,16 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
     ) -> FloatArray:
         """Return one output as a bare, writable array; write into the array `out` unless it is None. `frame` or
-        `frames` names the frame of an output of a single frame.
+        `frames` name the frames of Jacobians and the like.
         """
         key, arrays = (name, frame, frames, backend), None if out is None else {name: out}
         result: FloatArray | None = self._run_again(key, coordinates.values(), base_motion, arrays, workers, gravity)
         if result is None:
             chosen = None
-            if name in _SINGLE_FRAME_OUTPUT_NAMES:
-                chosen = self._named_frames("frame", self._frame_or_only_tip(frame, frames))
+            if name in _FRAMED:
+                names = self._frame_or_only_tip(frame, frames)
+                chosen = self._named_frames("frame" if frames is None else "frames", names)
+                self._check_one_frame((name,), chosen, frames)
             computation, kept = self._computation((name,), chosen), isinstance(frames, str | tuple | None)
             found: FloatArray = self._run(
                 computation, coordinates, base_motion, arrays, workers, backend, gravity, key=key if kept else None

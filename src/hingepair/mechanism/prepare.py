@@ -13,12 +13,14 @@ ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
     "velocity": ("q", "qd"),
     "acceleration": ("q", "qd", "qdd"),
     "jacobian": ("q",),
+    "jacobian_in_frame": ("q",),
     "acceleration_bias": ("q", "qd"),
     "inverse_dynamics": ("q", "qd", "qdd"),
     "forward_dynamics": ("q", "qd", "tau"),
     "mass_matrix": ("q",),
     "bias_forces": ("q", "qd"),
     "gravity_forces": ("q",),
+    "centroidal_momentum_matrix": ("q",),
 }
 """Names of the arguments of a prepared call, by the method or level of motion for which it is prepared."""
 

@@ -851,7 +851,7 @@ def estimated_operations(form: Form, request: Request) -> int:
     outputs = {*request.outputs}
     by_ancestor = 40 * sum(depths)
     total = 0
-    if outputs & {"mass_matrix", "centre_of_mass_jacobian"}:
+    if outputs & {"mass_matrix", "centre_of_mass_jacobian", "centroidal_momentum_matrix"}:
         total += 200 * joints + by_ancestor
     if outputs & {"qdd", "a1", "alpha1", "pivots"}:
         total += (
