@@ -67,9 +67,8 @@ class DtypeError(ArgumentError, TypeError):
 
 
 class GimbalLockError(ArgumentError):
-    """An attitude is at gimbal lock, where the rates of its Euler angles do not exist, or a motion comes so near to
-    gimbal lock that these rates cannot be integrated (equation E4). The attributes `name`, `expected` and `got` are
-    those of `ArgumentError`.
+    """An attitude is at gimbal lock, where the rates of its Euler angles do not exist (equation E4). The attributes
+    `name`, `expected` and `got` are those of `ArgumentError`.
     """
 
 

@@ -54,7 +54,7 @@ CASES = {
     "callables": {"omega1": lambda t: np.stack([np.cos(t), t, t], -1), "psid": np.cos, "psi_0": PSI_0},
     "body axes": {"omega1": OMEGA1, "psid": PSID, "frame": "body", "alpha1": np.cos(OMEGA1), "psidd": PSID},
     "tolerance": {"omega1": OMEGA1, "psid": PSID, "tol": 1e-9},
-    "euler_angles": {"omega1": OMEGA1, "psid": PSID, "method": "euler_angles"},
+    "midpoint": {"omega1": OMEGA1, "psid": PSID, "method": "midpoint"},
 }
 
 
@@ -67,9 +67,9 @@ def test_motions_have_the_bits_of_calls_of_their_own(name, backend):
 
 @pytest.mark.parametrize("count", [1, 2, 40])
 def test_few_instants_and_groups_of_motions_change_no_bit(count, monkeypatch):
-    monkeypatch.setattr(integrate, "_MAX_TOTAL_STEPS_OF_MOTION_GROUP", 2 * count)  # two motions, then the last alone
-    calls, together = [], integrate.integrate_together
-    monkeypatch.setattr(integrate, "integrate_together", lambda *given: calls.append(1) or together(*given))
+    monkeypatch.setattr(integrate, "_MAX_STEPS_TOGETHER", 2 * count)  # two motions, then the last alone
+    calls, together = [], integrate.solve_together
+    monkeypatch.setattr(integrate, "solve_together", lambda *given: calls.append(1) or together(*given))
     t, arguments = T[:count], {"S1_0": S1_0, "psi_0": PSI_0, "backend": "numpy", "frame": "body"}
     many = hp.integrate(PAIR, t, OMEGA1[:, :count], PSID[:, :count], **arguments)
     assert len(calls) == 1
@@ -82,7 +82,7 @@ def test_few_instants_and_groups_of_motions_change_no_bit(count, monkeypatch):
 
 @pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
 def test_chunks_of_steps_change_no_bit_of_motions(backend, monkeypatch):
-    monkeypatch.setattr(stepping, "STEPS_PER_CHUNK", 320)  # whole groups of a scan
+    monkeypatch.setattr(stepping, "CHUNK", 320)  # whole groups of a scan
     t = np.linspace(0, 1, 1001)
     omega1, psid = PSI_0[:, None, None] * np.sin(t[:, None] * (1, 2, 3) + 1), np.cos(t) * PSI_0[:, None]
     many = hp.integrate(PAIR, t, omega1, psid, S1_0=S1_0, outputs=(), backend=backend)
@@ -208,11 +208,6 @@ def _changed(array, index, value):
         (
             {"omega1": (0, 0, 1), "psid": np.stack([T, T > 0.5])[:, None], "tol": 1e-6},
             r"tol of motion \(1, 0\): expected at least the error that is left",
-        ),
-        (
-            {"method": "euler_angles", "S1_0": hp.euler_to_matrix([(0, 0, 0), (0.2, 1.5, 0), (0, 0, 0)]),
-             "omega1": [[(1, 0, 0)], [(0.5, 5, 0.4)], [(1, 0, 0)]]},
-            r"of motion 1: expected .*'euler_angles' with phi_y = 1.5",
         ),
         ({"omega1": OMEGA1[:, :50]}, r"omega1: expected a callable, .* or samples of shape \(..., 70, 3\)"),
         ({"omega1": OMEGA1[..., :2]}, r"omega1: expected a callable, .* got shape \(3, 70, 2\)"),

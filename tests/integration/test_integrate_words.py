@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -74,12 +73,6 @@ def test_scenes_of_samples_say_so(tmp_path):
     )
     with pytest.raises(hp.ArgumentError, match="got one whose motion is samples in a file"):
         _ = hp.load_scene(tmp_path / "my.toml").expressions
-
-
-def test_without_scipy_dop853_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.integrate", None)
-    with pytest.raises(hp.MissingDependencyError, match=r"^method: expected scipy \(pip install scipy\), or another"):
-        hp.integrate(PAIR, T, (0, 0, 1), 1.0, method="dop853")
 
 
 def test_milliseconds_are_no_seconds():

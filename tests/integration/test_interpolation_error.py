@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.integration import interpolation_error, solve
+from hingepair.integration import interpolation_error
 from support.commands import run_command
 from support.sparse import sparse
 from support.spins import U
@@ -232,23 +232,6 @@ def test_tolerance_refuses_a_gap_and_keeps_to_it_elsewhere():
 
 
 @pytest.mark.slow
-def test_euler_angles_do_not_halve_their_steps_in_vain(monkeypatch):
-    """What interpolation misses is not less for shorter steps."""
-    made = []
-
-    def counted(omega, steps, *rest, **options):
-        made.append(steps)
-        return plain(omega, steps, *rest, **options)
-
-    plain = solve.integrate_euler_angles
-    monkeypatch.setattr(solve, "integrate_euler_angles", counted)
-    omega = 0.3 * np.stack([np.cos(GAP), np.sin(2 * GAP), np.sin(GAP)], axis=-1)
-    with pytest.raises(hp.ArgumentError, match="tol: expected at least the error that is left"):
-        hp.integrate(PAIR, GAP, omega, 0.0, method="euler_angles", tol=1e-9, outputs=())
-    assert len(made) < 8
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("frame", sparse(["world", "body"], 2))
 def test_blocks_do_not_show(frame, monkeypatch):
     """The same estimate, whatever the length of the blocks that samples are worked through in."""
@@ -256,7 +239,7 @@ def test_blocks_do_not_show(frame, monkeypatch):
     S, omega = tumble(t, frame)
     whole, blocks = [], []
     for found, length in ((whole, 10_000), (blocks, 40)):
-        monkeypatch.setattr(interpolation_error, "_SAMPLE_INTERVALS_PER_BLOCK", length)
+        monkeypatch.setattr(interpolation_error, "_BLOCK", length)
         for jump in (np.inf, *(1.58 + np.arange(8) / 100)):
             given = omega + np.outer(t > jump, [0, 0.1, 0])
             motion = hp.integrate(PAIR, t, given, given[:, 1], S1_0=S[0], frame=frame, outputs=(), backend="numpy")

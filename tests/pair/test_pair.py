@@ -83,15 +83,6 @@ def test_messages_say_what_was_expected_and_what_came(call, message):
         call()
 
 
-@pytest.mark.parametrize("backend", ["numpy", "compiled"])
-def test_steps_too_long_are_not_called_lock_alone(backend):
-    t, start = np.linspace(0, 4, 5), hp.euler_to_matrix((0, 0.746, 0))
-    with pytest.raises(
-        hp.GimbalLockError, match=r"or shorter steps, got .* phi_y = 0\.746 at t = 0 and more than 1 rad in 1 s"
-    ):
-        hp.integrate(made(), t, (0.5, 1.5, 2.0), 0.0, S1_0=start, method="euler_angles", outputs=(), backend=backend)
-
-
 def test_a_state_lists_what_it_has():
     q = np.zeros(7)
     for state, names in (

@@ -96,7 +96,7 @@ class _SimulatedMotionBase:
         `psi_error_estimate` is the estimated error of psi. The second run has a thousandth of the tolerance, and
         computes both estimates.
         """
-        return self._error()
+        return float(self._error())
 
     def __repr__(self) -> str:
         text = super().__repr__()

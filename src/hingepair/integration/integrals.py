@@ -1,6 +1,6 @@
 """Integrals of rates (E12): the attitude of an angular velocity, and the angle of a scalar rate.
 
-An integral can be evaluated over steps and compared between two subdivisions of the same intervals, which is all that
+Both can be evaluated over steps and compared between two subdivisions of the same intervals, which is all that
 `step_selection` and `error_estimate` need.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError
-from hingepair.integration.methods import STEP_RULE_BY_NAME, StepRule, angle_loop, quaternion_product, rotation_loop
+from hingepair.integration.methods import StepRule, angle_loop, quaternion_product, rotation_loop
 from hingepair.integration.signals import ConstantSignal, Signal
 from hingepair.integration.stepping import HIGH_LOW_SUM_SCAN, ROTATION_SCAN, Steps, Subdivision
 from hingepair.numeric.arrays import FLOAT64_DTYPE
@@ -22,25 +22,26 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
 from hingepair.numeric.twofold import HighLow, exact_sum, twofold_product, twofold_sum
 
-_QUATERNION_CONJUGATE_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RateIntegral:
-    """Base of integrals of a rate. `name` is the name of the rate in messages, `rate` its Signal, `rule` the StepRule
-    of the steps, and `execution` the choice of the backend.
-    """
+    """Integral of a rate over steps."""
 
     name: str  # of the rate, for messages
     rate: Signal
-    rule: StepRule  # the one-step method
+    rule: StepRule
     execution: Execution
     expected_rate: ClassVar[str]  # of messages on overflow
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether steps of any length have no truncation error."""
+        return isinstance(self.rate, ConstantSignal)
+
     def check_finite(self, rows: Array, steps: Steps) -> None:
-        """Raise an ArgumentError if the results of one motion at the ends of `steps`, given as `rows`, have
-        overflowed. The error names the first interval between instants in which they have.
-        """
+        """Raise an ArgumentError if the results of one motion at the ends of `steps` have overflowed."""
         if not np.isfinite(rows[-1]).all():
             first = int(np.argmin(np.isfinite(steps.at_instants(rows)).all(axis=1)))
             raise ArgumentError(
@@ -50,24 +51,16 @@ class _RateIntegral:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AngleIntegral(_RateIntegral):
-    """Integral of a scalar rate, an angle [rad]. `integrate` computes it at the ends of steps; the other methods
-    compute the errors and the rounding of its steps.
-    """
+    """Integral of a scalar rate, an angle [rad]."""
 
     expected_rate: ClassVar[str] = "a rate whose integral is finite"
     default_start: ClassVar[Any] = 0.0  # where only changes matter
     max_error: ClassVar[float] = math.inf  # rad
 
-    @property
-    def is_exact(self) -> bool:
-        """True if steps of any length are exact, which is so for a constant rate."""
-        return isinstance(self.rate, ConstantSignal)
-
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Any) -> Array:
-        """Integrate the rate from the angle `start`; return the angles [rad] at the ends of steps, accurate to about
-        the last bit, shape (steps + 1,). Starts (...,) of many motions give the shape (..., steps + 1). Raise an
-        ArgumentError if an angle of a single motion overflows.
+        """Return the angles [rad] at the ends of steps, accurate to about the last bit; shape (steps + 1,). Starts
+        (...,) of many motions give (..., steps + 1), in which overflow is not refused.
         """
         motions = np.broadcast_shapes(np.shape(start), self.rate.motions)
         if isinstance(self.rate, ConstantSignal):
@@ -83,16 +76,12 @@ class AngleIntegral(_RateIntegral):
         return angles[..., 0].copy()
 
     def _write_step_integrals(self, begin: Array, h: HighLow, rows: Array) -> None:
-        """Write the integrals of the rate over steps into `rows` (steps, 2), as sums of two doubles; return None.
-        `begin` are the starts of the steps, and h their lengths, a pair of arrays (high and low part).
-        """
         arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
         angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64_DTYPE, self.execution)
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
-        """Return the integrals over intervals by coarse steps less those by fine steps [rad], shape (intervals, 1).
-        `coarse` and `fine` are Subdivisions of the same intervals into steps, and `node_values` is the pair of arrays
-        of the rate at the nodes of their steps.
+        """Return the integrals over intervals by coarse steps less those by fine steps [rad]; (intervals, 1).
+        `node_values` are the rates at the nodes of both.
         """
         sums = [
             steps.sum_over_intervals(self.rule.integral(values, steps.h))
@@ -101,31 +90,24 @@ class AngleIntegral(_RateIntegral):
         return sums[0] - sums[1]
 
     def rounding_of_sums(self, sizes: Array, _: Array) -> Array:
-        """Return the rounding errors [rad] of sums over intervals; `sizes` are the integrals of abs(rate) over the
-        intervals [rad]. The second argument, the numbers of steps, is not used.
-        """
+        """Return the rounding errors [rad] of sums over intervals; `sizes` are the integrals of abs(rate) [rad]."""
         return FLOAT64_UNIT_ROUNDOFF * sizes
 
     def rounding_at_instants(self, values: Array, _: float) -> float:
-        """Return the largest rounding error [rad] of the angles `values` at the instants, without the rounding of the
-        steps. The second argument is not used.
-        """
+        """Return the largest rounding error [rad] of the angles `values`, without the rounding of the steps."""
         return FLOAT64_UNIT_ROUNDOFF * float(np.abs(values).max())
 
     def errors_at_start(self, _: Array, errors: Array) -> Array:
-        """Return `errors`, the errors of intervals, unchanged: errors of angles add up as they are. The first
-        argument is not used.
-        """
+        """Return `errors` unchanged: errors of angles add up as they are."""
         return errors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AttitudeIntegral(_RateIntegral):
-    """Integral of an angular velocity omega: the solution of S' = [omega]x S, or of S' = S [omega]x if
-    `omega_in_body_axes`, as unit quaternions (w, x, y, z). `integrate` computes it at the ends of steps; the other
-    methods compute the errors and the rounding of its steps.
+    """Integral of an angular velocity omega, as unit quaternions (w, x, y, z): the solution of S' = [omega]x S.
 
-    In body axes S^T solves the first equation with -omega; a step depends on h omega only, so that h is negated.
+    In body axes S' = S [omega]x, and S^T solves the first equation with -omega; a step depends on h omega only, so
+    that h is negated.
     """
 
     omega_in_body_axes: bool
@@ -133,35 +115,23 @@ class AttitudeIntegral(_RateIntegral):
     default_start: ClassVar[Any] = np.array([1.0, 0.0, 0.0, 0.0])  # where only changes matter
     max_error: ClassVar[float] = math.pi  # rad
 
-    @property
-    def is_exact(self) -> bool:
-        """True if steps have no truncation error, which is so for a constant rate except by Runge-Kutta steps."""
-        return isinstance(self.rate, ConstantSignal) and self.rule is not STEP_RULE_BY_NAME["rk4_quaternion"]
-
     @np.errstate(all="ignore")
     def integrate(self, steps: Steps, start: Array) -> Array:
-        """Integrate the attitude from the unit quaternion `start`; return the quaternions (w, x, y, z) at the ends of
-        steps, without a jump of sign, shape (steps + 1, 4). Starts (..., 4) of many motions give the shape (...,
-        steps + 1, 4). Raise an ArgumentError if a quaternion of a single motion overflows.
+        """Return the attitudes at the ends of steps, without a jump of sign; shape (steps + 1, 4). Starts (..., 4) of
+        many motions give (..., steps + 1, 4), in which overflow is not refused.
         """
-        begin = start * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else start
+        begin = start * _CONJUGATE if self.omega_in_body_axes else start
         motions = np.broadcast_shapes(start.shape[:-1], self.rate.motions)
         components = tuple(np.moveaxis(begin, -1, 0)) if motions else tuple(begin.tolist())
         quats = ROTATION_SCAN.scan_steps(steps, components, self._write_step_rotations, self.execution, motions)
         if not motions:
             self.check_finite(quats, steps)
-        return quats * _QUATERNION_CONJUGATE_SIGNS if self.omega_in_body_axes else quats
+        return quats * _CONJUGATE if self.omega_in_body_axes else quats
 
     def _write_step_rotations(self, begin: Array, h: HighLow, rows: Array) -> None:
-        """Write the rotations of steps into `rows` (steps, 4), as quaternions; return None. `begin` are the starts of
-        the steps, and h their lengths, a pair of arrays (high and low part).
-        """
         self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
 
     def _compute_rotations(self, node_omega: Array, h: Array, quats: Array) -> None:
-        """Write the rotations of steps of lengths h into `quats` (steps, 4), as quaternions (w, x, y, z); return
-        None. They are computed from `node_omega`, omega at the nodes of the steps.
-        """
         rotation_loop(self.rule).run(
             {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
             {"q": quats},
@@ -171,9 +141,8 @@ class AttitudeIntegral(_RateIntegral):
         )
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
-        """Return the rotation vectors [rad] from the rotations over intervals by fine steps to those by coarse steps,
-        shape (intervals, 3). `coarse` and `fine` are Subdivisions of the same intervals into steps, and `node_values`
-        is the pair of arrays of omega at the nodes of their steps.
+        """Return the rotation vectors [rad] from the rotations over intervals by fine steps to those by coarse steps;
+        (intervals, 3). `node_values` are omega at the nodes of both.
         """
         a, b = (self._interval_rotations(*steps) for steps in zip((coarse, fine), node_values, strict=True))
         w, x, y, z = quaternion_product(tuple(a), (b[0], -b[1], -b[2], -b[3]))
@@ -183,14 +152,11 @@ class AttitudeIntegral(_RateIntegral):
         return np.asarray(np.stack([x, y, z], axis=-1) * factor[:, None])
 
     def _interval_rotations(self, subdivision: Subdivision, node_omega: Array) -> Array:
-        """Return the quaternions (w, x, y, z) of the rotations over intervals, shape (4, intervals). Each is the
-        product of the rotations of the interval's steps in `subdivision`, computed from `node_omega`, omega at the
-        nodes of the steps.
-        """
+        """Return the products of the rotations of each interval's steps; (4, intervals)."""
         quats = np.empty((len(subdivision.h), 4))
         self._compute_rotations(node_omega, subdivision.h, quats)
         q, part = quats.T.copy(), subdivision.part
-        while len(part) > len(subdivision.counts):
+        while len(part) > len(subdivision.counts):  # multiply neighbours
             even = np.flatnonzero(part % 2 == 0)
             later = np.minimum(even + 1, len(part) - 1)
             paired = part[later] == part[even] + 1
@@ -206,20 +172,19 @@ class AttitudeIntegral(_RateIntegral):
         return np.asarray(FLOAT64_UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
-        """Return the largest rounding error [rad] of the attitudes `values` at the instants, a float, without the
-        rounding of the steps; `size` is the total angle [rad] by which the steps turn.
+        """Return the largest rounding error [rad] of the attitudes `values`, without the rounding of the steps, which
+        turn by `size` [rad] in all.
         """
         return FLOAT64_UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:
-        """Rotate errors of intervals, rotation vectors (P, 3), to the axes of the first instant, and return them.
-        `quats` are the attitudes at the ends of the intervals.
+        """Return errors of intervals, rotation vectors (..., P, 3), in the axes of the first instant, in which they
+        add up. `quats` are the attitudes at the ends of the intervals.
         """
-        q = quats if self.omega_in_body_axes else quats * _QUATERNION_CONJUGATE_SIGNS
+        q = quats if self.omega_in_body_axes else quats * _CONJUGATE
         w, axis = q[:, :1], q[:, 1:]
         twice = 2 * np.cross(axis, errors)
         return np.asarray(errors + w * twice + np.cross(axis, twice))
 
 
 Integral: TypeAlias = AngleIntegral | AttitudeIntegral
-"""Integral of a rate."""

@@ -20,102 +20,90 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from hingepair.integration.signals import INTERPOLATION_POINT_COUNT, SampledSignal
+from hingepair.integration.signals import POINTS, SampledSignal
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 
 ErrorRotation: TypeAlias = Callable[[int, int, Array], Array]
 """Rotates errors (..., n, k) of the intervals from the first to the second index to axes in which they add up."""
 
-_SAMPLE_INTERVALS_PER_BLOCK = 65536  # intervals whose errors are computed at a time
-_BLOCK_MARGIN_SAMPLE_COUNT = 12  # samples on either side of a block that its divided differences use
-_KINK_ORDERS_AND_ERROR_FACTORS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
-"""Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1]."""
-
-# Nodes and weights on [-1, 1].
-_GAUSS_LEGENDRE_NODES_AND_WEIGHTS_FROM_MINUS_1_TO_1 = np.polynomial.legendre.leggauss(
-    INTERPOLATION_POINT_COUNT // 2 + 1
-)
+_BLOCK = 65536  # intervals whose errors are computed at a time
+_MARGIN = 12  # samples on either side of a block that its divided differences use
+# Order of the difference that stands out (jump, kink, bend), and the largest |B_k| / k! on [0, 1].
+_KINKS: Final = ((1, 1 / 2), (2, 1 / 12), (3, 1 / 125))
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)  # Gauss-Legendre on [-1, 1]
 
 
-def largest_interpolation_error(
-    samples: SampledSignal, step_errors: tuple[NDArray[np.intp], Array], rotate_to_start: ErrorRotation
-) -> float:
+def largest_interpolation_error(samples: SampledSignal, step_errors: Array, rotate_to_start: ErrorRotation) -> float:
     """Return the largest error up to any instant [rad] of the integral of a rate that is interpolated between
-    samples, a float; NaN for fewer than 4 samples. `step_errors` is a pair of arrays, indices of intervals and the
-    errors of the integration steps in these intervals, which are subtracted from the errors of interpolation.
-    `rotate_to_start` is a function that rotates errors of intervals to the axes of the first instant.
+    samples, NaN for fewer than 4 samples. `step_errors` (N - 1, k) are the errors of the integration steps in the
+    intervals, which are subtracted.
     """
-    intervals, interval_step_errors = step_errors
-    if len(samples.t) < 4:
+    count = len(samples.t)
+    if count < 4:
         return math.nan
-    count, width = len(samples.t), interval_step_errors.shape[1]
     values = samples.values.reshape(count, -1)
-    carried_sum, worst = np.zeros(width), 0.0
-    group_size = 8  # intervals whose errors may belong to one kink and are summed before sizes are taken
-    sizes, squares = np.zeros(len(_KINK_ORDERS_AND_ERROR_FACTORS)), np.zeros(len(_KINK_ORDERS_AND_ERROR_FACTORS))
-    for first in range(0, count - 1, _SAMPLE_INTERVALS_PER_BLOCK):
-        last = min(first + _SAMPLE_INTERVALS_PER_BLOCK, count - 1)
-        low, high = max(0, first - _BLOCK_MARGIN_SAMPLE_COUNT), min(count, last + 1 + _BLOCK_MARGIN_SAMPLE_COUNT)
+    sum_before, worst = np.zeros(step_errors.shape[1]), 0.0
+    group = 8  # intervals whose errors may belong to one kink and are summed before sizes are taken
+    sizes, squares = np.zeros(len(_KINKS)), np.zeros(len(_KINKS))
+    for first in range(0, count - 1, _BLOCK):
+        last = min(first + _BLOCK, count - 1)
+        low, high = max(0, first - _MARGIN), min(count, last + 1 + _MARGIN)
         missed = _interval_errors(samples.t[low:high], values[low:high])[:, first - low : last - low]
-        block = slice(*np.searchsorted(intervals, (first, last)))
-        missed[0, intervals[block] - first] -= interval_step_errors[block]
+        missed[0] -= step_errors[first:last]
         errors = rotate_to_start(first, last, missed)
-        sums = carried_sum + np.cumsum(errors[0], axis=0)
+        # Smooth motion: the errors add up with their signs.
+        sums = sum_before + np.cumsum(errors[0], axis=0)
         worst = float(np.maximum(worst, np.maximum(row_norms(sums).max(), row_norms(errors[1]).max())))
-        carried_sum = sums[-1]
-        group_errors = row_norms(np.add.reduceat(errors[2:], np.arange(0, last - first, group_size), axis=1))
-        sizes, squares = sizes + group_errors.sum(axis=1), squares + (group_errors**2).sum(axis=1)
+        sum_before = sums[-1]
+        # Jumps, kinks and bends: sums of sizes and of squares.
+        grouped = row_norms(np.add.reduceat(errors[2:], np.arange(0, last - first, group), axis=1))
+        sizes, squares = sizes + grouped.sum(axis=1), squares + (grouped**2).sum(axis=1)
     return float(np.maximum(worst, np.sqrt(sizes * np.sqrt(squares)).max()))
 
 
 def _interval_errors(t: Array, columns: Array) -> Array:
-    """Return estimates of the interpolation error of the integral over each interval between times t, shape (5,
-    intervals, columns); `columns` are the samples of the rate, shape (N, columns). The first two rows come from the
-    mean and from the larger of two sixth divided differences. The other three are the errors of jumps, kinks and
-    bends.
+    """Return estimates of the interpolation error of the integral over each interval; (5, intervals, columns). The
+    first two rows come from the mean and from the larger of two sixth divided differences; the other three are the
+    errors of jumps, kinks and bends.
     """
-    points = min(INTERPOLATION_POINT_COUNT, len(t))
+    points = min(POINTS, len(t))
     differences = [columns]
-    for k in range(1, min(INTERPOLATION_POINT_COUNT + 1, len(t))):
+    for k in range(1, min(POINTS + 1, len(t))):
         differences.append(np.diff(differences[-1], axis=0) / (t[k:] - t[:-k])[:, None])
     intervals = np.arange(len(t) - 1)
     start = np.clip(intervals - (points // 2 - 1), 0, len(t) - points)
     product = _stencil_products(t, start, points)
-    errors = np.zeros((2 + len(_KINK_ORDERS_AND_ERROR_FACTORS), len(intervals), columns.shape[1]))
+    errors = np.zeros((2 + len(_KINKS), len(intervals), columns.shape[1]))
     for row, difference in enumerate(_highest_differences(differences, start, points)):
         errors[row] = difference * product[:, None]
-    if len(t) > INTERPOLATION_POINT_COUNT:
+    if len(t) > POINTS:
         h = np.diff(t)
         even_product = 191 / 84  # the product for six samples at distances of 1, in the middle interval
-        stencil_length = (np.abs(product) / (even_product * h)) ** (1 / INTERPOLATION_POINT_COUNT)
-        for level, (order, bound) in enumerate(_KINK_ORDERS_AND_ERROR_FACTORS, start=2):
+        stencil_length = (np.abs(product) / (even_product * h)) ** (1 / POINTS)
+        for level, (order, bound) in enumerate(_KINKS, start=2):
             errors[level] = bound * _kink_sizes(differences, order, h, stencil_length)
     return errors
 
 
 def _stencil_products(t: Array, stencil_starts: NDArray[np.intp], stencil_size: int) -> Array:
-    """Return for each interval between times t the integral over the interval of the product of the signed distances
-    from all samples of its stencil, shape (N - 1,). The stencil is the run of `stencil_size` samples through which
-    the interval's polynomial passes; `stencil_starts` are the indices of the first samples.
+    """Return for each interval the integral of the product of the signed distances from all samples of its stencil,
+    the samples through which its polynomial passes.
     """
     h = np.diff(t)
-    times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _GAUSS_LEGENDRE_NODES_AND_WEIGHTS_FROM_MINUS_1_TO_1[0])
+    times = t[:-1, None] + h[:, None] * (0.5 + 0.5 * _NODES)
     product = np.ones_like(times)
     for j in range(stencil_size):
         product *= times - t[stencil_starts + j][:, None]
-    return np.asarray(0.5 * h * (product @ _GAUSS_LEGENDRE_NODES_AND_WEIGHTS_FROM_MINUS_1_TO_1[1]))
+    return np.asarray(0.5 * h * (product @ _WEIGHTS))
 
 
 def _highest_differences(
     differences: list[Array], stencil_starts: NDArray[np.intp], stencil_size: int
 ) -> tuple[Array, Array]:
-    """Return two arrays (stencils, columns): for each stencil the mean of two divided differences, and the larger of
-    the two. One is over the stencil and the next sample on its left, the other over the stencil and the next sample
-    on its right. A stencil is a run of `stencil_size` samples from an index in `stencil_starts`. `differences` is the
-    list of the divided differences of each order.
-
-    Where there are no more samples, the differences of lower order are extrapolated.
+    """Return for each stencil the mean and the larger of two divided differences: over the stencil and the next
+    sample on its left, and on its right; (stencils, columns). `differences` are those of each order. Where there are
+    no more samples, the differences of lower order are extrapolated.
     """
     if len(differences) > stencil_size:
         rows = differences[stencil_size]
@@ -135,10 +123,9 @@ def _highest_differences(
 
 
 def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: Array) -> Array:
-    """Return the sizes of kinks in intervals of lengths h, shape (intervals, columns), multiplied by h and by the
-    `order`-th power of `stencil_length` [s]. A kink shows as an outlier of the divided differences of `order`; a jump
-    is a kink of order 1. The size is reduced if the differences grow too little from order to order. `differences` is
-    the list of the divided differences of each order.
+    """Return the sizes of kinks in intervals of lengths h, times h and the `order`-th power of `stencil_length` [s];
+    (intervals, columns). A kink shows as an outlier of the divided differences of `order`; a jump is a kink of order
+    1. The size is reduced where the differences grow too little from order to order.
     """
     outliers = math.factorial(order) * _subtract_local_median(differences[order])[_centred_indices(order, h)]
     low = _neighbourhood_max(row_norms(outliers), 2) * stencil_length**order
@@ -146,13 +133,13 @@ def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: 
         math.factorial(k)
         * _neighbourhood_max(row_norms(differences[k])[_centred_indices(k, h)], radius)
         * stencil_length**k
-        for k, radius in ((INTERPOLATION_POINT_COUNT - 2, 2), (INTERPOLATION_POINT_COUNT, 1))
+        for k, radius in ((POINTS - 2, 2), (POINTS, 1))
     )
     # Differences at a kink grow by these factors from order to order: from the one that stands out to the sixth, and
     # from the fourth to the sixth; within two intervals of an end by 1.3, since fewer of them reach across. Less
     # growth reduces the weight by a high power; a vibration of six samples a period has growth 1.
     weight = np.ones(len(h))
-    for lower, rise, growth in ((low, INTERPOLATION_POINT_COUNT - order, 1.4), (middle, 2, 1.65)):
+    for lower, rise, growth in ((low, POINTS - order, 1.4), (middle, 2, 1.65)):
         observed = (high / np.where(lower > 0, lower, np.inf)) ** (1 / rise)
         required = np.full(len(h), growth)
         required[:2] = required[-2:] = 1.3
@@ -161,16 +148,12 @@ def _kink_sizes(differences: list[Array], order: int, h: Array, stencil_length: 
 
 
 def _centred_indices(order: int, h: Array) -> NDArray[np.intp]:
-    """Return for each interval the index of the divided difference of the given order that is centred on the
-    interval, or of the nearest one, as an integer array. `h` are the lengths of the intervals.
-    """
+    """Return for each interval the index of the divided difference nearest to it."""
     return np.clip(np.arange(len(h)) - order // 2, 0, len(h) - order)
 
 
 def _subtract_local_median(rows: Array) -> Array:
-    """Return an array (N, columns) in which the median of the five nearest rows is subtracted from each row, unless
-    these five are spread widely.
-    """
+    """Return rows less the median of the five nearest, unless these five are spread widely."""
     neighbours = list(
         np.moveaxis(sliding_window_view(np.pad(rows, ((2, 2), (0, 0)), mode="reflect"), 5, axis=0), -1, 0)
     )
@@ -180,7 +163,6 @@ def _subtract_local_median(rows: Array) -> Array:
 
 
 def _median_of_five(arrays: list[Array]) -> Array:
-    """Return the median of five arrays, element by element."""
     a, b, c, d, e = arrays
     low = np.maximum(np.minimum(a, b), np.minimum(d, e))
     high = np.minimum(np.maximum(a, b), np.maximum(d, e))

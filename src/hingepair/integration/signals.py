@@ -1,7 +1,7 @@
 """Signals, rates as functions of time: a constant, a callable, or samples at the instants; and positions of body 1.
 
-Samples are interpolated by the polynomial of degree 5 through the six nearest (through all, where there are fewer),
-which keeps order 6 of an integral over them.
+A signal may hold many motions, on leading axes. Samples are interpolated by the polynomial of degree 5 through the
+six nearest (through all, where there are fewer), which keeps order 6 of an integral over them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import functools
 import itertools
 import math
 import operator
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -23,101 +23,120 @@ from hingepair.errors import ArgumentError, HingePairError, ShapeError
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 
-INTERPOLATION_POINT_COUNT: Final = 6
-"""Samples that an interpolating polynomial goes through; its degree is one less."""
-
-_R1_TUPLE_PART_NAMES = ("R1", "v1", "a1")  # of the parts of a tuple that is given as R1
+POINTS: Final = 6  # samples that an interpolating polynomial goes through
+_R1_PARTS = ("R1", "v1", "a1")
 
 
 class ConstantSignal:
-    """Signal that has one value at every time, for one motion or for each of many motions. `values_at` and
-    `values_at_nodes` return it as arrays.
-    """
-
-    motions: tuple[int, ...]  # leading shape of the motions; () for one
+    """A value that holds at every time: (*motions, ...)."""
 
     def __init__(self, value: Array, motions: tuple[int, ...] = ()) -> None:
         self.value = value
         self.motions = motions
 
+    def __getitem__(self, index: Any) -> ConstantSignal:
+        value = self.value[index]
+        return ConstantSignal(value, value.shape[: value.ndim - self.value.ndim + len(self.motions)])
+
+    def flattened(self, motions: tuple[int, ...]) -> ConstantSignal:
+        """Return the signal with one axis of motions, to which it is broadcast."""
+        tail = self.value.shape[len(self.motions) :]
+        value = np.broadcast_to(self.value, (*motions, *tail)).reshape(-1, *tail)
+        return ConstantSignal(value, value.shape[:1])
+
+    def first_bad(self) -> tuple[tuple[int, ...], str] | None:
+        """Return the index of the first motion with a number that is not finite, and that value; None if all are."""
+        bad = _first_not_finite(self.value)
+        motion = () if bad is None else bad[: len(self.motions)]
+        return None if bad is None else (motion, f"{self.value[motion]}")
+
     def values_at(self, times: Array) -> Array:
-        """Return the constant value at times of any shape, as a read-only array (*times.shape, ...)."""
-        return np.broadcast_to(self.value, times.shape + self.value.shape)
+        """Return the value at times (N,); (*motions, N, ...)."""
+        count = len(self.motions)
+        value = np.expand_dims(self.value, count)
+        return np.broadcast_to(value, (*self.motions, len(times), *value.shape[count + 1 :]))
 
     def values_at_nodes(self, start: Array, _: Array, nodes: tuple[float, ...]) -> Array:
-        """Return the value, repeated for the nodes of steps; shape (steps, nodes, ...), of many motions (*motions,
-        steps, nodes, ...). `start` gives only the number of the steps; their lengths, the second argument, are not
-        used.
-        """
-        motions, value_shape = self.motions, self.value.shape[len(self.motions) :]
-        value = self.value.reshape(*motions, 1, 1, *value_shape)
-        return np.broadcast_to(value, (*motions, len(start), len(nodes), *value_shape))
+        """Return the value at the nodes of steps; (*motions, steps, nodes, ...)."""
+        count = len(self.motions)
+        value = np.expand_dims(self.value, (count, count + 1))
+        return np.broadcast_to(value, (*self.motions, len(start), len(nodes), *value.shape[count + 2 :]))
 
 
 class CallableSignal:
-    """Signal whose values a callable of an array of times computes, called by `values_at` and `values_at_nodes`;
-    `name` is the name of the argument in errors.
-    """
+    """A signal that a user's function of an array of times computes, one for all motions."""
 
     motions: tuple[int, ...] = ()
 
     def __init__(self, name: str, function: Callable[[Array], Any], value_shape: tuple[int, ...]) -> None:
-        self.name = name
+        self.name = name  # of the argument, for errors
         self.function = function
         self.value_shape = value_shape
 
+    def first_bad(self) -> None:
+        """Return None: values are checked where they are computed."""
+
     def values_at(self, times: Array) -> Array:
-        """Return the callable's values at times of any shape; the callable gets the times as an array (n,). Raise an
-        ArgumentError if the callable fails, if a value is not finite, or if there is neither one value for each time
-        nor one for all times.
+        """Return the values at times of any shape; (*times.shape, ...).
 
         Raises:
-            ShapeError, DtypeError: the callable does not return one value for each time.
-            ArgumentError: a value is not finite; names the first time.
+            ShapeError, DtypeError: the function does not return one value for each time, or one for all.
+            ArgumentError: the function fails, or a value is not finite.
         """
-        row = pad_ambiguous_times(np.ravel(times), self.value_shape)
-        values = real_array(f"{self.name}(t)", call_with_times(self.name, self.function, row))
+        row = _pad_ambiguous_times(np.ravel(times), self.value_shape)
+        values = real_array(f"{self.name}(t)", _call_with_times(self.name, self.function, row))
         expected = row.shape + self.value_shape
         if values.shape not in {expected, self.value_shape}:
             got = f"shape {values.shape}"
             raise ShapeError(f"{self.name}(t)", f"shape {expected} for t of shape {row.shape}", got)
         values = np.broadcast_to(values, expected)[: np.size(times)].astype(np.float64, copy=False)
-        if not np.isfinite(values).all():
-            first = _first_not_finite(values)
-            raise ArgumentError(f"{self.name}(t)", "finite numbers", f"{values[first]} at t = {float(row[first])!r}")
+        bad = _first_not_finite(values)
+        if bad is not None:
+            got = f"{values[bad[0]]} at t = {float(row[bad[0]])!r}"
+            raise ArgumentError(f"{self.name}(t)", "finite numbers", got)
         return values.reshape(times.shape + self.value_shape)
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
-        """Return the callable's values at the nodes of steps, the times start + node h; shape (steps, nodes, ...)."""
+        """Return the values at the times start + node h; (steps, nodes, ...)."""
         return self.values_at(start[:, None] + h[:, None] * np.array(nodes))
 
 
 class SampledSignal:
-    """Signal of samples (N,) or (N, k) of one or of many motions at their instants. `values_at` returns the samples,
-    and `values_at_nodes` values that are interpolated by polynomials through the nearest samples.
-
-    Only differences of neighbouring instants enter, so that stamps since 1970 are not rounded again.
+    """Samples at instants: (*motions, N) or (*motions, N, k). Only differences of neighbouring instants enter, so
+    that stamps since 1970 are not rounded again.
     """
-
-    motions: tuple[int, ...]  # leading shape of the motions, whose values are (..., N) or (..., N, k); () for one
 
     def __init__(self, t: Array, values: Array, execution: Execution, motions: tuple[int, ...] = ()) -> None:
         self.t = t
         self.values = values
         self.execution = execution
         self.motions = motions
-        self._columns = values.reshape(*motions, len(t), -1)
 
-    def values_at(self, _: Array) -> Array:
-        """Return all samples, at their own instants; the times are not used."""
-        return self.values
+    def __getitem__(self, index: Any) -> SampledSignal:
+        values = self.values[index]
+        motions = values.shape[: values.ndim - self.values.ndim + len(self.motions)]
+        return SampledSignal(self.t, values, self.execution, motions)
+
+    def flattened(self, motions: tuple[int, ...]) -> SampledSignal:
+        """Return the signal with one axis of motions, to which it is broadcast."""
+        tail = self.values.shape[len(self.motions) :]
+        values = np.broadcast_to(self.values, (*motions, *tail)).reshape(-1, *tail)
+        return SampledSignal(self.t, values, self.execution, values.shape[:1])
+
+    def first_bad(self) -> tuple[tuple[int, ...], str] | None:
+        """Return the index of the first motion with a number that is not finite, and that sample; None if all are."""
+        bad, count = _first_not_finite(self.values), len(self.motions)
+        return None if bad is None else (bad[:count], f"{self.values[bad[: count + 1]]} at index {bad[count]}")
+
+    def values_at(self, times: Array) -> Array:
+        """Return the samples at `times`, the first of the signal's instants; (*motions, N, ...)."""
+        return self.values[(slice(None),) * len(self.motions) + (slice(len(times)),)]
 
     def values_at_nodes(self, start: Array, h: Array, nodes: tuple[float, ...]) -> Array:
-        """Return interpolated values at the nodes of steps; shape (steps, nodes, ...). The steps begin at `start` and
-        have the lengths h [s]; `nodes` are fractions of the lengths. No step may extend beyond the two samples around
-        its start.
+        """Return interpolated values at the nodes of steps; (*motions, steps, nodes, ...). No step may extend beyond
+        the two samples around its start.
         """
-        count = min(INTERPOLATION_POINT_COUNT, len(self.t))
+        count = min(POINTS, len(self.t))
         first = int(np.searchsorted(self.t, start[0]))
         if np.array_equal(self.t[first : first + len(start)], start):
             interval = np.arange(first, first + len(start))
@@ -125,23 +144,20 @@ class SampledSignal:
             interval = np.searchsorted(self.t, start, side="right") - 1
         lowest = np.clip(interval - (count // 2 - 1), 0, len(self.t) - count)
         offsets = np.multiply.outer(nodes, h).T  # by columns, so that eight steps lie side by side in memory
-        motions, column_count = self.motions, self._columns.shape[-1]
-        values = np.empty((*motions, *offsets.shape, column_count))
-        loop = interpolation_loop(count, len(nodes), column_count)
-        t, columns = sliding_window_view(self.t, count), sliding_window_view(self._columns, count, axis=-2)
+        motions, columns = self.motions, self.values.reshape(*self.motions, len(self.t), -1)
+        values = np.empty((*motions, *offsets.shape, columns.shape[-1]))
+        loop = interpolation_loop(count, len(nodes), columns.shape[-1])
+        t, near = sliding_window_view(self.t, count), sliding_window_view(columns, count, axis=-2)
         for steps, rows in _runs_of_consecutive_steps(lowest):
             x = (t[rows].T - start[steps]).T
-            arguments = {"x": x, "values": columns[..., rows, :, :], "offsets": offsets[steps]}
+            arguments = {"x": x, "values": near[..., rows, :, :], "offsets": offsets[steps]}
             out = {"values": values[..., steps, :, :]}
             loop.run(arguments, out, (*motions, len(x)), values.dtype, self.execution)
         return values.reshape(*motions, *offsets.shape, *self.values.shape[len(motions) + 1 :])
 
 
 def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
-    """Yield a pair of slices for each run of steps whose first samples are consecutive: the slice of the steps and
-    the slice of their first samples. `first_samples` holds the index of the first sample of each step. If there are
-    more than 8 runs, yield one pair instead, the slice of all steps and the array `first_samples`.
-    """
+    """Yield the steps whose first samples are consecutive, and these samples."""
     stops = np.flatnonzero(np.diff(first_samples, append=-1) != 1) + 1
     if len(stops) > 8:  # each slice takes a kernel call; more runs share one call
         yield slice(None), first_samples
@@ -153,100 +169,43 @@ def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tupl
 Signal: TypeAlias = ConstantSignal | CallableSignal | SampledSignal
 
 
-def read_signals(
-    name: str, value: Any, t: Array, value_shape: tuple[int, ...], execution: Execution
-) -> NDArray[np.object_]:
-    """Return a rate as an array of signals, one for each motion; the array has the motions' shape, () for one.
-    `value` is the rate as the user gives it, a callable of t, a constant of shape `value_shape`, or samples at the
-    instants t. Raise an ArgumentError that names the argument `name` if the rate is of another kind or shape.
-
-    The rate of many motions is an array (..., N, *value_shape), or (..., 1, *value_shape) where the rate of each
-    motion is constant.
-
-    Raises:
-        ShapeError, DtypeError, ArgumentError: the value is none of these. Whether numbers are finite is not checked.
+def read_signal(name: str, value: Any, t: Array, value_shape: tuple[int, ...], execution: Execution) -> Signal:
+    """Return a rate as a signal. `value` is a callable of t, a constant of shape `value_shape`, samples (..., N,
+    *value_shape), or (..., 1, *value_shape) where the rate of each motion is constant. Whether numbers are finite is
+    not checked.
     """
     if value is None:
         raise ArgumentError(name, "a callable, a constant, or samples at t", None)
     if callable(value):
-        return object_array((), [CallableSignal(name, value, value_shape)])
+        return CallableSignal(name, value, value_shape)
     array = real_array(name, value).astype(np.float64)
-    motions_shape, instant_count = _split_shape(array.shape, value_shape)
-    is_constant = array.shape == value_shape
+    motions, instant_count = _split_shape(array.shape, value_shape)
     if instant_count not in {1, len(t)} or array.shape[array.ndim - len(value_shape) :] != value_shape:
         samples = ", ".join(map(str, ("...", len(t), *value_shape)))
         expected = f"a callable, a constant of shape {value_shape}, or samples of shape ({samples})"
         raise ShapeError(name, expected, f"shape {array.shape}")
-    rows = array.reshape(*motions_shape, instant_count, *value_shape)
-    are_constant = is_constant or instant_count < len(t)
-    signals = [
-        ConstantSignal(rows[index][0]) if are_constant else SampledSignal(t, rows[index], execution)
-        for index in np.ndindex(motions_shape)
-    ]
-    return object_array(motions_shape, signals)
-
-
-def check_finite_values(name: str, signal: Signal) -> None:
-    """Raise an ArgumentError if the constant or a sample of one motion's Signal is not finite. The error names the
-    argument `name` and the index of the first such sample. A callable is not checked.
-    """
-    if isinstance(signal, ConstantSignal) and not np.isfinite(signal.value).all():
-        raise ArgumentError(name, "finite numbers", f"{signal.value}")
-    if isinstance(signal, SampledSignal) and not np.isfinite(signal.values).all():
-        first = _first_not_finite(signal.values)
-        raise ArgumentError(name, "finite numbers", f"{signal.values[first]} at index {first}")
+    if array.shape == value_shape or instant_count < len(t):
+        return ConstantSignal(array.reshape((*motions, *value_shape)), motions)
+    return SampledSignal(t, array, execution, motions)
 
 
 def _split_shape(shape: tuple[int, ...], value_shape: tuple[int, ...]) -> tuple[tuple[int, ...], int]:
-    """Return a pair: the leading shape of the motions, and the number of instants. `shape` is the shape of an array
-    of samples, (..., N, *value_shape), or of a single value, value_shape. A single value counts as one instant of one
-    motion.
+    """Return the leading shape of the motions and the number of instants of an array (..., N, *value_shape). A single
+    value counts as one instant of one motion.
     """
     leading = shape[: len(shape) - len(value_shape)]
     return leading[:-1], leading[-1] if leading else 1
 
 
-def object_array(shape: tuple[int, ...], values: Sequence[Any]) -> NDArray[np.object_]:
-    """Return an array of objects with the given shape, filled with values in C order."""
-    array = np.empty(len(values), object)
-    array[:] = values
-    return array.reshape(shape)
-
-
-def stack_signals(signals: Sequence[Signal]) -> Signal:
-    """Return one signal that has the values of M signals of one kind, constants or samples, for M motions. If all are
-    the same object, return that signal.
-    """
-    first = signals[0]
-    if all(signal is first for signal in signals):
-        return first
-    if isinstance(first, SampledSignal):
-        values = np.stack([signal.values for signal in signals if isinstance(signal, SampledSignal)])
-        return SampledSignal(first.t, values, first.execution, (len(signals),))
-    return ConstantSignal(np.stack([s.value for s in signals if isinstance(s, ConstantSignal)]), (len(signals),))
-
-
-def values_at(signals: NDArray[np.object_], t: Array, value_shape: tuple[int, ...]) -> Array:
-    """Return the values of the signals of all motions at their instants t; shape (..., N, *value_shape). `signals` is
-    an array of Signal objects, one for each motion.
-    """
-    rows = [signal.values_at(t) for signal in signals.ravel()]
-    return rows[0] if signals.shape == () else np.array(rows).reshape(*signals.shape, len(t), *value_shape)
-
-
-def pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
-    """Return times (n,), with the last one repeated if `value_shape` is (n,) too. An array (n, n) of values, whose
-    axes cannot be told apart, can then not occur.
-
-    For n = 3 times, an array of vectors by rows, (n, 3), cannot be distinguished from one by columns, (3, n).
+def _pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
+    """Return times (n,), with the last one repeated if `value_shape` is (n,) too: of 3 times, vectors by rows (n, 3)
+    could not be told from vectors by columns (3, n).
     """
     return np.append(times, times[-1]) if times.shape == value_shape else times
 
 
-def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -> Any:
-    """Call a user's function with a copy of the times (n,), and return what it returns. Raise an ArgumentError that
-    names the argument `name` if the function fails with a TypeError or a ValueError.
-    """
+def _call_with_times(name: str, function: Callable[[Array], Any], times: Array) -> Any:
+    """Call a user's function with a copy of the times (n,)."""
     try:
         return function(times.copy())
     except HingePairError:
@@ -259,28 +218,20 @@ def call_with_times(name: str, function: Callable[[Array], Any], times: Array) -
 
 
 def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, NDArray[Any]]:
-    """Return a dict of the array R1 and, if they are known, the arrays v1 and a1, each of shape (dimension,), (...,
-    1, dimension) or (..., N, dimension). `R1` is the argument of the user: points, a tuple (R1, v1) or (R1, v1, a1),
-    or a callable of t. A point at rest has zeros as v1 and a1. Raise an ArgumentError if R1 is of another kind or
-    shape.
-
-    R1 is one point, which stays where it is, of many motions (..., 1, dimension); a point for each instant, (...,
-    N, dimension); a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns one of these.
-
-    Raises:
-        ShapeError, DtypeError, ArgumentError: R1 is none of these.
+    """Return the arrays R1 and, as far as they are known, v1 and a1, each of shape (dimension,), (..., 1, dimension)
+    or (..., N, dimension). `R1` is a point, which is at rest; points (..., 1, dimension) at rest; points for each
+    instant; a tuple (R1, v1) or (R1, v1, a1); or a callable of t that returns one of these.
     """
     name, times = "R1", t
     if callable(R1):
-        times = np.append(
-            t, [t[-1]] * (len(_R1_TUPLE_PART_NAMES) + 1 - len(t))
-        )  # more instants than a tuple has parts or a point has coordinates
-        name, R1 = "R1(t)", call_with_times("R1", R1, times)
-    if isinstance(R1, tuple) and len(R1) <= len(_R1_TUPLE_PART_NAMES) and len(R1) and np.ndim(R1[0]) > 0:
+        # More instants than a tuple has parts or a point has coordinates.
+        times = np.append(t, [t[-1]] * (len(_R1_PARTS) + 1 - len(t)))
+        name, R1 = "R1(t)", _call_with_times("R1", R1, times)
+    if isinstance(R1, tuple) and len(R1) <= len(_R1_PARTS) and len(R1) and np.ndim(R1[0]) > 0:
         if len(R1) == len(times) > 1 and all(np.ndim(part) == 1 for part in R1):
             expected = f"an array of shape {(len(t), dimension)}, or (R1, v1) with R1 of that shape"
             raise ArgumentError(name, expected, f"a tuple of {len(t)} points, which could be either")
-        names = _R1_TUPLE_PART_NAMES[: len(R1)]
+        names = _R1_PARTS[: len(R1)]
         return {part: _read_points(f"{name}[{i}]", R1[i], t, times, dimension) for i, part in enumerate(names)}
     if R1 is None:
         raise ArgumentError(name, "a point, points, or (R1, v1, a1)", None)
@@ -291,10 +242,7 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
 
 
 def _read_points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], dimension: int) -> NDArray[Any]:
-    """Return points as an array, (dimension,) or (..., 1, dimension) for points at rest, otherwise (..., N,
-    dimension) at the N instants t. `value` must have one point, or one for each of `times`, which begin with the
-    instants; the further points are dropped. Raise a ShapeError that names the argument `name` for another shape.
-    """
+    """Return points as an array; of a point for each of `times`, those at the instants t, with which they begin."""
     points = real_array(name, value)
     if points.shape[-1:] != (dimension,) or _split_shape(points.shape, (dimension,))[1] not in {1, len(times)}:
         expected = f"shape ({dimension},) or (..., {len(times)}, {dimension})"
@@ -302,25 +250,21 @@ def _read_points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], di
     return points if points.ndim == 1 else points[..., : len(t), :]
 
 
-def _first_not_finite(values: Array) -> int:
-    """Return the index of the first row that holds a value that is not finite."""
+def _first_not_finite(values: Array) -> tuple[int, ...] | None:
     bad = ~np.isfinite(values)
-    return int(np.argmax(bad.reshape(len(values), -1).any(axis=1)))
+    return tuple(int(i) for i in np.unravel_index(np.argmax(bad), bad.shape)) if bad.any() else None
 
 
 @functools.cache
 def interpolation_loop(sample_count: int, node_count: int, column_count: int) -> Loop:
-    """Return the cached `Loop` that evaluates interpolating polynomials at `node_count` nodes of each step. The
-    polynomials of a step go through `sample_count` samples of `column_count` columns.
+    """Return the `Loop` that evaluates the polynomial through the samples of each step at its nodes. All its times
+    are relative to the start of the step.
     """
 
     def interpolate(v: dict[str, Any]) -> dict[str, Any]:
-        """Return the interpolated values at the nodes of one step as {"values": ...}. `v` is a dict of the times x
-        and the values of the samples, and the times `offsets` of the nodes; all times are relative to the start of
-        the step.
-        """
         x = v["x"]
         samples = [v["values"][sample_count * k : sample_count * (k + 1)] for k in range(column_count)]
+        # Lagrange's weights: products of distances without one of them.
         scales = [1 / math.prod(one - other for i, other in enumerate(x) if i != j) for j, one in enumerate(x)]
         values = []
         for node in v["offsets"]:

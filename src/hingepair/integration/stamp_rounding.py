@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -20,52 +19,44 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
 from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
 
-_SAMPLES_PER_ROUGHNESS_WINDOW: Final = 11
-"""Samples whose highest divided difference measures roughness; that of a smooth motion is negligible."""
-
-_MAX_ROUGHNESS_WINDOW_COUNT = 2048  # windows of samples that are measured, spread over the time
-_MAX_DECIMALS_OF_STAMP_GRID = 9  # decimal places of seconds that are tried as a grid
-_GRID_ROUNDING_STD_IN_SPACINGS = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in spacings
+_WINDOW = 11  # samples whose highest divided difference measures roughness; that of a smooth motion is negligible
+_UNIFORM_STD = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in its spacings
 
 
 def stamp_deviations(signals: Sequence[SampledSignal]) -> Array:
-    """Return an estimate of the standard deviations of time stamps from the true instants [s], shape (N,). `signals`
-    are SampledSignals with these stamps; the roughness of their values shows the deviations.
+    """Return an estimate of the standard deviations of the signals' time stamps from the true instants [s]; (N,).
 
-    The estimates are those of rounding to a grid that all stamps lie on (doubles, single floats, decimals), times the
+    They are those of rounding to a grid that all stamps lie on (doubles, single floats, decimals), times the
     roughness of the values relative to what this rounding would cause; of the grid where they are largest, and of the
-    smoothest signal, since another may be noisy itself. Samples too few to measure count as rounded to doubles.
+    smoothest signal, since another may be noisy itself.
     """
     t = signals[0].t
-    if len(t) <= _SAMPLES_PER_ROUGHNESS_WINDOW:
-        return _GRID_ROUNDING_STD_IN_SPACINGS * np.spacing(np.abs(t))
+    if len(t) <= _WINDOW:  # too few to measure: doubles
+        return _UNIFORM_STD * np.spacing(np.abs(t))
     deviations = np.zeros(len(t))
     for grid in stamp_grids(t):
         parts = [
             part
-            for part in (_relative_roughness(signal, _GRID_ROUNDING_STD_IN_SPACINGS * grid) for signal in signals)
+            for part in (_relative_roughness(signal, _UNIFORM_STD * grid) for signal in signals)
             if part is not None
         ]
-        deviations = np.maximum(deviations, min(parts, default=0.0) * _GRID_ROUNDING_STD_IN_SPACINGS * grid)
+        deviations = np.maximum(deviations, min(parts, default=0.0) * _UNIFORM_STD * grid)
     return deviations
 
 
 def stamp_error(samples: SampledSignal, deviations: Array) -> float:
-    """Return an estimate of the error [rad] of an integral over the SampledSignal `samples` that the standard
-    deviations (N,) of the time stamps [s] cause, a float.
-
-    Where the stamp of an instant has an error, the integral has an error of the rate times it; the changes of the
-    rate times the errors of the stamps before add a random walk.
+    """Return an estimate of the error [rad] of an integral over samples whose stamps have these standard deviations
+    (N,) [s].
     """
     columns = samples.values.reshape(len(samples.t), -1)
+    # The rate times the error of the stamp, and a random walk of the changes of the rate times those before.
     walk = row_norms(np.diff(columns, axis=0)) * deviations[1:]
     return 2 * float((row_norms(columns) * deviations).max()) + math.sqrt(float((walk**2).sum()))
 
 
 def stamp_grids(t: Array) -> list[Array]:
-    """Return a list of the grids that all time stamps lie on, each as an array (N,) of the spacings of the grid at
-    the stamps [s]. The grid of doubles is always the first one; the grids of single floats and of decimals follow if
-    they fit.
+    """Return the spacings (N,) at the stamps of every grid that all of them lie on [s]: doubles, then single floats
+    and decimals if they fit.
 
     >>> [float(grid[0]) for grid in stamp_grids(np.array([0.013, 0.031]))]
     [1.734723475976807e-18, 0.001]
@@ -77,7 +68,7 @@ def stamp_grids(t: Array) -> list[Array]:
         singles = size.astype(np.float32)
     if (singles == size).all():
         grids.append(np.spacing(singles).astype(np.float64))
-    for unit in 10.0 ** np.arange(_MAX_DECIMALS_OF_STAMP_GRID + 1):
+    for unit in 10.0 ** np.arange(10):
         # That all stamps lie on a grid is no accident if it is much coarser than the grid of doubles.
         if 1 / unit > 8.0 * doubles.max() and (np.abs(np.round(size * unit) / unit - size) <= doubles).all():
             grids.append(np.full(len(t), 1 / unit))
@@ -86,22 +77,19 @@ def stamp_grids(t: Array) -> list[Array]:
 
 
 def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | None:
-    """Return the ratio, at most 1, of the roughness of a signal's samples to the roughness that standard deviations
-    of the stamps, `deviations` (N,) [s], would cause. Return None if it cannot be measured, for example because the
-    stamps are evenly spaced.
+    """Return the ratio, at most 1, of the roughness of a signal to that which `deviations` of its stamps [s] would
+    cause; None if it cannot be measured, as of evenly spaced stamps.
     """
     t, columns = signal.t, signal.values.reshape(len(signal.t), -1)
-    window_starts = np.unique(
-        np.linspace(0, len(t) - _SAMPLES_PER_ROUGHNESS_WINDOW, _MAX_ROUGHNESS_WINDOW_COUNT).astype(np.intp)
-    )
-    windows = window_starts[:, None] + np.arange(_SAMPLES_PER_ROUGHNESS_WINDOW)
+    window_starts = np.unique(np.linspace(0, len(t) - _WINDOW, 2048).astype(np.intp))
+    windows = window_starts[:, None] + np.arange(_WINDOW)
     steps = np.diff(t[windows], axis=1)
     uneven = np.ptp(steps, axis=1) > deviations[windows].max(axis=1)
     if not uneven.any():
         return None
     windows = windows[uneven]
     x = (t[windows] - t[windows[:, :1]]) / (t[windows[:, -1:]] - t[windows[:, :1]])
-    weights = 1 / (x[:, :, None] - x[:, None, :] + np.eye(_SAMPLES_PER_ROUGHNESS_WINDOW)).prod(axis=2)
+    weights = 1 / (x[:, :, None] - x[:, None, :] + np.eye(_WINDOW)).prod(axis=2)
     roughness = (np.einsum("wi,wik->wk", weights, columns[windows]) ** 2).sum(axis=1)
     slopes = np.asarray(np.gradient(columns, t, axis=0))
     stamp_noise = row_norms(slopes) * deviations

@@ -12,7 +12,7 @@ are added up with their signs over the steps so far, and the target of the sum o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -21,45 +21,32 @@ from numpy.typing import NDArray
 
 from hingepair.integration.error_estimate import (
     StepErrors,
-    StepSample,
-    accumulate_errors,
-    choose_step_sample,
     concatenate_errors,
-    count_equal_steps,
-    measure_step_errors,
+    equal_step_counts,
+    largest_sum,
+    measure_errors,
     rounding_error,
 )
 from hingepair.integration.integrals import Integral
 from hingepair.integration.stepping import Steps, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 
-MAX_SELECTED_STEP_COUNT: Final = 2_000_000
-"""Number of steps up to which steps are divided for a tolerance; more errors remain in the error estimate."""
-
-_MAX_DIVISION_ROUNDS = 64  # divisions of all pieces, at most
+MAX_STEPS: Final = 2_000_000  # up to which steps are divided; more errors remain in the error estimate
+_IRREGULAR_PARTS = 4  # of a piece whose error did not fall by the rule's order
 
 
 class SelectedSteps(NamedTuple):
-    """Selected integration steps (`steps`), and a mapping from each integral to a pair of a StepSample of the steps
-    and the StepErrors measured on it (`measured_errors`). The mapping is empty if no errors were measured, as without
-    a tolerance.
-    """
+    """Selected integration steps, and the errors of each integral over them, as far as they were measured."""
 
     steps: Steps
-    # By integral; empty if none were measured.
-    measured_errors: Mapping[Integral, tuple[StepSample, StepErrors]] = MappingProxyType({})
+    errors: Mapping[Integral, StepErrors] = MappingProxyType({})
 
 
 class _Pieces(NamedTuple):
-    """Pieces of time into which the measured intervals are divided so far. Arrays give for each piece the index of
-    its interval, its start and stop [s], the size of its error [rad], whether it is part of a longer measured piece
-    (`is_refined`), and whether its error fell by the rule's order (`is_regular`). `errors` holds StepErrors by
-    integral.
-    """
+    """Pieces of time into which the intervals are divided so far."""
 
-    interval: NDArray[np.intp]  # index of the measured interval that each is part of
-    start: Array  # of each [s]
-    stop: Array  # of each [s]
+    start: Array  # [s]
+    stop: Array  # [s]
     sizes: Array  # of the errors of the integral where they are largest [rad]
     is_refined: NDArray[np.bool_]  # whether the piece is part of a longer one whose error was measured before
     is_regular: NDArray[np.bool_]  # whether its error fell by the rule's order when it was divided
@@ -67,191 +54,138 @@ class _Pieces(NamedTuple):
 
     @property
     def cautious_sizes(self) -> Array:
-        """Sizes of the errors [rad] as an array. A size is multiplied by 10 if the error did not fall by the rule's
-        order, since it may be small by chance.
-        """
+        """Sizes of the errors [rad], tenfold where they may be small by chance, since they are not regular."""
         return np.where(self.is_regular, self.sizes, 10.0 * self.sizes)
 
-    def select(self, selection: NDArray[Any]) -> _Pieces:
-        """Return some of the pieces as `_Pieces`; `selection` is an array of indices or a mask."""
-        interval, start, stop, sizes, refined, regular = (column[selection] for column in self[:-1])
-        errors = tuple(errors.select(selection) for errors in self.errors)
-        return _Pieces(interval, start, stop, sizes, refined, regular, errors)
+    @property
+    def divisible_sizes(self) -> Array:
+        """Cautious sizes [rad], 0 of pieces too short to divide."""
+        shortest = 16 * np.spacing(np.maximum(np.abs(self.start), np.abs(self.stop)))
+        return np.where(self.stop - self.start > shortest, self.cautious_sizes, 0.0)
 
+    def select(self, which: NDArray[Any]) -> _Pieces:
+        """Return some of the pieces."""
+        start, stop, sizes, is_refined, is_regular = (column[which] for column in self[:-1])
+        errors = tuple(one.select(which) for one in self.errors)
+        return _Pieces(start, stop, sizes, is_refined, is_regular, errors)
 
-def _merge_pieces(first: _Pieces, second: _Pieces) -> _Pieces:
-    """Return two groups of pieces, `first` and `second`, as one `_Pieces` in the order of time."""
-    columns = zip(first[:-1], second[:-1], strict=True)
-    interval, start, stop, sizes, refined, regular = (np.concatenate(pair) for pair in columns)
-    errors = tuple(concatenate_errors(pair) for pair in zip(first.errors, second.errors, strict=True))
-    return _Pieces(interval, start, stop, sizes, refined, regular, errors).select(np.argsort(start))
+    def merged(self, other: _Pieces) -> _Pieces:
+        """Return the pieces of both in the order of time."""
+        columns = (np.concatenate(pair) for pair in zip(self[:-1], other[:-1], strict=True))
+        start, stop, sizes, is_refined, is_regular = columns
+        errors = tuple(concatenate_errors(pair) for pair in zip(self.errors, other.errors, strict=True))
+        return _Pieces(start, stop, sizes, is_refined, is_regular, errors).select(np.argsort(start))
 
 
 @np.errstate(all="ignore")
 def select_steps(integrals: Sequence[Integral], t: Array, tol: float | None) -> SelectedSteps:
     """Select integration steps between the instants t that keep the error of each integral below `tol` [rad], as far
-    as at most MAX_SELECTED_STEP_COUNT steps can; return `SelectedSteps`. Errors of interpolation between samples do
-    not count. If `tol` is None, each interval is one step.
-
-    All integrals must have the same rule.
+    as MAX_STEPS can. Errors of interpolation between samples do not count. Without a tolerance each interval is one
+    step. All integrals have the same rule.
     """
     inexact = [integral for integral in integrals if not integral.is_exact]
     if tol is None or len(t) < 2 or not inexact:
         return SelectedSteps(Steps(t))
     duration, tol = t[-1] - t[0], max(tol, 1e-15)  # rad; below this tolerance only rounding errors are left
-    step_sample = choose_step_sample(t, inexact[0].rule.order, [integral.rate for integral in inexact])
-    weights = step_sample.error_weights(0)  # ratios of times: errors of pieces are proportional to time
-    start, stop = step_sample.ends
-    intervals, unknown = np.arange(len(start)), np.full(len(start), np.nan)
-    counts = count_equal_steps(stop - start, duration, 16)  # the first steps are at most 1/16 of the whole time
-    pieces = _divide_pieces(inexact, (intervals, start, stop, unknown), counts, duration)
+    # The first steps are at most 1/16 of the whole time.
+    counts = equal_step_counts(np.diff(t), duration, 16)
+    pieces = _divided(inexact, t[:-1], t[1:], np.full(len(t) - 1, np.nan), counts, duration)
     totals, piece_counts = list[float](), list[int]()
-    while len(totals) < _MAX_DIVISION_ROUNDS:
-        piece_weights = weights[pieces.interval]
-        totals.append(float((_divisible_sizes(pieces) * piece_weights).sum()))
-        piece_counts.append(len(pieces.start))
+    for _ in range(64):
         # A sum of errors below 1e-3 rad that stagnates for five rounds is noise of the rate, not truncation.
-        recent_totals = totals[-5:]
-        stagnates = len(recent_totals) == 5 and max(recent_totals) < min(2 * min(recent_totals), 1e-3)
-        if stagnates and piece_counts[-1] > 2 * piece_counts[-5]:
+        totals = [*totals, float(pieces.divisible_sizes.sum())][-5:]
+        piece_counts = [*piece_counts, len(pieces.start)][-5:]
+        stagnates = len(totals) == 5 and max(totals) < min(2 * min(totals), 1e-3)
+        if stagnates and piece_counts[-1] > 2 * piece_counts[0]:
             break
-        counts = _next_part_counts(inexact, step_sample, pieces, piece_weights, tol)
+        counts = _part_counts(inexact, t, pieces, tol)
         divide = counts > 1
         if not divide.any():
             break
-        parts = _divide_pieces(inexact, pieces.select(divide)[:4], counts[divide], duration)
-        pieces = _merge_pieces(pieces.select(~divide), parts)
-    return _assemble_steps(inexact, step_sample, pieces)
+        old = pieces.select(divide)
+        parts = _divided(inexact, old.start, old.stop, old.sizes, counts[divide], duration)
+        pieces = pieces.select(~divide).merged(parts)
+    return SelectedSteps(_steps_of(t, pieces), dict(zip(inexact, pieces.errors, strict=True)))
 
 
-def _next_part_counts(
-    integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces, piece_weights: Array, tol: float
-) -> NDArray[np.int64]:
-    """Return an integer array, the number of equal parts into which each piece of time is divided next; all 1 if the
-    errors of the integrals are small enough for `tol`. `piece_weights` are the numbers of pieces for which each piece
-    stands.
-    """
-    order, sizes = integrals[0].rule.order, _divisible_sizes(pieces)
-    target = 0.4 * tol  # a sum of the sizes of errors that is accepted without adding up the errors
-    regular_sizes = np.where(pieces.is_regular, sizes, 0.0)
-    total, regular = (float((part * piece_weights).sum()) for part in (sizes, regular_sizes))
+def _steps_of(t: Array, pieces: _Pieces) -> Steps:
+    return Steps(t) if len(pieces.start) == len(t) - 1 else Steps(t).refine(pieces.start)
+
+
+def _divided(
+    integrals: Sequence[Integral], start: Array, stop: Array, sizes: Array, counts: NDArray[np.int64], duration: float
+) -> _Pieces:
+    """Divide pieces with errors of `sizes` (NaN: unknown) into `counts` equal parts each, and measure those."""
+    parts = subdivide(start, stop, counts)
+    errors = tuple(measure_errors(integral, parts.start, parts.stop, duration) for integral in integrals)
+    found = np.minimum(np.max([one.sizes for one in errors], axis=0), 1e30)  # also of infinite errors
+    expected = np.repeat(sizes / counts.astype(float) ** integrals[0].rule.order, counts)
+    return _Pieces(parts.start, parts.stop, found, ~np.isnan(expected), found <= expected, errors)
+
+
+def _part_counts(integrals: Sequence[Integral], t: Array, pieces: _Pieces, tol: float) -> NDArray[np.int64]:
+    """Return into how many equal parts each piece is divided next; all 1 if the errors are small enough."""
+    sizes = pieces.divisible_sizes
+    total, regular = float(sizes.sum()), float(sizes[pieces.is_regular].sum())
+    target = 0.4 * tol  # a sum of sizes that is accepted without adding up the errors
+    done = np.ones(len(sizes), np.int64)
     if not total > target:
-        return np.ones(len(sizes), np.int64)
-    # Parts of a piece in one round: fewer where the error did not fall by the rule's order.
-    max_irregular_count = 4
-    max_counts = np.where(pieces.is_regular, 16, max_irregular_count)
-    counts, _ = _part_counts(sizes, piece_weights, max_counts, target, order)
-    is_irregular = pieces.is_refined & ~pieces.is_regular
-    if 0 < regular < 0.1 * total:  # jumps and roots first; their remaining error decides on the others
+        return done
+    order, most = integrals[0].rule.order, np.where(pieces.is_regular, 16, _IRREGULAR_PARTS)
+    counts, _ = _counts_for(sizes, most, target, order)
+    if 0 < regular < 0.1 * total:  # jumps first: their remaining error decides on the other pieces
         counts[pieces.is_regular] = 1
     elif total < 1.0:  # rad; larger errors cannot be added up as vectors
-        accumulated = _PieceErrors(integrals, step_sample, pieces)
+        largest_sum_of, rounding = _error_sums(integrals, t, pieces)
         # A sum of errors is accepted up to 0.8 of what rounding leaves of the tolerance; a division aims at 0.6.
-        allowed = max(tol - accumulated.rounding, 0.5 * tol)
-        if accumulated.largest_sum(np.ones(len(sizes))) <= 0.8 * allowed:
-            return np.ones(len(sizes), np.int64)
+        allowed = max(tol - rounding, 0.5 * tol)
+        if largest_sum_of(done) <= 0.8 * allowed:
+            return done
         for _ in range(8):  # geometric bisections between an accepted sum of sizes and one that is too large
             goal = math.sqrt(target * total)
-            candidate, unlimited = _part_counts(sizes, piece_weights, max_counts, goal, order)
-            if accumulated.largest_sum(np.where(unlimited > max_counts, unlimited, candidate)) <= 0.6 * allowed:
+            candidate, unlimited = _counts_for(sizes, most, goal, order)
+            if largest_sum_of(np.where(unlimited > most, unlimited, candidate)) <= 0.6 * allowed:
                 target, counts = goal, candidate
             else:
                 total = goal
-    return np.where((counts > 1) & is_irregular, max_irregular_count, counts)
+    return np.where((counts > 1) & pieces.is_refined & ~pieces.is_regular, _IRREGULAR_PARTS, counts)
 
 
-def _divide_pieces(
-    integrals: Sequence[Integral],
-    piece_columns: tuple[NDArray[np.intp], Array, Array, Array],
-    counts: NDArray[np.int64],
-    duration: float,
-) -> _Pieces:
-    """Divide pieces of time into `counts` equal parts each, measure the errors of the parts, and return the parts as
-    `_Pieces`. `piece_columns` is a tuple of arrays, interval indices, starts, stops and error sizes of the pieces.
-    `duration` is the whole time of the motion [s].
+def _error_sums(
+    integrals: Sequence[Integral], t: Array, pieces: _Pieces
+) -> tuple[Callable[[NDArray[Any]], float], float]:
+    """Return a function of the numbers of parts of the pieces, which returns the largest sum of errors of an integral
+    up to any instant that is to be expected, and the largest rounding error [rad].
     """
-    (interval, start, stop, old_sizes), order = piece_columns, integrals[0].rule.order
-    steps = subdivide(start, stop, counts)
-    errors = tuple(measure_step_errors(integral, steps.start, steps.stop, duration) for integral in integrals)
-    sizes = np.minimum(np.max([one.sizes for one in errors], axis=0), 1e30)  # also of infinite errors
-    expected = np.repeat(old_sizes / counts.astype(float) ** order, counts)
-    columns = np.repeat(interval, counts), steps.start, steps.stop, sizes
-    return _Pieces(*columns, ~np.isnan(expected), sizes <= expected, errors)
+    steps, order = _steps_of(t, pieces), integrals[0].rule.order
+    parts = [
+        (one, steps, one.integrate(steps, one.default_start), errors)
+        for one, errors in zip(integrals, pieces.errors, strict=True)
+    ]
+    irregular = np.where(pieces.is_regular, 0.0, pieces.cautious_sizes)
+
+    def largest(counts: NDArray[Any]) -> float:
+        factors = counts.astype(float) ** -order
+        by_chance = math.sqrt(float(((irregular * factors) ** 2).sum()))
+        return max(by_chance, *(largest_sum(*part, factors) for part in parts))
+
+    return largest, max(rounding_error(*part) for part in parts)
 
 
-def _divisible_sizes(pieces: _Pieces) -> Array:
-    """Return the error sizes of pieces of the time span [rad], multiplied by 10 where an error may be small by
-    chance. The size is 0 for a piece that is too short to divide.
-    """
-    divisible = pieces.stop - pieces.start > 16 * np.spacing(np.maximum(np.abs(pieces.start), np.abs(pieces.stop)))
-    return np.where(divisible, pieces.cautious_sizes, 0.0)
-
-
-class _PieceErrors:
-    """Errors of pieces of the time span for each integral, rotated to the axes of the first instant, where they add
-    up. The method `largest_sum` returns the largest sum to expect after a further division, and the attribute
-    `rounding` is the largest rounding error of an integral [rad].
-    """
-
-    def __init__(self, integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces) -> None:
-        self.order = integrals[0].rule.order
-        self.uncertain = np.where(pieces.is_regular, 0.0, pieces.cautious_sizes)
-        steps, measured_errors = _assemble_steps(integrals, step_sample, pieces)
-        values = {integral: integral.integrate(steps, integral.default_start) for integral in integrals}
-        self.by_integral = [accumulate_errors(one, steps, values[one], *measured_errors[one]) for one in integrals]
-        self.rounding = max(
-            rounding_error(one, values[one], measured_errors[one][0], measured_errors[one][1].rounding)
-            for one in integrals
-        )
-
-    def largest_sum(self, counts: Array) -> float:
-        """Return the largest sum of errors up to any instant [rad], a float, to expect if the pieces are divided into
-        equal parts. `counts` is an array with the number of parts of each piece.
-        """
-        factors = counts**-self.order
-        chance = math.sqrt(float(((self.uncertain * factors) ** 2).sum()))
-        return max(chance, *(errors.largest_sum(factors) for errors in self.by_integral))
-
-
-def _assemble_steps(integrals: Sequence[Integral], step_sample: StepSample, pieces: _Pieces) -> SelectedSteps:
-    """Return the steps of the whole motion as `SelectedSteps`. Each piece is one step. Each interval that was not
-    measured is divided into steps no longer than the longest piece of the measured interval that stands for it. The
-    errors of the pieces become the measured errors of a sample of the steps.
-    """
-    t, count = step_sample.t, len(step_sample.t) - 1
-    steps = Steps(t)
-    if not len(step_sample.steps) == len(pieces.start) == count:
-        longest = np.zeros(len(step_sample.steps))
-        np.maximum.at(longest, pieces.interval, pieces.stop - pieces.start)
-        part_counts = np.maximum(
-            np.ceil(np.diff(t) * (1 - 2.0**-50) / step_sample.expand_to_steps(longest)), 1
-        ).astype(np.int64)
-        part_counts[step_sample.steps] = 1
-        steps = steps.refine(np.append(pieces.start, subdivide(t[:-1], t[1:], part_counts).start))
-        parts = np.searchsorted(steps.t, t[step_sample.parts])
-        step_sample = StepSample(steps.t, np.searchsorted(steps.t, pieces.start), parts)
-    by_integral = {integral: (step_sample, errors) for integral, errors in zip(integrals, pieces.errors, strict=True)}
-    return SelectedSteps(steps, by_integral)
-
-
-def _part_counts(
-    sizes: Array, weights: Array, max_counts: NDArray[np.int64], target_sum: float, order: int
-) -> tuple[NDArray[np.int64], Array]:
-    """Return two arrays, the numbers of parts into which pieces must be divided so that the error sizes of all parts
-    add up to `target_sum` [rad]. The first array holds integers that are at most `max_counts` each and whose sum,
-    weighted with `weights`, is at most MAX_SELECTED_STEP_COUNT. The second array is without limits and not rounded.
-    `sizes` are the error sizes of the pieces, `weights` the numbers of pieces that each stands for, and `order` is
-    the power of the step length by which errors fall.
+def _counts_for(sizes: Array, most: NDArray[np.int64], target: float, order: int) -> tuple[NDArray[np.int64], Array]:
+    """Return into how many parts, at most `most` and MAX_STEPS in all, pieces must be divided so that the sizes of
+    the errors of all parts add up to `target` [rad]; and the same without limits, not rounded.
     """
     shares = sizes ** (1 / (order + 1))
-    unlimited = ((shares * weights).sum() / target_sum) ** (1 / order) * shares
-    limited = np.clip(unlimited, 1, max_counts)
-    limited = np.maximum(limited * min(1.0, MAX_SELECTED_STEP_COUNT / (limited * weights).sum()), 1)
+    unlimited = (shares.sum() / target) ** (1 / order) * shares
+    limited = np.clip(unlimited, 1, most)
+    limited = np.maximum(limited * min(1.0, MAX_STEPS / limited.sum()), 1)
     counts = np.floor(limited)
+    # One part more where it gains most, until the target is reached.
     gain = sizes * (counts**-order - (counts + 1) ** -order)
     by_gain = np.argsort(-gain)
-    reached = np.cumsum((gain * weights)[by_gain]) > (sizes * counts**-order * weights).sum() - target_sum
-    within_limit = np.cumsum(weights[by_gain]) <= MAX_SELECTED_STEP_COUNT - (counts * weights).sum()
+    reached = np.cumsum(gain[by_gain]) > (sizes * counts**-order).sum() - target
+    within_limit = np.arange(1, len(sizes) + 1) <= MAX_STEPS - counts.sum()
     one_more = np.append(True, ~reached[:-1]) & within_limit & (limited > counts)[by_gain]
     counts[by_gain[one_more]] += 1
-    return counts.astype(np.int64), unlimited
+    return np.asarray(counts, np.int64), unlimited

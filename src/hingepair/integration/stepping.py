@@ -1,11 +1,11 @@
 """Steps in chunks, and prefix scans over them: from steps to attitudes and angles at the instants (E12).
 
 omega does not depend on the attitude, so the rotations of all steps are computed at once; the attitudes are their
-prefix products. A scan works by a tree: it multiplies groups of SCAN_GROUP_SIZE neighbours one after the other, then
-the groups' products in the same way, and hands those down to the groups' members. A small rotation is rounded in
-proportion to its angle, and the tree multiplies small ones by small ones: only the last few levels round at the size
-of 1, as often as the whole motion has radians, where a running product rounds at each of k steps. psi is summed in
-sums of two doubles.
+prefix products. A scan works by a tree: it multiplies groups of neighbours one after the other, then the groups'
+products in the same way, and hands those down to the groups' members. A small rotation is rounded in proportion to
+its angle, and the tree multiplies small ones by small ones: only the last few levels round at the size of 1, as often
+as the whole motion has radians, where a running product rounds at each of k steps. psi is summed in sums of two
+doubles.
 """
 
 from __future__ import annotations
@@ -25,19 +25,13 @@ from hingepair.numeric.arrays import FLOAT64_DTYPE
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, twofold_sum
 
-STEPS_PER_CHUNK: Final = 16384
-"""Steps that are computed at a time: 1.2 MB of omega at three nodes."""
-
-SCAN_GROUP_SIZE: Final = 16
-"""Elements of a group of a prefix scan, which are combined one after the other."""
-MAX_SEQUENTIAL_SCAN_ELEMENTS: Final = 64
-"""Elements that a scan combines one after the other as Python floats, without groups."""
+CHUNK: Final = 16384  # steps that are computed at a time: 1.2 MB of omega at three nodes
+GROUP: Final = 16  # elements of a scan that one kernel combines one after the other
+_SEQUENTIAL = 64  # elements up to which Python floats are faster than kernels
 
 
 class Steps(NamedTuple):
-    """Steps of integration between consecutive times `t`. `instant_indices` are the indices of the times that are
-    instants of the result; None means all times.
-    """
+    """Steps of integration between consecutive times."""
 
     t: Array  # shape (steps + 1,)
     instant_indices: NDArray[np.intp] | None = None  # which of the times are the instants asked for; None: all
@@ -48,7 +42,7 @@ class Steps(NamedTuple):
         return len(self.t) - 1
 
     def at_instants(self, rows: Array) -> Array:
-        """Return the rows of an array at the instants of the result; `rows` has a row for each of the times `t`."""
+        """Return the rows at the instants of the result; `rows` has a row for each of the times `t`."""
         return rows if self.instant_indices is None else rows[self.instant_indices]
 
     def refine(self, times: Array) -> Steps:
@@ -57,25 +51,16 @@ class Steps(NamedTuple):
         return Steps(t, np.searchsorted(t, self.at_instants(self.t)))
 
     def chunks(self) -> Iterator[tuple[int, int]]:
-        """Return an iterator over pairs (first, last) of step indices, one for each chunk of at most STEPS_PER_CHUNK
-        steps. The step with the index `last` is not in the chunk.
-        """
-        return (
-            (first, min(first + STEPS_PER_CHUNK, self.step_count))
-            for first in range(0, self.step_count, STEPS_PER_CHUNK)
-        )
+        """Return an iterator over the first step of each chunk and the first one after it."""
+        return ((first, min(first + CHUNK, self.step_count)) for first in range(0, self.step_count, CHUNK))
 
     def starts_and_lengths(self, first: int, last: int) -> tuple[Array, HighLow]:
-        """Return a pair: the starts [s] of the steps with indices from `first` to before `last`, and their lengths
-        [s] as a pair of arrays (high and low part).
-        """
+        """Return the starts [s] of the steps from `first` to before `last`, and their lengths as two doubles [s]."""
         return self.t[first:last], exact_sum(self.t[first + 1 : last + 1], -self.t[first:last])
 
 
 class Subdivision(NamedTuple):
-    """Intervals that are divided into equal steps each. `counts` are the numbers of steps of the intervals; `start`,
-    `stop` and `part` are the start, the stop and the index in its interval of each step.
-    """
+    """Intervals that are divided into equal steps each."""
 
     counts: NDArray[np.int64]  # steps of each interval
     start: Array  # of each step
@@ -93,8 +78,8 @@ class Subdivision(NamedTuple):
 
 
 def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivision:
-    """Divide the intervals from `start` to `stop` into `counts` equal steps each; return a `Subdivision`. Within an
-    interval, the end of a step is exactly the start of the next one.
+    """Divide the intervals from `start` to `stop` into `counts` equal steps each. Within an interval, the end of a
+    step is exactly the start of the next one.
     """
     ends = np.cumsum(counts)
     part = np.arange(ends[-1]) - np.repeat(ends - counts, counts)
@@ -105,13 +90,11 @@ def subdivide(start: Array, stop: Array, counts: NDArray[np.int64]) -> Subdivisi
 
 
 class PrefixScan:
-    """Prefix scan, which computes for each k the product of the first k elements, with later elements on the left. An
-    element is a tuple of numbers, and the product is any associative operation on two elements. `scan` works on an
-    array of elements in place, and `scan_steps` on the elements of integration steps.
+    """Prefix scan: for each k the product of the first k elements, with later elements on the left.
 
     Args:
-        name: of the operation, for the names of kernels.
-        combine: the operation, of a later and an earlier element.
+        name: of the kernels.
+        combine: the operation, of a later and an earlier element; associative.
         neutral: the element that changes nothing.
         finish: applied to every final result, as a normalisation.
         exact: whether the operation must not be fused or reordered by the compiler.
@@ -129,21 +112,22 @@ class PrefixScan:
         self.combine = combine
         self.neutral = neutral
         self.finish = finish
-        shape = (len(neutral),)
-        inputs, out = {"element": shape, "prefix": shape}, {"element": shape}
+        width = len(neutral)
 
-        def combine_and_finish(v: dict[str, Any]) -> dict[str, Any]:
-            return {"element": finish(combine(v["element"], v["prefix"]))}
+        def products(v: dict[str, Any]) -> dict[str, Any]:
+            elements = [v["elements"][width * k : width * (k + 1)] for k in range(GROUP)]
+            later = itertools.islice(itertools.accumulate(elements, lambda a, b: combine(b, a)), 1, None)
+            return {"products": tuple(itertools.chain.from_iterable(later))}
 
-        self._scan_group = Loop(
-            f"{name}_in_group",
-            lambda v: {"element": combine(v["element"], v["prefix"])},
-            inputs,
-            out,
-            exact=exact,
-            carry={"prefix": "element"},
+        def prefixed(v: dict[str, Any]) -> dict[str, Any]:
+            return {"product": finish(combine(v["element"], v["prefix"]))}
+
+        # All elements but the first become their products with those before them.
+        self._multiply_group = Loop(
+            f"{name}_in_group", products, {"elements": (GROUP, width)}, {"products": (GROUP - 1, width)}, exact=exact
         )
-        self._apply_prefix = Loop(f"{name}_of_groups", combine_and_finish, inputs, out, exact=exact)
+        pair = {"element": (width,), "prefix": (width,)}
+        self._apply_prefix = Loop(f"{name}_of_groups", prefixed, pair, {"product": (width,)}, exact=exact)
 
     def scan_steps(
         self,
@@ -153,18 +137,21 @@ class PrefixScan:
         execution: Execution,
         motions: tuple[int, ...] = (),
     ) -> Array:
-        """Return, for all k from 0 to the number of steps, the product of the elements of the first k steps, with
-        later steps on the left, and of the element `start`, a tuple of components, on the right. Every product but
-        `start` itself goes through the scan's function `finish`. The result is an array of shape (*motions, steps +
-        1, width). `write_elements` is a function of starts and lengths (two doubles) of steps and of rows, into which
-        it writes the elements of these steps. `motions` is the leading shape of many motions.
+        """Return the products of the elements of the first k steps and of `start`, for all k.
 
-        Products of chunks are combined pairwise, so that no long part is combined with a much shorter one. Of many
-        motions rows are (*motions, steps + 1, k), and the components of the start arrays that broadcast to the
-        motions.
+        Args:
+            steps: the steps.
+            start: components of the first element; of many motions arrays that broadcast to `motions`.
+            write_elements: takes starts and lengths (two doubles) of steps, and writes their elements into rows.
+            execution: backend and number of threads.
+            motions: leading shape of many motions.
+
+        Returns:
+            Products, shape (*motions, steps + 1, width), each but `start` itself finished.
         """
         rows = np.empty((*motions, 1 + _padded_length(steps.step_count), len(start)))
         rows[..., 0, :], rows[..., 1 + steps.step_count :, :] = np.stack(start, axis=-1), self.neutral
+        # Chunks are combined pairwise, so that no long part is combined with a much shorter one.
         parts: list[tuple[int, tuple[Any, ...]]] = []  # number of chunks, a power of two, and their product
         for first, last in steps.chunks():
             stop = rows.shape[-2] if last == steps.step_count else last + 1
@@ -178,60 +165,45 @@ class PrefixScan:
         return rows[..., : steps.step_count + 1, :]
 
     def padded_buffer(self, count: int, motions: tuple[int, ...] = ()) -> Array:
-        """Return a new array of rows for `count` elements of each motion, as `scan` needs it; `motions` is the
-        leading shape of the motions. Only the additional rows, which complete groups, are filled, with the neutral
-        element.
-        """
+        """Return rows for `count` elements of each motion, as `scan` needs them: neutral ones complete a group."""
         rows = np.empty((*motions, _padded_length(count), len(self.neutral)))
         rows[..., count:, :] = self.neutral
         return rows
 
     def scan(self, rows: Array, start: tuple[Any, ...], execution: Execution) -> Any:
-        """Replace each row k of `rows`, a `padded_buffer`, in place by finish(row_k ... row_1 row_0 start). `start`
-        is a tuple of components, and `finish` is the function that the scan applies to every final result, such as a
-        normalisation. Return the product of all rows as a tuple, without `start` and unfinished.
+        """Replace each row k of `rows`, a `padded_buffer`, in place by finish(row_k ... row_1 row_0 start). Return
+        the product of all rows, without `start` and unfinished.
         """
         motions, count = rows.shape[:-2], rows.shape[-2]
-        if count <= MAX_SEQUENTIAL_SCAN_ELEMENTS:
+        if count <= _SEQUENTIAL:
             # Of one motion the components are floats, which are faster than arrays of one element.
             elements = np.moveaxis(rows, (-2, -1), (0, 1)).copy() if motions else rows.tolist()
             products = list(itertools.accumulate(map(tuple, elements), lambda a, b: self.combine(b, a)))
             finished = [self.finish(self.combine(product, start)) for product in products]
             rows[:] = np.moveaxis(np.array(finished), (0, 1), (-2, -1)) if motions else finished
             return products[-1]
-        groups = rows.reshape(*motions, -1, SCAN_GROUP_SIZE, rows.shape[-1])
-        group_count = groups.shape[-3]
-        neutral = np.broadcast_to(self.neutral, groups[..., 0, :].shape)
-        self._run_in_place(self._scan_group, groups, neutral, execution)
-        ends = self.padded_buffer(group_count, motions)
-        ends[..., :group_count, :] = groups[..., -1, :]
-        whole = self.scan(ends, start, execution)
-        first = np.broadcast_to(np.stack(start, axis=-1), (*motions, rows.shape[-1]))[..., None, :]
-        before = np.concatenate([first, ends[..., : group_count - 1, :]], axis=-2)
-        self._run_in_place(self._apply_prefix, groups, before[..., None, :], execution)
-        return whole
-
-    def _run_in_place(self, loop: Loop, elements: Array, prefixes: Array, execution: Execution) -> None:
-        """Run a Loop that replaces `elements` in place by their products with `prefixes`, the products of all
-        elements before them, on the right; return None.
-        """
-        loop.run(
-            {"element": elements, "prefix": prefixes},
-            {"element": elements},
-            elements.shape[:-1],
-            FLOAT64_DTYPE,
-            execution,
+        # Within groups.
+        groups = rows.reshape(*motions, -1, GROUP, rows.shape[-1])
+        shape = groups.shape[:-2]
+        self._multiply_group.run(
+            {"elements": groups}, {"products": groups[..., 1:, :]}, shape, FLOAT64_DTYPE, execution
         )
+        # Over the products of whole groups.
+        ends = self.padded_buffer(shape[-1], motions)
+        ends[..., : shape[-1], :] = groups[..., -1, :]
+        whole = self.scan(ends, start, execution)
+        # Into the groups.
+        first = np.broadcast_to(np.stack(start, axis=-1), (*motions, rows.shape[-1]))[..., None, :]
+        before = np.concatenate([first, ends[..., : shape[-1] - 1, :]], axis=-2)[..., None, :]
+        self._apply_prefix.run(
+            {"element": groups, "prefix": before}, {"product": groups}, groups.shape[:-1], FLOAT64_DTYPE, execution
+        )
+        return whole
 
 
 def _padded_length(count: int) -> int:
-    """Return the number of rows of a buffer for `count` elements: a multiple of SCAN_GROUP_SIZE, or `count` if there
-    are at most MAX_SEQUENTIAL_SCAN_ELEMENTS.
-    """
-    return count if count <= MAX_SEQUENTIAL_SCAN_ELEMENTS else -(-count // SCAN_GROUP_SIZE) * SCAN_GROUP_SIZE
+    return count if count <= _SEQUENTIAL else -(-count // GROUP) * GROUP
 
 
 ROTATION_SCAN: Final = PrefixScan("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
-"""Scan of rotations, quaternions (w, x, y, z) that are multiplied."""
 HIGH_LOW_SUM_SCAN: Final = PrefixScan("sums", twofold_sum, (0.0, 0.0), exact=True)
-"""Scan of angles, sums of two doubles that are added."""

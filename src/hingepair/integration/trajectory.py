@@ -26,64 +26,42 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 
 
 class LazyValue:
-    """A number that is computed when the object is first called; every call returns the number. Copying or pickling
-    the object computes the number first.
-
-    >>> value = LazyValue(lambda: 6.0 * 7)
-    >>> value()
-    42.0
-    """
-
-    __slots__ = ("_compute", "_value")
-
-    def __init__(self, compute: Callable[[], float] | None, value: float = 0.0) -> None:
-        self._compute = compute
-        self._value = value
-
-    def __call__(self) -> float:
-        """Return the number, computed at the first call."""
-        compute = self._compute
-        if compute is not None:  # two threads may both compute the number, which is then the same
-            self._value = float(compute())
-            self._compute = None
-        return self._value
-
-    @property
-    def is_computed(self) -> bool:
-        """Whether the number has been computed already."""
-        return self._compute is None
-
-    def __reduce__(self) -> tuple[type[LazyValue], tuple[None, float]]:
-        return LazyValue, (None, self())
-
-
-class LazyValues:
-    """Numbers of many motions, each of which is computed when it is first needed. A call computes all of them and
-    returns a read-only array; indexing returns the LazyValue of one motion or the LazyValues of some motions.
+    """A number, or an array of numbers, each of which is computed when it is first asked for.
 
     Args:
-        values: the `LazyValue` of each motion; shape (...,).
+        values: a number, a function that returns it, or an array of these.
+
+    >>> value = LazyValue(lambda: 6.0 * 7)
+    >>> value(), LazyValue([1.0, lambda: 2.0])[1]()
+    (42.0, 2.0)
     """
 
     __slots__ = ("_values",)
 
-    def __init__(self, values: NDArray[np.object_]) -> None:
-        self._values = values
+    def __init__(self, values: Any) -> None:
+        self._values = np.asarray(values, object)
 
-    def __call__(self) -> NDArray[np.float64]:
-        """Return the numbers of all motions as a read-only array; shape (...,)."""
-        numbers = np.array([value() for value in self._values.ravel()], np.float64)
-        return read_only(numbers.reshape(self._values.shape))
+    def __call__(self) -> Any:
+        """Return the number, or a read-only array of the numbers."""
+        # Two threads may both compute a number, which is then the same.
+        for index in np.ndindex(self._values.shape):
+            value = self._values[index]
+            self._values[index] = float(value()) if callable(value) else value
+        return float(self._values[()]) if self._values.ndim == 0 else read_only(self._values.astype(np.float64))
 
     @property
     def is_computed(self) -> bool:
         """Whether all numbers have been computed already."""
-        return all(value.is_computed for value in self._values.ravel())
+        return not any(callable(value) for value in self._values.flat)
 
-    def __getitem__(self, index: tuple[int | slice, ...]) -> LazyValue | LazyValues:
-        """Return the lazy number of one motion, or those of some motions."""
-        selected = self._values[index]
-        return LazyValues(selected) if isinstance(selected, np.ndarray) else selected
+    def __getitem__(self, index: Any) -> LazyValue:
+        """Return some of the numbers, which are computed once for both."""
+        part = LazyValue(0.0)
+        part._values = self._values[(*(index if isinstance(index, tuple) else (index,)), ...)]
+        return part
+
+    def __reduce__(self) -> tuple[type[LazyValue], tuple[Any]]:
+        return LazyValue, (self(),)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -149,7 +127,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         lazy = {name: value for name, value in values.items() if holds_dask(value)}
         others = {name: value for name, value in values.items() if name not in lazy}
         outputs, make_state = state._dask_parts()
-        lazy |= {STATE_OUTPUT_NAME_PREFIX + name: array for name, array in outputs.items()}
+        lazy |= {STATE_PREFIX + name: array for name, array in outputs.items()}
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -222,7 +200,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         - rounded time stamps whose rounding error changes so slowly from sample to sample that the samples do not
           show it.
         """
-        return self._error() if isinstance(self._error, LazyValue | LazyValues) else self._error
+        return self._error() if isinstance(self._error, LazyValue) else self._error
 
     @property
     def psi_error_estimate(self) -> Any:
@@ -230,7 +208,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         and an array of shape (...,) for many motions. For a trajectory of Dask arrays, it is a lazy array.
         `error_estimate` describes which errors the estimate includes.
         """
-        return self._psi_error() if isinstance(self._psi_error, LazyValue | LazyValues) else self._psi_error
+        return self._psi_error() if isinstance(self._psi_error, LazyValue) else self._psi_error
 
     def __getattr__(self, name: str) -> Any:
         state = object.__getattribute__(self, "state")
@@ -242,7 +220,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         t, method, steps, error, psi = (
             object.__getattribute__(self, name) for name in ("t", "method", "steps", "_error", "psi")
         )
-        computed = isinstance(error, LazyValue | LazyValues) and error.is_computed and psi.size > 0
+        computed = isinstance(error, LazyValue) and error.is_computed and psi.size > 0
         estimate = f", error_estimate={np.max(error()):.2g}" if computed else ""
         names = ", ".join(object.__getattribute__(self, "state").outputs)
         motions = f"motions={psi.shape[:-1]}, " if psi.ndim > 1 else ""
@@ -274,8 +252,7 @@ class Trajectory(_TrajectoryBase):
         state: the PairState at the instants.
         pair: the HingePair.
         method: name of the integration method, such as "magnus6".
-        steps: number of integration steps; for many motions an array of shape (...,). The steps of the method
-            `dop853` are not counted: for this method, the value is 0.
+        steps: number of integration steps; for many motions an array of shape (...,).
     """
 
     quat_wxyz: NDArray[np.float64]
@@ -357,10 +334,10 @@ class PlanarTrajectory(_TrajectoryBase):
     state: PlanarState
 
 
-STATE_OUTPUT_NAME_PREFIX: Final = "state."
+STATE_PREFIX: Final = "state."
 """Prefix of the names of a state's outputs among the arrays of a trajectory."""
 
-_ERROR_ESTIMATE_FIELD_NAMES = {"_error", "_psi_error"}  # names of the fields that hold errors
+_ERRORS = {"_error", "_psi_error"}  # names of the fields that hold errors
 
 
 def trajectory_from_arrays(
@@ -371,34 +348,17 @@ def trajectory_from_arrays(
 ) -> Any:
     """Return a trajectory of `trajectory_class` from two dicts of values by field name, `arrays` (NumPy or Dask) and
     `other_values`. `state_function` makes the state from a dict of the arrays whose names begin with
-    STATE_OUTPUT_NAME_PREFIX, without this prefix. If no array of a field is a Dask array, the arrays become
+    STATE_PREFIX, without this prefix. If no array of a field is a Dask array, the arrays become
     read-only, a single number of steps an int, and the numbers of error estimates lazy values that return them.
     Otherwise the arrays stay as they are.
     """
-    outputs = {
-        name.removeprefix(STATE_OUTPUT_NAME_PREFIX): a
-        for name, a in arrays.items()
-        if name.startswith(STATE_OUTPUT_NAME_PREFIX)
-    }
-    field_arrays = {name: array for name, array in arrays.items() if not name.startswith(STATE_OUTPUT_NAME_PREFIX)}
+    outputs = {name.removeprefix(STATE_PREFIX): a for name, a in arrays.items() if name.startswith(STATE_PREFIX)}
+    field_arrays = {name: array for name, array in arrays.items() if not name.startswith(STATE_PREFIX)}
     if not holds_dask(field_arrays):
-        errors = {
-            name: _computed_errors(np.asarray(field_arrays.pop(name)))
-            for name in field_arrays.keys() & _ERROR_ESTIMATE_FIELD_NAMES
-        }
+        errors = {name: LazyValue(np.asarray(field_arrays.pop(name))) for name in field_arrays.keys() & _ERRORS}
         field_arrays = {name: read_only(np.asarray(array)) for name, array in field_arrays.items()} | errors
         field_arrays |= {"steps": int(field_arrays["steps"])} if np.ndim(field_arrays.get("steps", ())) == 0 else {}
     return trajectory_class(**{**other_values, **field_arrays, "state": state_function(outputs)})
-
-
-def _computed_errors(errors: NDArray[np.float64]) -> LazyValue | LazyValues:
-    """Return an array of known errors, with a number for each motion, as lazy values that need no computation:
-    LazyValues, or a LazyValue if the array has no axes.
-    """
-    values = np.empty(errors.shape, object)
-    for index in np.ndindex(errors.shape):
-        values[index] = LazyValue(None, float(errors[index]))
-    return LazyValues(values) if values.ndim else LazyValue(None, float(errors))
 
 
 def _describe_steps(steps: Any) -> str:

@@ -9,9 +9,8 @@ import numpy as np
 
 from hingepair.engine.backend import execution_of_steps
 from hingepair.integration.integrate import RATE_FRAME_NAMES
-from hingepair.integration.methods import STEP_RULE_BY_NAME
 from hingepair.integration.signals import Signal
-from hingepair.integration.solve import METHOD_NAMES, SolveOptions, solve
+from hingepair.integration.solve import SolveOptions, solve
 from hingepair.integration.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
@@ -44,11 +43,12 @@ def integrate_motion(
         **motion_fields: further fields of the Motion by name, such as functions, hint and notes.
     """
     body = not planar and table.choice("frame", RATE_FRAME_NAMES) == "body"
-    method = table.choice("method", tuple(STEP_RULE_BY_NAME) if planar else METHOD_NAMES)
+    method = table.text("method", "magnus6")
     options = SolveOptions(t, method, tol, execution_of_steps("auto", len(t)), body, ("omega1", "psi_dot"))
     start: Any
     key_by_rate_name_in_errors = {"omega1(t)": "omega1", "psi_dot(t)": "psi_dot", "psid": "psi_dot"}
     with table.naming(**key_by_rate_name_in_errors):
+        options.check()
         if planar:
             start = table.number("phi_0", 0.0)
         else:
@@ -57,7 +57,7 @@ def integrate_motion(
         solution = solve(options, *signals, start, table.number("psi_0", 0.0))
         if "tol" in table.values:
             solution.check_tolerance(options)
-        error = LazyValue(None, solution.largest_error)
+        error = LazyValue(solution.largest_error)
     arrays = {**arrays, "psi": solution.psi}
     if planar:
         rows = (("R1", "phi", "psi"), ("v1", "omega1", "psid"), ("a1", "alpha1", "psidd"))
