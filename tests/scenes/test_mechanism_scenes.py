@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.mechanisms.scene import MechanismScene
+from hingepair.scenes.robot_scene import MechanismScene
 
 U = 2.0**-53
 

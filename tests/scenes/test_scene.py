@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
+from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
 from hingepair.scenes.scene import Scene, load_pair
-from hingepair.scenes.waypoints import PROFILES, interpolate_way_points
 from support.work import bounded_calls
 
 U = 2.0**-53

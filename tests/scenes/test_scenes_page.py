@@ -11,12 +11,12 @@ import pytest
 
 import hingepair as hp
 from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
-from hingepair.scenes.logged_motion import LOG_ARRAYS, LOG_COLUMNS
-from hingepair.scenes.mechanisms.mechanism_table import JOINT_TABLE_KEYS, MECHANISM_KEYS
-from hingepair.scenes.mechanisms.scene import ROBOT_QUANTITIES
+from hingepair.scenes.motions.logs import LOG_ARRAYS, LOG_COLUMNS
+from hingepair.scenes.motions.simulated import DYNAMICS_KEYS
+from hingepair.scenes.motions.waypoints import PROFILES
 from hingepair.scenes.pair_table import PAIR_TABLE_KEYS
-from hingepair.scenes.simulated_motion import DYNAMICS_KEYS
-from hingepair.scenes.waypoints import PROFILES
+from hingepair.scenes.robot_scene import ROBOT_QUANTITIES
+from hingepair.scenes.robot_table import JOINT_TABLE_KEYS, MECHANISM_KEYS
 from hingepair.symbolic.expressions import BUILTIN_SYMPY_CONSTANT_BY_NAME, FUNCTION_SIGNATURE_BY_NAME
 from support.sparse import sparse
 

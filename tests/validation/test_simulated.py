@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.known_motion import MotionByBody1, MotionByCoordinates
+from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
 from hingepair.validation.report import MAX_LOAD_RATIO
 from hingepair.validation.simulated import compare_forces, compare_rates
 from support.commands import run_command

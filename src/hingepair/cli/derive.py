@@ -24,7 +24,7 @@ from hingepair.cli.pairs import (
 from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.scenes.mechanisms.scene import MechanismScene
+from hingepair.scenes.robot_scene import MechanismScene
 from hingepair.scenes.scene import FURTHER_OUTPUTS, Scene
 
 _DERIVED = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")

@@ -31,7 +31,7 @@ from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import RESULT_FILE_SUFFIXES, Record, check_ending
 from hingepair.rotations.matrices import rotation_vector
-from hingepair.scenes.known_motion import quaternion_columns
+from hingepair.scenes.motions.known import quaternion_columns
 
 
 def fit_command(

@@ -25,7 +25,7 @@ from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.pair.results import RESULT_FILE_SUFFIXES
-from hingepair.scenes.motion import PRESCRIBED
+from hingepair.scenes.motions.motion import PRESCRIBED
 from hingepair.scenes.scene import (
     Scene,
     describes_motion,
@@ -38,8 +38,8 @@ from hingepair.scenes.scene import (
 from hingepair.urdf.reader import read_urdf
 
 if TYPE_CHECKING:
-    from hingepair.scenes.mechanisms.scene import MechanismScene
-    from hingepair.scenes.simulated_motion import DynamicsSetup
+    from hingepair.scenes.motions.simulated import DynamicsSetup
+    from hingepair.scenes.robot_scene import MechanismScene
 
 SourceArgument = Annotated[
     str,

@@ -31,8 +31,8 @@ from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import instant_text, json_text, number_texts, unit_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import RESULT_FILE_SUFFIXES, check_ending, column_names, result_file
-from hingepair.scenes.mechanisms.forces import joint_load_table_rows
-from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.robot_forces import joint_load_table_rows
+from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult, load_scene
 from hingepair.validation.cross_validate import cross_validate
 from hingepair.validation.report import CrossValidation

@@ -13,8 +13,8 @@ from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.evaluate import compute_arrays
 from hingepair.pair.results import column_names
-from hingepair.scenes.known_motion import KnownMotion
-from hingepair.scenes.mechanisms.scene import FRAME_QUANTITIES, MechanismScene, MechanismSceneResult
+from hingepair.scenes.motions.known import KnownMotion
+from hingepair.scenes.robot_scene import FRAME_QUANTITIES, MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
 # Label, expression and unit of each residual.

@@ -20,7 +20,7 @@ from hingepair.pictures.curves import (
     finish_figure,
 )
 from hingepair.pictures.motion_samples import Array
-from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

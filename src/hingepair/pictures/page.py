@@ -36,7 +36,7 @@ from hingepair.pictures.motion_samples import (
 )
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
 from hingepair.plans.arguments import CoordinateNames
-from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.scene import Scene, SceneResult
 
 

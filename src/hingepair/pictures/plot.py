@@ -23,7 +23,7 @@ from hingepair.pictures.curves import (
 from hingepair.pictures.mechanism_plot import plot_mechanism
 from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, sample_pieces
 from hingepair.pictures.smoothed_plot import plot_smoothed
-from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,5 +1,1 @@
-"""Scene files.
-
-A pair, its motion by expressions, logs, rates or what acts, and the instants. Imports dynamics, symbolic, formats,
-validation and what lies below them.
-"""
+"""Scene files: a pair or a robot, its motion, and the instants to compute."""

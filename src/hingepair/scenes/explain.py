@@ -10,7 +10,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, all_steps, default_outputs, make_plan
 from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME
-from hingepair.scenes.known_motion import KnownMotion
+from hingepair.scenes.motions.known import KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
 _STEPS = {

@@ -18,16 +18,16 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record
 from hingepair.plans.plan import ACCELERATION
-from hingepair.scenes.known_motion import KnownMotion, MotionByBody1
-from hingepair.scenes.log_noise import (
+from hingepair.scenes.motions.known import KnownMotion, MotionByBody1
+from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
+from hingepair.scenes.motions.motion import Motion, massive, non_finite_sentences
+from hingepair.scenes.motions.noise import (
     NOISY_EFFORT,
     LogNoise,
     finite_rms,
     motion_with_errors,
     noise_rows,
 )
-from hingepair.scenes.logged_motion import DIFFERENCE_ORDER
-from hingepair.scenes.motion import Motion, massive, non_finite_sentences
 
 
 class SceneForces(Record):

@@ -36,17 +36,17 @@ from hingepair.plans.plan import (
 )
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Instants, Rows, SampledScene
-from hingepair.scenes.known_motion import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
-from hingepair.scenes.motion import LimitCounter, Motion, kink_sentences, massive
+from hingepair.scenes.motions.known import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
+from hingepair.scenes.motions.motion import LimitCounter, Motion, kink_sentences, massive
 from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.tables import Table, read_tables
 
 if TYPE_CHECKING:
     from hingepair.mechanism.mechanism import Mechanism
-    from hingepair.scenes.expression_motion import FunctionsOfTime
     from hingepair.scenes.forces import SceneForces
-    from hingepair.scenes.mechanisms.scene import MechanismScene
-    from hingepair.scenes.simulated_motion import DynamicsSetup
+    from hingepair.scenes.motions.functions import FunctionsOfTime
+    from hingepair.scenes.motions.simulated import DynamicsSetup
+    from hingepair.scenes.robot_scene import MechanismScene
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
 
@@ -250,7 +250,7 @@ class Scene(SampledScene):
 
     def functions(self) -> FunctionsOfTime:
         """Return the coordinates as FunctionsOfTime, which evaluate and differentiate them."""
-        from hingepair.scenes.expression_motion import MotionByFunctions
+        from hingepair.scenes.motions.functions import MotionByFunctions
 
         source = self.motion.source
         if not isinstance(source, MotionByFunctions):
@@ -545,7 +545,7 @@ def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> Scene | Me
     """
     files = tuple(file.absolute() for file in _source_files(tables, Path(path)))
     if _is_of_mechanism(tables):
-        from hingepair.scenes.mechanisms.scene import read_mechanism_scene
+        from hingepair.scenes.robot_scene import read_mechanism_scene
 
         return read_mechanism_scene(tables, Path(path), files)
     pair, outputs = _read_pair(tables), tables.table("outputs", required=False)
@@ -574,7 +574,7 @@ def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
     tables = load_tables(path)
     if not _is_of_mechanism(tables):
         return None
-    from hingepair.scenes.mechanisms.mechanism_table import read_mechanism
+    from hingepair.scenes.robot_table import read_mechanism
 
     return read_mechanism(tables, Path(path).parent)
 
@@ -583,7 +583,7 @@ def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
     """Read the table [dynamics] of a scene file without simulating it; return a DynamicsSetup, or None if there is no
     such table.
     """
-    from hingepair.scenes.simulated_motion import read_dynamics_setup
+    from hingepair.scenes.motions.simulated import read_dynamics_setup
 
     tables = load_tables(path)
     return read_dynamics_setup(tables.table("dynamics"), _read_pair(tables)) if "dynamics" in tables.values else None
@@ -641,7 +641,7 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
     """Return the Motion of a pair that the tables [motion], [dynamics] and [time] define."""
     planar = isinstance(pair, PlanarPair)
     if "dynamics" in tables.values:
-        from hingepair.scenes.simulated_motion import read_simulated_motion
+        from hingepair.scenes.motions.simulated import read_simulated_motion
 
         motion_table = tables.table("motion", required=False)
         return read_simulated_motion(tables.table("dynamics"), motion_table, tables.table("time"), pair)
@@ -649,10 +649,10 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> M
     if "file" not in motion.values:
         if "psi_dot" in motion.values and "omega1" not in motion.values:
             motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")
-        from hingepair.scenes.expression_motion import read_expression_motion
+        from hingepair.scenes.motions.functions import read_expression_motion
 
         return read_expression_motion(motion, tables.table("time"), planar)
-    from hingepair.scenes.logged_motion import read_log
+    from hingepair.scenes.motions.logs import read_log
 
     if planar:
         motion.fail("file", "no such key in a planar scene, whose motion is expressions")

@@ -14,8 +14,8 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.suspicions import DEGREES_IN_SCENES, suspicions
 
 if TYPE_CHECKING:
-    from hingepair.scenes.expression_motion import FunctionsOfTime
     from hingepair.scenes.instants import Instants
+    from hingepair.scenes.motions.functions import FunctionsOfTime
 
 MAX_JUDGED: Final = 101
 """Number of instants at which a motion is judged, evenly spread."""

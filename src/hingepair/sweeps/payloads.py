@@ -30,9 +30,9 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
-from hingepair.scenes.mechanisms.mechanism_table import with_payload
-from hingepair.scenes.mechanisms.scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.pair_table import BODY_KEYS, construct_from_table
+from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.robot_table import with_payload
 from hingepair.scenes.tables import Table
 
 

@@ -23,7 +23,7 @@ from hingepair.scenes.scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from hingepair.scenes.mechanisms.scene import MechanismScene
+    from hingepair.scenes.robot_scene import MechanismScene
 
 POSE_COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
 """Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""

@@ -16,9 +16,9 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.forces import pair_scene_forces
-from hingepair.scenes.mechanisms.mechanism_table import read_mechanism, with_payload
-from hingepair.scenes.mechanisms.scene import MechanismScene
 from hingepair.scenes.pair_table import read_pair
+from hingepair.scenes.robot_scene import MechanismScene
+from hingepair.scenes.robot_table import read_mechanism, with_payload
 from hingepair.scenes.scene import (
     COORDINATE_OUTPUTS,
     FURTHER_OUTPUTS,

@@ -15,15 +15,15 @@ from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, cell_text, instant_text
 from hingepair.pair.results import Record
-from hingepair.scenes.log_noise import (
+from hingepair.scenes.motions.joints import RATE_SUFFIXES, KnownJointMotion
+from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
+from hingepair.scenes.motions.motion import non_finite_sentences
+from hingepair.scenes.motions.noise import (
     NOISY_EFFORT,
     LogNoise,
     finite_rms,
     noise_rows,
 )
-from hingepair.scenes.logged_motion import DIFFERENCE_ORDER
-from hingepair.scenes.mechanisms.joint_motion import RATE_SUFFIXES, KnownJointMotion
-from hingepair.scenes.motion import non_finite_sentences
 
 _HEADINGS = (
     *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of limit"),

@@ -28,10 +28,10 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp
-from hingepair.scenes.expression_motion import read_coordinate_functions
 from hingepair.scenes.instants import read_instants_array
-from hingepair.scenes.known_motion import MotionByBody1, MotionByCoordinates
-from hingepair.scenes.motion import PRESCRIBED, Motion
+from hingepair.scenes.motions.functions import read_coordinate_functions
+from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
+from hingepair.scenes.motions.motion import PRESCRIBED, Motion
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse_expression

@@ -14,8 +14,8 @@ from hingepair.integration.solve import SolveOptions, solve
 from hingepair.integration.trajectory import LazyValue, quaternions_to_matrices, rotate_to_world
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
-from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
-from hingepair.scenes.motion import Motion
+from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
+from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.tables import Table
 
 

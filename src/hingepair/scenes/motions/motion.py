@@ -18,7 +18,7 @@ from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
-from hingepair.scenes.known_motion import KnownMotion
+from hingepair.scenes.motions.known import KnownMotion
 
 PRESCRIBED: Final = "prescribed"
 """Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""

@@ -20,12 +20,12 @@ from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants
-from hingepair.scenes.known_motion import Derivatives, MotionByCoordinates
-from hingepair.scenes.logged_motion import Log, LogLayout, log_path, read_ignored_columns
+from hingepair.scenes.motions.known import Derivatives, MotionByCoordinates
+from hingepair.scenes.motions.logs import Log, LogLayout, log_path, read_ignored_columns
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
-    from hingepair.scenes.expression_motion import FunctionsOfTime
+    from hingepair.scenes.motions.functions import FunctionsOfTime
 
 RATE_SUFFIXES: Final = ("", "d", "dd")
 """Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
@@ -240,7 +240,7 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     for key in ("ignore", "differentiate", "unwrap"):
         if key in motion.values:
             motion.fail(key, "no such key without file = ..., whose samples it concerns")
-    from hingepair.scenes.expression_motion import read_functions
+    from hingepair.scenes.motions.functions import read_functions
 
     moving = _moving_joints(motion, robot)
     functions = read_functions(motion, moving)
@@ -280,7 +280,7 @@ def _read_base(tables: Table) -> BaseMotion | None:
         return None
     table = tables.table("base")
     table.check_keys((*BASE_COORDINATES, "sequence"))
-    from hingepair.scenes.expression_motion import read_functions
+    from hingepair.scenes.motions.functions import read_functions
 
     completed_table = replace(table, values=dict.fromkeys(BASE_COORDINATES, 0) | table.values)
     return BaseMotion(

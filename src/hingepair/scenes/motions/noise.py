@@ -17,7 +17,7 @@ from hingepair.numeric.finite_differences import differentiate, local_fit_residu
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
-from hingepair.scenes.known_motion import KnownMotion, MotionByBody1, MotionByCoordinates
+from hingepair.scenes.motions.known import KnownMotion, MotionByBody1, MotionByCoordinates
 
 _HINGE_NAMES = ("psi", "psid", "psidd")
 """Names of the hinge angle and its derivatives."""

@@ -26,17 +26,17 @@ from hingepair.pair.results import Result
 from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.instants import Instants, Rows, SampledScene
-from hingepair.scenes.log_noise import noise_rows
-from hingepair.scenes.mechanisms.forces import JointLogNoise, MechanismSceneForces, mechanism_scene_forces
-from hingepair.scenes.mechanisms.joint_motion import (
+from hingepair.scenes.motions.joints import (
     RATE_SUFFIXES,
     JointCoordinates,
     JointMotion,
     KnownJointMotion,
     read_joint_motion,
 )
-from hingepair.scenes.mechanisms.mechanism_table import read_gravity, read_mechanism
-from hingepair.scenes.motion import LimitCounter, kink_sentences
+from hingepair.scenes.motions.motion import LimitCounter, kink_sentences
+from hingepair.scenes.motions.noise import noise_rows
+from hingepair.scenes.robot_forces import JointLogNoise, MechanismSceneForces, mechanism_scene_forces
+from hingepair.scenes.robot_table import read_gravity, read_mechanism
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:

@@ -20,11 +20,11 @@ from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array
-from hingepair.scenes.integrated_motion import integrate_motion
-from hingepair.scenes.known_motion import MotionByCoordinates
-from hingepair.scenes.motion import Motion, euler_axes_phrase
+from hingepair.scenes.motions.integrated import integrate_motion
+from hingepair.scenes.motions.known import MotionByCoordinates
+from hingepair.scenes.motions.motion import Motion, euler_axes_phrase
+from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
 from hingepair.scenes.tables import Table
-from hingepair.scenes.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse_expression
 from hingepair.symbolic.kinks import Expr

@@ -36,10 +36,10 @@ from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from hingepair.scenes.integrated_motion import integrate_motion
-from hingepair.scenes.known_motion import MotionByCoordinates, motion_by_body1
-from hingepair.scenes.log_noise import derivative_noise
-from hingepair.scenes.motion import Motion, PairMotionSource, euler_axes_phrase
+from hingepair.scenes.motions.integrated import integrate_motion
+from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
+from hingepair.scenes.motions.motion import Motion, PairMotionSource, euler_axes_phrase
+from hingepair.scenes.motions.noise import derivative_noise
 from hingepair.scenes.tables import NamedSource, Table
 
 DIFFERENCE_ORDER: Final = 6

@@ -1,1 +1,0 @@
-"""Scenes of whole mechanisms: a robot or a tree of joints, the motion of its joints and base, the instants."""
