@@ -14,11 +14,12 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import read_robot_arguments, read_wrenches
 from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
-from hingepair.mechanism.inverse_kinematics import InverseKinematics, Solver
+from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
 from hingepair.mechanism.prepare import checked_given
 from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,
@@ -34,23 +35,19 @@ from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import (
     Float64Array,
     FloatArray,
-    broadcast_shape,
     check_choice,
     is_zero,
-    number_not_below_0,
     one_constant,
-    vectors,
 )
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
-from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
+from hingepair.plans.arguments import CoordinateNames, Coordinates
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import input_shapes
-from hingepair.rotations.matrices import check_rotation
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
@@ -311,38 +308,59 @@ class MechanismMethods(Shown):
 
     def inverse_kinematics(
         self,
-        R: ArrayLike,
-        S: ArrayLike | None = None,
+        R: Any = None,
+        S: Any = None,
         *,
         frame: str | None = None,
+        direction: Any = None,
+        axis: Any = (0, 0, 1),
         q0: Coordinates | None = None,
-        limits: bool = True,
+        limits: bool | ArrayLike = True,
+        prefer: str | Coordinates | None = None,
+        select: str = "any",
+        solutions: int | None = None,
+        weights: Any = None,
         position_tolerance: float = 1e-9,
         angle_tolerance: float = 1e-9,
-        select: str = "any",
+        base_motion: BodyMotion | None = None,
         seed: int = 0,
+        workers: int = 1,
     ) -> InverseKinematics:
-        """Compute coordinates q at which the frame named `frame` has the position R and the rotation matrix S, for
-        one target or many. Return an InverseKinematics. The base is at rest at the origin.
+        """Compute coordinates q at which frames have wanted poses, for one target or many. Return an
+        InverseKinematics.
 
         A target that cannot be reached gives the closest pose found, with `ok` False; a target that is not finite
-        gives NaN. A target gives the same bits in any batch. Joints that do not move the frame keep q0, or stand in
-        the middle of their limits. Limits of mimic joints are not looked at, only those of the joints they follow.
+        gives NaN. A target gives the same bits in any batch. Joints that do not move the frames stay at `prefer`, at
+        q0, or in the middle of their limits. Limits of mimic joints are not looked at, only those of the joints they
+        follow.
 
         Args:
-            R: wanted positions of the frame's origin [m], shape (..., 3).
+            R: wanted positions of the frame's origin [m], shape (..., 3); a BodyMotion or the state of a frame, whose
+                R and S are taken; or None. Targets of several frames: a dict of these by the frame's name, and so for
+                S and `direction`.
             S: wanted rotation matrices from frame axes to world axes, shape (..., 3, 3). By default, any attitude.
             frame: name of a link, a joint or an added frame. The default is the only link in `robot.tips`; if there
                 are several, `frame` must be given.
+            direction: in place of S, wanted directions of an axis of the frame, shape (..., 3); any length. The turn
+                about it is free.
+            axis: the axis of the frame that has the direction, in frame axes, shape (3,); a dict by frame.
             q0: coordinates of the first start, as for `forward_kinematics`; those beyond a limit are put on it. By
                 default, all starts are random.
-            limits: whether the coordinates stay within `robot.position_limits`.
+            limits: whether the coordinates stay within `robot.position_limits`; or limits, shape (dof, 2).
+            prefer: coordinates that are approached as far as that does not move the frames; or "middle", those in
+                the middle of the limits.
+            select: "any": the first solution found; "nearest": of those from all starts, the one with the least sum
+                of squares of q - q0, which takes some twenty times longer.
+            solutions: number of distinct solutions to return, those nearest to q0 first, or to `prefer`, or to the
+                middle of the limits. The results have an axis for them.
+            weights: what a metre and a radian of the errors count where both cannot vanish, a pair; a dict by frame.
+                By default, the stretched length of the chain counts as much as a radian.
             position_tolerance: greatest distance from R [m] of a solution. Solutions are exact to about 1e-15 times
                 the size of the robot where its Jacobian is regular.
-            angle_tolerance: greatest angle from S [rad] of a solution.
-            select: "any": the first solution found; "nearest": of those from all starts, the one with the least sum
-                of squares of q - q0, which takes ten to forty times longer.
-            seed: seed of the random starts, which are the same for every target.
+            angle_tolerance: greatest angle [rad] of a solution.
+            base_motion: pose of the base, by default at the origin.
+            seed: seed of the random starts.
+            workers: number of threads; -1 for one thread per core.
 
         Raises:
             ArgumentError: an argument cannot be used, `frame` is not given although `robot.tips` has several names,
@@ -357,50 +375,76 @@ class MechanismMethods(Shown):
         >>> found.q.shape, bool(found.ok.all())
         ((100, 6), True)
         """
-        name = self._frame_or_only_tip(frame, None)
-        target_frame = self._named_frame("frame", name)
-        if not len(self._constants.names):
-            raise ArgumentError("robot", "a joint that moves", "none")
-        targets = [np.asarray(vectors("R", R, 3), np.float64)]
-        shapes = {"R": targets[0].shape[:-1]}
-        if S is not None:
-            targets.append(np.asarray(vectors("S", S, 3, 3), np.float64))
-            shapes["S"] = targets[1].shape[:-2]
-            check_rotation("S", targets[1])
-        dof = len(self._constants.names)
-        start: Any = None
-        if q0 is not None:
-            read, shapes["q0"] = read_coordinates("q0", q0, CoordinateNames(self._constants.names, noun="joints"))
-            start = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
-            start = start.astype(np.float64)
-            if not np.isfinite(start).all():
-                raise ArgumentError("q0", "finite numbers", "NaN or infinity")
-        check_choice("select", select, ("any", "nearest"))
-        if select == "nearest" and q0 is None:
-            raise ArgumentError("q0", 'coordinates, since select="nearest" needs them', None)
-        if not isinstance(limits, bool):
-            raise ArgumentError("limits", "True or False", quoted(limits))
-        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
-            raise ArgumentError("seed", "an integer from 0", quoted(seed))
-        tolerances = (
-            number_not_below_0("position_tolerance", position_tolerance),
-            number_not_below_0("angle_tolerance", angle_tolerance),
-        )
-        shape = broadcast_shape(shapes)
-        tails = ((3,), (3, 3))
-        targets = [
-            np.broadcast_to(one, shape + tail).reshape(-1, *tail) for one, tail in zip(targets, tails, strict=False)
-        ]
-        if start is not None:
-            start = np.broadcast_to(start, (*shape, dof)).reshape(-1, dof)
-        key = "inverse_kinematics", name, S is not None, limits
-        solver: Solver | None = self._constants.cache.get(key)
-        if solver is None:
-            values = [joint.position_limits if limits else (-np.inf, np.inf) for joint in self.tree.coordinates]
-            solver = Solver(self.tree, self._constants, target_frame, S is not None, np.array(values, np.float64))
-            self._constants.cache[key] = solver
-        arrays = solver.run(targets, start, tolerances, select == "nearest", int(seed))
-        return InverseKinematics({one: a.reshape(shape + a.shape[1:]) for one, a in arrays.items()}, shape)
+        count = read_solutions(solutions, select, q0)
+        question = read_question(
+            self.tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
+            prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
+            base_motion=base_motion, seed=seed, workers=workers,
+        )  # fmt: skip
+        return question.solve(count, select == "nearest")
+
+    def inverse_kinematics_path(
+        self,
+        R: Any = None,
+        S: Any = None,
+        *,
+        frame: str | None = None,
+        direction: Any = None,
+        axis: Any = (0, 0, 1),
+        q0: Coordinates | None = None,
+        limits: bool | ArrayLike = True,
+        prefer: str | Coordinates | None = None,
+        max_change: float = 0.5,
+        weights: Any = None,
+        position_tolerance: float = 1e-9,
+        angle_tolerance: float = 1e-9,
+        base_motion: BodyMotion | None = None,
+        seed: int = 0,
+        workers: int = 1,
+    ) -> InverseKinematicsPath:
+        """Compute coordinates along paths of targets, each from the sample before. Return an InverseKinematicsPath.
+
+        The last axis of the targets' samples is the path; axes before it are paths of their own. All solutions found
+        of the first target are followed, and of those that last longest the one that moves least is taken. `jumps`
+        marks the samples to which none could be followed. A sample out of reach gives the closest pose next to the
+        one before.
+
+        Args:
+            R: as for `inverse_kinematics`, with an axis of samples: (..., samples, 3).
+            S: rotation matrices.
+            frame: name of the frame.
+            direction: directions, in place of S.
+            axis: the axis that has the direction.
+            q0: coordinates near which the paths start, shape (..., dof) without the axis of samples. By default, they
+                start where they have the fewest jumps.
+            limits: as for `inverse_kinematics`.
+            prefer: coordinates that are approached along the path.
+            max_change: greatest change of a coordinate from sample to sample that is no jump [rad or m].
+            weights: as for `inverse_kinematics`.
+            position_tolerance: greatest distance from R [m] of a solution.
+            angle_tolerance: greatest angle [rad] of a solution.
+            base_motion: pose of the base at the samples.
+            seed: seed of the random starts.
+            workers: number of threads, which share the paths; -1 for one thread per core.
+
+        Raises:
+            ArgumentError: an argument cannot be used.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> angle = np.linspace(0, 2 * np.pi, 200)
+        >>> R = np.stack([0.4 + 0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.3 + 0 * angle], axis=-1)
+        >>> found = robot.inverse_kinematics_path(R, frame="tool0", direction=(0, 0, -1))
+        >>> found.q.shape, bool(found.ok.all()), int(found.jumps.sum())
+        ((200, 6), True, 0)
+        """
+        question = read_question(
+            self.tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
+            prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
+            base_motion=base_motion, seed=seed, workers=workers, path=True,
+        )  # fmt: skip
+        return question.follow(read_max_change(max_change))
 
     def error_bounds(
         self,
