@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.slider import Slider
     from hingepair.mechanism.states import (
+        JointWrenches,
         MechanismAccelerations,
         MechanismDerivatives,
         MechanismForces,
@@ -112,6 +113,7 @@ __all__ = [
     "ImuRecording",
     "InverseKinematics",
     "InverseKinematicsPath",
+    "JointWrenches",
     "MeasurementWarning",
     "Mechanism",
     "MechanismAccelerations",
@@ -195,7 +197,8 @@ _LAZY_MODULE_BY_NAME = {
         "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
         "mechanism.mechanism": "Mechanism",
         "mechanism.slider": "Slider",
-        "mechanism.states": "MechanismAccelerations MechanismDerivatives MechanismForces MechanismState",
+        "mechanism.states": "JointWrenches MechanismAccelerations MechanismDerivatives MechanismForces "
+        "MechanismState",
         "pair.body": "Body Box Cylinder Sphere",
         "pair.tolerances": "sample_pairs",
         "pictures.page": "view",

@@ -24,6 +24,7 @@ from hingepair.mechanism.prepare import checked_given
 from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,
     JointResults,
+    JointWrenches,
     MechanismAccelerations,
     MechanismDerivatives,
     MechanismForces,
@@ -59,9 +60,11 @@ _SINGLE_FRAME_OUTPUT_NAMES: Final = ("acceleration_bias",)  # which are computed
 _JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # outputs by axes
 _FRAMED: Final = (*_SINGLE_FRAME_OUTPUT_NAMES, *_JACOBIANS.values())
 _INVERSE_DYNAMICS_OUTPUT_NAMES = ("tau", "force1", "torque1")  # of inverse dynamics
+_JOINT_WRENCHES = ("force", "torque")
 _ACCELERATION_OUTPUT_NAMES = ("qdd", "a1", "alpha1")  # of forward dynamics
 _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME: Final[Mapping[str, type[JointResults]]] = {
     **dict.fromkeys(_INVERSE_DYNAMICS_OUTPUT_NAMES, MechanismForces),
+    **dict.fromkeys(_JOINT_WRENCHES, JointWrenches),
     **dict.fromkeys(_ACCELERATION_OUTPUT_NAMES, MechanismAccelerations),
 }
 """Classes of the results, by the first output; results of motion are a MechanismState."""
@@ -118,6 +121,15 @@ class MechanismMethods(Shown):
         except AttributeError:
             constants = robot_constants(self.tree, self.base == "free")
             object.__setattr__(self, "_cached_constants", constants)
+        return constants
+
+    @property
+    def _whole_constants(self) -> RobotConstants:
+        """The constants in which all matter counts with its own body, for the wrenches of joints."""
+        cache = self._constants.cache
+        if "whole" not in cache:
+            cache["whole"] = robot_constants(self.tree, self.base == "free", whole=True)
+        constants: RobotConstants = cache["whole"]
         return constants
 
     # ---- kinematics
@@ -678,6 +690,55 @@ class MechanismMethods(Shown):
             self._warn_where_singular(result, coordinates)
         return result
 
+    def joint_wrenches(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
+        *,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        wrenches: Wrenches = None,
+        base_motion: BodyMotion | None = None,
+        outputs: Iterable[str] | None = None,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> JointWrenches:
+        """Compute the force and the torque that each joint transmits during a motion: what the carrying body exerts
+        on the joint's body, at the joint's point (T1-T3).
+
+        Args:
+            q: coordinates, as for `forward_kinematics`.
+            qd: first time derivatives of q.
+            qdd: second time derivatives of q.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            wrenches: further loads that act on links, as for `inverse_dynamics`.
+            base_motion: motion of the base, as for `inverse_dynamics`.
+            outputs: names out of force and torque; by default both.
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
+
+        Returns:
+            The JointWrenches `w`, world axes: `w.force` [N] and `w.torque` [N m] of all joints, mimic joints
+            included, shape (..., joints, 3), and `w["panda_joint4"]`, those of one joint. The component of a hinge's
+            torque or a slider's force along the axis is what the motor gives, less what its rotor's inertia takes.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> robot.joint_wrenches(np.zeros(6), np.zeros(6), np.zeros(6))["wrist_3_joint"].force.shape
+        (3,)
+        """
+        names = _checked_outputs(outputs, out, _JOINT_WRENCHES)
+        labelled_loads, frames = self._wrench_inputs(wrenches)
+        computation = self._computation(names, frames, len(frames))
+        coordinates = {"q": q, "qd": qd, "qdd": qdd}
+        result: JointWrenches = self._run(
+            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
+        )
+        return result
+
     def inverse_dynamics_derivatives(
         self,
         q: Coordinates,
@@ -1136,10 +1197,11 @@ class MechanismMethods(Shown):
 
                 - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian",
                   "jacobian_in_frame" (in the axes of the frames), "acceleration_bias" (of one frame),
-                  "inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_forces", "gravity_forces" or
-                  "centroidal_momentum_matrix". The callable then takes these
+                  "inverse_dynamics", "joint_wrenches", "forward_dynamics", "mass_matrix", "bias_forces",
+                  "gravity_forces" or "centroidal_momentum_matrix". The callable then takes these
                   arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
-                  "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics"; only q for the others.
+                  "acceleration", "inverse_dynamics" and "joint_wrenches"; q, qd and tau for "forward_dynamics";
+                  only q for the others.
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
                   omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
 
@@ -1151,7 +1213,8 @@ class MechanismMethods(Shown):
                 this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,
                 and jacobian, jacobian_in_frame, acceleration_bias, mass_matrix, bias_forces, gravity_forces and
                 centroidal_momentum_matrix. If the tuple holds qdd,
-                they can also be outputs of `inverse_dynamics`; if the tuple holds tau, outputs of `forward_dynamics`.
+                they can also be outputs of `inverse_dynamics` and `joint_wrenches`; if the tuple holds tau, outputs
+                of `forward_dynamics`.
                 The default for a tuple is all outputs of `forward_kinematics` for which the arguments suffice.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for one thread per core.
@@ -1257,13 +1320,13 @@ class MechanismMethods(Shown):
         if isinstance(given, str):
             outputs_by_name: dict[str, tuple[str, ...]] = {
                 "inverse_dynamics": _INVERSE_DYNAMICS_OUTPUT_NAMES,
+                "joint_wrenches": _JOINT_WRENCHES,
                 "forward_dynamics": acceleration_outputs,
             }
             accepted_names = outputs_by_name.get(given, (given,))
         else:
-            forces = (
-                (*_INVERSE_DYNAMICS_OUTPUT_NAMES, *acceleration_outputs) if {"tau", "qdd"} & {*argument_names} else ()
-            )
+            solved = {"tau", "qdd"} & {*argument_names}
+            forces = (*_INVERSE_DYNAMICS_OUTPUT_NAMES, *acceleration_outputs, *_JOINT_WRENCHES) if solved else ()
             accepted_names = tuple(name for name in forces if name not in argument_names)
             if outputs is None and {"tau", "force1", "torque1"} & {*argument_names}:
                 return acceleration_outputs
@@ -1374,14 +1437,18 @@ class MechanismMethods(Shown):
             kind: type[Results] | None = Results
             if outputs[0] in _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME:
                 base_class = _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME[outputs[0]]
-                kind = joint_results_class(base_class, self._constants.names)  # type: ignore[arg-type]
+                of_all = base_class is JointWrenches
+                joints = tuple(joint.name for joint in self.tree.joints) if of_all else self._constants.names
+                kind = joint_results_class(base_class, joints)  # type: ignore[arg-type]
             elif outputs[0] in FRAME_MOTION_OUTPUT_NAMES:
                 kind = mechanism_state_class(names, self.tree.frame_names)
             elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUT_NAMES:
                 kind = None
             bodies = tuple((frames or {}).values())
+            whole = not {*outputs}.isdisjoint(_JOINT_WRENCHES)
+            constants = self._whole_constants if whole else self._constants
             result = RobotComputation(
-                self._constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind
+                constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind
             )
             self._constants.cache[key] = result
         return result
