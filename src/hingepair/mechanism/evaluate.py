@@ -13,12 +13,14 @@ from hingepair.mechanism.arguments import (
     RESTING_BASE_VALUE_BY_INPUT_NAME,
     ZERO_BASE_LOAD_BY_INPUT_NAME,
 )
-from hingepair.mechanism.constants import RobotConstants, frame_numbers, split_numbers
+from hingepair.mechanism.constants import RobotConstants, frame_numbers, robot_constants, split_numbers
 from hingepair.mechanism.states import MechanismDerivatives
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import read_only
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.arguments import Arguments, CoordinateNames
 from hingepair.plans.computation import Computation
+from hingepair.plans.derivatives import body_constants
 from hingepair.plans.trees import Request, estimated_operations, input_shapes, request_loop
 
 MASS_INDEPENDENT_OUTPUT_NAMES = (
@@ -72,13 +74,22 @@ class RobotComputation(Computation):
             **RESTING_BASE_VALUE_BY_INPUT_NAME,
             **ZERO_BASE_LOAD_BY_INPUT_NAME,
             "constants": read_only(np.array([*constants.numbers, *parameters], dtype=np.float64)),
+            "axes": np.array(constants.axes).ravel(),
         }
         super().__init__(
             self._request_loop, outputs,
             {**_BASE_SHAPES, **dict.fromkeys(("q", "qd", "qdd", "tau"), (self.form.dof,)), **self.inputs},
             known, result, CoordinateNames(constants.names, noun="joints"), derivatives=MechanismDerivatives,
             owner="robot", operations=estimated_operations(self.form, self.request),
+            constant_shapes=body_constants(len(self.form.parents), free),
         )  # fmt: skip
+
+    @lock_free_cached_property
+    def by_constants(self) -> RobotComputation:
+        """The same outputs from constants in which each body keeps its own masses, and can change them."""
+        constants = robot_constants(self.constants.tree, self.constants.free, regrouped=False)
+        request = self.request
+        return RobotComputation(constants, self.outputs, request.free, self.frames, request.loaded, self.result)
 
     def _request_loop(self, outputs: tuple[str, ...], _: tuple[str, ...]) -> Loop:
         return request_loop(self.form, self.request._replace(outputs=outputs))

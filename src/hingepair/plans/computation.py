@@ -50,6 +50,7 @@ class Computation:
         shape: leading shape of a pair whose geometry has axes.
         shared: whether few samples of a plain call are computed by a kernel for any constants.
         operations: estimated number of operations, where it may be large.
+        constant_shapes: shapes of the constants by which outputs can be differentiated.
     """
 
     def __init__(
@@ -66,11 +67,13 @@ class Computation:
         shape: ArrayShape = (),
         shared: bool = False,
         operations: int = 0,
+        constant_shapes: Mapping[str, ArrayShape] | None = None,
     ) -> None:
         self.outputs, self.shapes, self.known = outputs, shapes, known
         self.result, self.coordinates = result, coordinates
         self._loop, self._derivatives, self._owner, self._shape = loop, derivatives, owner, shape
         self._shared, self._operations = shared, operations
+        self.constant_shapes = constant_shapes or {}
         self._calls: dict[Any, Call] = {}
 
     def call(
@@ -112,6 +115,11 @@ class Computation:
                 self._calls.clear()
             self._calls[key] = call
         return call
+
+    @property
+    def by_constants(self) -> Computation:
+        """The computation whose derivatives by constants are taken."""
+        return self
 
     def run(
         self,

@@ -19,7 +19,14 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.trace import Operand, TracedValue
 from hingepair.equations.dynamics import factor_symmetric, solve_factored
 from hingepair.numeric.blocks import components
-from hingepair.plans.trees import Computation, Request, TreeForm, velocity_count
+from hingepair.plans.trees import (
+    Computation,
+    Request,
+    TreeForm,
+    complete_numbers,
+    constant_place,
+    velocity_count,
+)
 
 Parts: TypeAlias = Mapping[str, Sequence[Operand]]
 """Components of outputs by name."""
@@ -28,6 +35,7 @@ Moves: TypeAlias = dict[str, list[Change]]
 """Changes by argument, one for each component of a change of it."""
 
 _ATTITUDES: Final = frozenset({"S", "S1", "S2"})
+_QUATERNIONS: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # where w, x, y, z stand
 # What belongs to the coordinates of a robot, those of a free base first.
 _GROUPS: Final = {
     "q": ("R1", "S1", "q"),
@@ -53,12 +61,20 @@ class Derivative(NamedTuple):
     arguments: tuple[tuple[str, ArrayShape], ...]
 
 
+def body_constants(joints: int, free: bool) -> dict[str, ArrayShape]:
+    """Return the shapes of the constants of a robot by which outputs can be differentiated."""
+    bodies = joints + free
+    return {"masses": (bodies,), "first_moments": (bodies, 3), "inertias": (bodies, 6), "lengths": (joints, 3)}
+
+
 def change_shape(name: str, sample_shape: ArrayShape) -> ArrayShape:
     """Return the shape of a change of one sample of an argument or output.
 
     >>> change_shape("S", (2, 3, 3)), change_shape("q", (7,))
     ((2, 3), (7,))
     """
+    if name in _QUATERNIONS:
+        return (3,)
     return sample_shape[:-1] if name in _ATTITUDES else sample_shape
 
 
@@ -69,6 +85,8 @@ def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
     """
     changes = {name: change_shape(name, tail) for name, tail in (*plain.outputs, *derivative.arguments)}
     inputs, names = dict(plain.inputs), [name for name, _ in derivative.arguments]
+    if isinstance(plain.form, TreeForm) and not body_constants(0, False).keys().isdisjoint(names):
+        inputs["axes"] = (9 * (len(plain.form.form.parents) + 1),)
     outputs = dict(plain.outputs)
     if derivative.kind == "jacobian":
         outputs = {f"{one}_{name}": (*changes[one], *changes[name]) for one in derivative.outputs for name in names}
@@ -93,7 +111,7 @@ def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
 
 def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the Jacobian of every output by every argument."""
-    values, moves = _variables(given, derivative.arguments)
+    values, moves = _variables(plain, given, derivative.arguments)
     functions = _functions(plain, values)
     rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])
     found: dict[str, Any] = {}
@@ -112,7 +130,9 @@ def _matrices(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
     kinds = {name: name.partition("_")[2] for name in derivative.outputs}
     groups = {kind: _group(kind, request) for kind in kinds.values() if kind in {"q", "qd"}}
     shapes = {"S1": (3, 3), **dict.fromkeys(("q", "qd"), (form.dof,))}
-    values, moves = _variables(given, [(one, shapes.get(one, (3,))) for names in groups.values() for one in names])
+    values, moves = _variables(
+        plain, given, [(one, shapes.get(one, (3,))) for names in groups.values() for one in names]
+    )
     functions = _functions(plain, values)
     names = _group(derivative.outputs[0].partition("_")[0], request)
     rows = functions.jacobian(names, [*itertools.chain(*moves.values())])
@@ -131,7 +151,7 @@ def _matrices(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
 
 def _gradients(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the gradient of the weighted sum of the outputs by every argument."""
-    values, moves = _variables(given, derivative.arguments)
+    values, moves = _variables(plain, given, derivative.arguments)
     functions = _functions(plain, values)
     weights: dict[str, list[Operand]] = {}
     for output in derivative.outputs:
@@ -152,7 +172,7 @@ def _gradients(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) ->
 
 def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the rates of change of all outputs."""
-    values, moves = _variables(given, derivative.arguments)
+    values, moves = _variables(plain, given, derivative.arguments)
     changes = [
         (weight, change)
         for name, group in moves.items()
@@ -168,18 +188,25 @@ def _time_rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -
     """Return the time derivatives of all components of the outputs."""
     turns = any(isinstance(x, TracedValue) or x for x in given["omega1"])  # S1 folds where the base does not turn
     arguments = [("q", (len(given["qd"]),)), *([("S1", (3, 3))] if turns else [])]
-    values, moves = _variables(given, arguments)
+    values, moves = _variables(plain, given, arguments)
     changes = [*zip(given["qd"], moves["q"], strict=True)]
     changes += zip(given["omega1"], moves.get("S1", ()), strict=False)
     rates = _functions(plain, values).pushforward(derivative.outputs, _sum(changes))
     return {f"rate_{output}": tuple(rate) for output, rate in rates.items()}
 
 
-def _variables(given: Mapping[str, Any], arguments: Iterable[tuple[str, ArrayShape]]) -> tuple[dict[str, Any], Moves]:
+def _variables(
+    plain: Loop, given: Mapping[str, Any], arguments: Iterable[tuple[str, ArrayShape]]
+) -> tuple[dict[str, Any], Moves]:
     """Return the values with variables in the place of arguments, and the changes of the arguments."""
     values, moves = dict(given), Moves()
+    of_bodies = (
+        _changes_of_bodies(_tree_of(plain), values, {name for name, _ in arguments}) if "axes" in values else {}
+    )
     for name, tail in arguments:
-        if name in values:
+        if name in of_bodies:
+            moves[name] = of_bodies[name]
+        elif name in values:
             others = [x for other, group in values.items() if other != name for x in components(group)]
             parts = variables(components(values[name]), others)
             values[name] = parts if tail else parts[0]
@@ -187,6 +214,56 @@ def _variables(given: Mapping[str, Any], arguments: Iterable[tuple[str, ArraySha
         else:  # no output depends on it
             moves[name] = [[] for _ in range(math.prod(change_shape(name, tail)))]
     return values, moves
+
+
+def _changes_of_bodies(tree: TreeForm, values: dict[str, Any], names: Iterable[str]) -> Moves:
+    """Return the changes of constants with these names, and put all constants, with variables in their place, among
+    the values as "numbers".
+    """
+    form, request = tree
+    numbers = complete_numbers(form, request, values["constants"])
+    axes = [values["axes"][9 * k : 9 * k + 9] for k in range(len(form.parents) + 1)]
+    bodies = [k for k in range(len(axes)) if k or request.free]
+    changes: dict[str, list[list[tuple[int, Operand]]]] = {}
+    if "masses" in names:
+        changes["masses"] = [[(constant_place(k, "mass"), 1.0)] for k in bodies]
+    if "first_moments" in names:
+        places = [(axes[k], constant_place(k, "first")) for k in bodies]
+        changes["first_moments"] = [_along(P, j, place) for P, place in places for j in range(3)]
+    if "lengths" in names:
+        joints = [(axes[parent], constant_place(k, "u")) for k, parent in enumerate(form.parents, 1)]
+        changes["lengths"] = [_along(P, j, place) for P, place in joints for j in range(3)]
+    if "inertias" in names:
+        places = [(axes[k], constant_place(k, "second")) for k in bodies]
+        pairs = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Pinocchio's order
+        changes["inertias"] = [_of_inertia(P, *pair, place) for P, place in places for pair in pairs]
+    used = sorted({k for group in changes.values() for change in group for k, _ in change})
+    others = [x for k, x in enumerate(numbers) if k not in {*used}]
+    others += [x for group in values.values() for x in components(group)]
+    for k, variable in zip(used, variables([numbers[k] for k in used], others), strict=True):
+        numbers[k] = variable
+    values["numbers"] = numbers
+    return {
+        name: [[(numbers[k], rate) for k, rate in change if not _is_zero(rate)] for change in group]
+        for name, group in changes.items()
+    }
+
+
+def _along(P: Sequence[Operand], j: int, place: int) -> list[tuple[int, Operand]]:
+    """Return the change of a vector at a place where its j-th component in a body's axes changes; P turns from the
+    program's axes.
+    """
+    return [(place + i, P[3 * j + i]) for i in range(3)]
+
+
+def _of_inertia(P: Sequence[Operand], a: int, b: int, place: int) -> list[tuple[int, Operand]]:
+    """Return the change of a second moment, trace(J)/2 - J, where the entry (a, b) of the inertia J changes."""
+    x, y = P[3 * a : 3 * a + 3], P[3 * b : 3 * b + 3]
+    changes: list[tuple[int, Operand]] = []
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        half = 0.5 if a == b and i == j else 0.0
+        changes.append((place + k, half - (x[i] * x[j] if a == b else x[i] * y[j] + y[i] * x[j])))
+    return changes
 
 
 def _sum(changes: Iterable[tuple[Operand, Change]]) -> list[tuple[Operand, Operand]]:
@@ -303,6 +380,15 @@ class Accelerations(Functions):
 
 def _changes(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operand]]]:
     """Return for each component of a change of a value which components of the value change, and how fast."""
+    if name in _QUATERNIONS:  # half the product of a unit vector and the quaternion
+        w, x, y, z = _QUATERNIONS[name]
+        rows = [(w, -1.0, x), (x, 1.0, w), (y, -1.0, z), (z, 1.0, y)]  # of the x axis: w changes by -x/2, ...
+        turns = {w: w, x: y, y: z, z: x}
+        changes = []
+        for _ in range(3):
+            changes.append([(a, value[b] * (0.5 * sign)) for a, sign, b in rows])
+            rows = [(turns[a], sign, turns[b]) for a, sign, b in rows]
+        return changes
     if name not in _ATTITUDES:
         return [[(k, 1.0)] for k in range(len(value))]
     changes = []
@@ -316,6 +402,10 @@ def _changes(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operan
 def _change_of(name: str, value: Sequence[Operand], rates: Sequence[Operand]) -> list[Operand]:
     """Return the components of the change of an output from the rates of its components."""
     return [weighted_sum((rates[k], rate) for k, rate in change) * _share(name) for change in _changes(name, value)]
+
+
+def _is_zero(value: Operand) -> bool:
+    return not isinstance(value, TracedValue) and value == 0
 
 
 def _share(name: str) -> float:

@@ -140,14 +140,20 @@ class Prepared:
 
         Args:
             given: the arguments, as a tuple in the order of the call.
-            wrt: names of arguments out of `given`; by default all.
+            wrt: names of arguments out of `given`, by default all; or of constants of a robot: masses, first_moments,
+                inertias and lengths (see below).
             out: arrays to write into, in the form of the result.
 
         Returns:
             {output: {argument: array}}. The shape of an array is (..., shape of the output, shape of the argument),
             such as (..., dof, dof) of tau by q. A rotation matrix (S of frames, S1, S2) counts as three numbers: it
-            changes along rotations about the axes of the world [rad]. The first call for a choice of arguments
-            compiles.
+            changes along rotations about the axes of the world [rad], and so does a quaternion. The first call for a
+            choice of arguments compiles.
+
+            The bodies of a robot stand in the order of the joints that move them, a free base first: masses [kg],
+            shape (bodies,); first_moments, mass times centre of mass [kg m], (bodies, 3); inertias about the origin
+            of the body's frame [kg m^2], (bodies, 6), in Pinocchio's order xx, xy, yy, xz, yz, zz. Each changes while
+            the others stay. lengths [m], (joints, 3), are the positions of the joints in their parents' frames.
 
         Raises:
             ArgumentError: an argument cannot be used, or the robot has too many joints.
@@ -159,7 +165,7 @@ class Prepared:
         >>> f.jacobian((q, qd, qdd), wrt=("q", "qd"))["tau"]["q"].shape
         (6, 6)
         """
-        names = self._names("wrt", self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt, self.given)
+        names = self._wrt(wrt)
         places = {f"{one}_{name}": (one, name) for one in self.outputs for name in names}
         flat = None
         if out is not None:
@@ -176,13 +182,16 @@ class Prepared:
             raise
         return {one: {name: arrays[f"{one}_{name}"] for name in names} for one in self.outputs}
 
-    def vjp(self, given: Sequence[Any], cotangents: Mapping[str, Any]) -> tuple[Any, dict[str, FloatArray]]:
+    def vjp(
+        self, given: Sequence[Any], cotangents: Mapping[str, Any], wrt: str | Iterable[str] | None = None
+    ) -> tuple[Any, dict[str, FloatArray]]:
         """Compute the results of the call, and the gradient of a weighted sum of outputs by every argument.
 
         Args:
             given: the arguments, as a tuple in the order of the call.
             cotangents: weights by output, each of the shape of the output; for a rotation matrix three, those of
                 rotations about the axes of the world. Outputs without weights do not count.
+            wrt: names of arguments and constants, as for `jacobian`.
 
         Returns:
             (value, gradient): what the call returns, and a dict of arrays by argument. The gradient of each sample is
@@ -198,19 +207,19 @@ class Prepared:
         >>> value.tau.shape, gradient["q"].shape
         ((6,), (6,))
         """
-        outputs = self._names("cotangents", cotangents, self.outputs)
+        outputs, names = self._names("cotangents", cotangents, self.outputs), self._wrt(wrt)
         weights = {f"weight_{name}": cotangents[name] for name in outputs}
         labels = {f"weight_{name}": f"cotangents[{name!r}]" for name in outputs}
-        found = self._derive("vjp", outputs, self.given, given, weights, labels)
-        return self._value(found), {name: writable_arrays(found)[f"gradient_{name}"] for name in self.given}
+        found = self._derive("vjp", outputs, names, given, weights, labels)
+        return self._value(found), {name: writable_arrays(found)[f"gradient_{name}"] for name in names}
 
     def jvp(self, given: Sequence[Any], tangents: Mapping[str, Any]) -> tuple[Any, dict[str, FloatArray]]:
         """Compute the results of the call, and their rates of change for given rates of change of arguments.
 
         Args:
             given: the arguments, as a tuple in the order of the call.
-            tangents: rates of change by argument, each of the shape of the argument; for S1 an angular velocity, axes
-                of the world. All other arguments do not change.
+            tangents: rates of change by argument or constant (see `jacobian`), each of its shape; for S1 and
+                quaternions an angular velocity, axes of the world. All others do not change.
 
         Returns:
             (value, tangent): what the call returns, and a dict of the rates of change by output; that of a rotation
@@ -226,7 +235,7 @@ class Prepared:
         >>> value.S.shape, tangent["S"].shape
         ((1, 3, 3), (1, 3))
         """
-        names = self._names("tangents", tangents, self.given)
+        names = self._names("tangents", tangents, (*self.given, *self._computation.constant_shapes))
         changes = {f"change_{name}": tangents[name] for name in names}
         labels = {f"change_{name}": f"tangents[{name!r}]" for name in names}
         found = self._derive("jvp", self.outputs, names, given, changes, labels)
@@ -247,20 +256,26 @@ class Prepared:
         """
         if not isinstance(given, tuple | list) or len(given) != len(self.given):
             raise ArgumentError("given", f"a tuple of {', '.join(self.given)}", quoted(given))
-        shapes = self._call.argument_shapes
+        by_constants = not {*names} <= {*self.given}
+        computation = self._computation.by_constants if by_constants else self._computation
+        shapes = {**self._call.argument_shapes, **computation.constant_shapes}
         derivative = Derivative(kind, outputs, tuple((name, shapes[name]) for name in names))
-        self._computation.check_differentiable(derivative, self.given)
+        computation.check_differentiable(derivative, self.given)
         arguments = {**dict(zip(self.given, given, strict=True)), **further}
-        call = self._computation.call(
+        call = computation.call(
             tuple(arguments), self._execution.backend, self._gravity, prepared=True, derivative=derivative
         )
         result: Results | None = call.rows(*arguments.values(), out=out, workers=self._execution.workers)
         if result is None:
             values = self._read(call, arguments, labels)
-            result = self._computation.run(
+            result = computation.run(
                 values, self._execution, self._gravity, out, prepared=True, derivative=derivative
             )
         return result
+
+    def _wrt(self, wrt: str | Iterable[str] | None) -> tuple[str, ...]:
+        chosen = self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt
+        return self._names("wrt", chosen, (*self.given, *self._computation.constant_shapes))
 
     def _names(self, argument: str, names: Iterable[Any], accepted: tuple[str, ...]) -> tuple[str, ...]:
         """Check names of arguments or outputs, and return them in the order of the call."""

@@ -146,9 +146,7 @@ class Computation:
 
     def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
         self.form, self.request, self.values = form, request, values
-        numbers = iter(values["constants"])
-        complete = [next(numbers) if known is None else known for known in (*form.known, *request.known)]
-        parts = iter(complete)
+        parts = iter(values.get("numbers") or complete_numbers(form, request, values["constants"]))
         self.base = eq.Base(**_take_numbers(parts, SHAPE_BY_BASE_CONSTANT_NAME))
         joints = [_take_numbers(parts, SHAPE_BY_JOINT_CONSTANT_NAME) for _ in form.parents]
         self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in joints]
@@ -673,6 +671,25 @@ def _reciprocal(x: Scalar) -> Scalar:
     return math.inf if type(x) is float and x == 0 else 1.0 / x
 
 
+def complete_numbers(form: Form, request: Request, parameters: Iterable[Scalar]) -> list[Scalar]:
+    """Return all constants of a robot and its frames, those that are known and the parameters."""
+    left = iter(parameters)
+    return [next(left) if known is None else known for known in (*form.known, *request.known)]
+
+
+def constant_place(body: int, name: str) -> int:
+    """Return where the first number of a constant of a body, or of its joint, stands among all constants.
+
+    >>> constant_place(0, "first"), constant_place(1, "S")
+    (1, 10)
+    """
+    sizes = {name: math.prod(tail) for name, tail in SHAPE_BY_JOINT_CONSTANT_NAME.items()}
+    names = [*(SHAPE_BY_JOINT_CONSTANT_NAME if body else SHAPE_BY_BASE_CONSTANT_NAME)]
+    base = sum(sizes[one] for one in SHAPE_BY_BASE_CONSTANT_NAME)
+    start = base + (body - 1) * sum(sizes.values()) if body else 0
+    return start + sum(sizes[one] for one in names[: names.index(name)])
+
+
 def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, Any]:
     """Take the next numbers from an iterator, as many as the shapes in the dictionary `shapes` need. Return a
     dictionary with the same keys, whose values are a number for the shape () and a tuple of numbers for any other
@@ -711,11 +728,6 @@ def _fixed_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
 def _dof_shape(form: Form, _: Request) -> ArrayShape:
     """Return the shape of a vector with one component for each coordinate."""
     return (form.dof,)
-
-
-def _joints_shape(form: Form, _: Request) -> ArrayShape:
-    """Return the shape of an output with a vector for each joint, those that follow others included."""
-    return (len(form.parents), 3)
 
 
 def _velocities_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
@@ -777,14 +789,6 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
     "tau": Output(_dof_shape, _INVERSE_DYNAMICS_INPUT_NAMES, Computation.efforts),
     "force1": Output(_fixed_shape(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(0)),
     "torque1": Output(_fixed_shape(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(1)),
-    "force": Output(
-        _joints_shape, _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: _chain_vectors(force for force, _ in c.joint_wrenches)
-    ),
-    "torque": Output(
-        _joints_shape,
-        _INVERSE_DYNAMICS_INPUT_NAMES,
-        lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches),
-    ),
     "mass_matrix": Output(
         lambda form, request: (velocity_count(form, request),) * 2, _POSE_INPUT_NAMES, Computation.mass_matrix
     ),
@@ -870,7 +874,7 @@ def estimated_operations(form: Form, request: Request) -> int:
         total += (
             (500 * joints + by_ancestor + velocity_count(form, request) ** 3 // 3) if form.mimics else 1200 * joints
         )
-    if outputs & {"tau", "force1", "torque1", "force", "torque", "bias_forces", "gravity_forces"}:
+    if outputs & {"tau", "force1", "torque1", "bias_forces", "gravity_forces"}:
         total += 300 * joints
     if outputs - {"qdd", "a1", "alpha1", "pivots", "tau", "force1", "torque1", "mass_matrix", "S1_check"}:
         total += 120 * (joints + len(request.frames))
