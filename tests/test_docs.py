@@ -11,7 +11,7 @@ import pytest
 import typer
 
 import hingepair as hp
-from hingepair.bench.skip import make_folding_cases
+from hingepair.bench.skip import make_foldings
 from hingepair.cli.main import app
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from support.pages import page_steps, run_page
@@ -112,6 +112,6 @@ def test_no_docstring_of_a_property_reads_as_a_type():
 def test_the_table_of_operations_is_that_of_the_benchmark():
     page = (DOCS / "concepts" / "engine.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| (.*) \| (\d+) \|$", page, re.MULTILINE))
-    cases = make_folding_cases(2)
+    cases = make_foldings(2)
     assert rows
-    assert rows == {name: str(cases[name].count_operations_left()) for name in rows}
+    assert rows == {name: str(cases[name].operations()) for name in rows}

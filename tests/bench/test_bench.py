@@ -8,105 +8,60 @@ import io
 import itertools
 import json
 import math
-import os
 import sys
 import threading
 import time
 
-import mpmath
 import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench import direct, engines, measure, peers, plot, skip, truth
-from hingepair.bench.measure import Method, Report, Row, available_methods, make_rows, time_interleaved
-from hingepair.bench.peers import OUTPUT_NAMES_BY_LEVEL
+from hingepair.bench import direct, engines, harness, plot, robots, skip
+from hingepair.bench.direct import LEVELS
+from hingepair.bench.harness import Case, Method, Report, Row, installed, make_rows, time_interleaved
 from hingepair.bench.plot import MethodCurve, Panel, draw_panels, write_picture
 from hingepair.cli import bench as command
 from support.commands import refusal, run_command
 from support.drawn import drawn_texts
-from support.reference import from_euler
 from support.states import generator
 
-PAIR = hp.HingePair(**peers.BENCH_PAIR_ARGUMENT_BY_NAME)
-PRESENT, _ = available_methods(peers.COMPARED_KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: "not here"})
-MEASURED = [method for method in PRESENT if method.name not in {peers.COPY_FLOOR_NAME, peers.FRESH_COPY_FLOOR_NAME}]
-FEW = tuple(
-    method
-    for method in PRESENT
-    if method.name in {peers.HINGEPAIR_NAME, engines.PINOCCHIO_LOOP_NAME, peers.COPY_FLOOR_NAME}
-)
+PRESENT, _ = installed(direct.METHODS, {engines.PINOCCHIO_CPP: "not here"})
+MEASURED = [method for method in PRESENT if method.name not in {direct.COPY, direct.FRESH_COPY}]
+FEW = tuple(method for method in PRESENT if method.name in {harness.HINGEPAIR, engines.PINOCCHIO, direct.COPY})
 
 
 @pytest.fixture
 def few(monkeypatch):
-    """The methods that start quickly, and few states to compare them by."""
-    monkeypatch.setattr(peers, "COMPARED_KINEMATICS_METHODS", FEW)
-    monkeypatch.setattr(direct, "_NUM_RANDOM_STATES_COMPARED_WITH_EXACT", 3)
-    monkeypatch.setattr(direct, "hard_states", lambda rng, parts: tuple(c[:3] for c in truth.hard_states(rng, parts)))
+    """The methods that start quickly."""
+    monkeypatch.setattr(direct, "METHODS", FEW)
 
 
-@pytest.fixture(scope="module")
+@functools.cache
 def ordinary():
-    return {
-        level: truth.ExactResults(
-            peers.BENCH_PAIR_ARGUMENT_BY_NAME,
-            truth.random_states(generator(80), 3, parts),
-            OUTPUT_NAMES_BY_LEVEL[level],
-        )
-        for parts, level in enumerate(OUTPUT_NAMES_BY_LEVEL, 1)
-    }
-
-
-@pytest.fixture(scope="module")
-def hard():
-    return truth.ExactResults(
-        peers.BENCH_PAIR_ARGUMENT_BY_NAME, truth.hard_states(generator(82), 3), OUTPUT_NAMES_BY_LEVEL["acceleration"]
-    )
+    motion = direct.random_states(generator(80), 3, "acceleration")
+    return motion, direct.truth_of(motion)
 
 
 @pytest.mark.slow
-def test_the_truth_is_that_of_the_tests():
-    """Two routes, differences in time and Taylor series, meet in 40 digits."""
-    states = (*truth.random_states(generator(79), 1, 3), *truth.hard_states(generator(79), 3))
-    for motion in (states[:3], states[3:]):
-        constants = [np.array(peers.BENCH_PAIR_ARGUMENT_BY_NAME[key]) for key in ("u1", "u2", "n", "home")]
-        expected = from_euler(constants, *motion)
-        for i, state in enumerate(zip(*motion, strict=True)):
-            found = truth.compute_exact_outputs(peers.BENCH_PAIR_ARGUMENT_BY_NAME, *state)
-            with mpmath.workdps(60):
-                for name in OUTPUT_NAMES_BY_LEVEL["acceleration"]:
-                    true, scale = expected.values[name][i].ravel(), mpmath.mpf(float(expected.scales[name][i]))
-                    gap = max(abs(a - b) for a, b in zip(found[name], true, strict=True))
-                    assert gap <= mpmath.mpf("1e-40") * scale, (name, i)
-
-
-def _cases():
-    for method in MEASURED:
-        for level in OUTPUT_NAMES_BY_LEVEL:
-            slow = method.package == "jax" or level != "acceleration"
-            yield pytest.param(method, level, marks=[pytest.mark.slow] * slow, id=f"{method.name}-{level}")
+@pytest.mark.parametrize("method", MEASURED, ids=lambda method: method.name)
+def test_every_way_computes_the_truth(method):
+    motion, truth = ordinary()
+    for level in range(1, 4):
+        assert direct.method_errors([method], motion[:level], truth)[method.name] < 20
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "level"), [*_cases()])
-def test_every_way_computes_the_truth(method, level, ordinary):
-    assert direct.method_errors(PAIR, [method], ordinary[level])[method.name] < 20
-
-
-@pytest.mark.slow
-def test_one_state_is_computed_as_a_batch_is(ordinary):
+def test_one_state_is_computed_as_a_batch_is():
     one = [method for method in MEASURED if method.package != "jax" and method.min_samples == 1]
-    motion = tuple(c[:1] for c in ordinary["acceleration"].motion)
-    single = truth.ExactResults(peers.BENCH_PAIR_ARGUMENT_BY_NAME, motion, OUTPUT_NAMES_BY_LEVEL["acceleration"])
-    found = direct.method_errors(PAIR, one, single)
+    motion = tuple(c[:1] for c in ordinary()[0])
+    found = direct.method_errors(one, motion, direct.truth_of(motion))
     assert found.keys() == {method.name for method in one}
     assert max(found.values()) < 20
 
 
 def _changed(change):
     """Our results, changed."""
-    return lambda task: lambda: change(_named(task, peers.hingepair_job_maker()(task)()))
+    return lambda task: lambda: tuple(change(_named(task, direct.hingepair_job()(task)())).values())
 
 
 def _named(task, results):
@@ -122,7 +77,7 @@ def _reduced(task):
     """Reduces psi modulo 2 pi in double."""
     q = task.motion[0].copy()
     q[:, 6] %= 2 * np.pi
-    return peers.hingepair_job_maker()(task._replace(motion=(q, *task.motion[1:])))
+    return direct.hingepair_job()(task._replace(motion=(q, *task.motion[1:])))
 
 
 def _refuses(*_):
@@ -130,19 +85,21 @@ def _refuses(*_):
 
 
 @pytest.mark.slow
-def test_the_error_columns_see_errors_and_what_is_not_finite(ordinary, hard):
+def test_the_error_columns_see_errors_and_what_is_not_finite():
     wrong = [
-        Method("right", peers.hingepair_job_maker()),
+        Method("right", direct.hingepair_job()),
         Method("off", _changed(lambda found: {name: value + 1e-9 for name, value in found.items()})),
         Method("nan", _changed(_with_nan)),
         Method("refuses", _refuses),
         Method("reduced", _reduced),
     ]
-    found = direct.method_errors(PAIR, wrong, ordinary["velocity"])
+    motion, truth = ordinary()
+    found = direct.method_errors(wrong, motion[:2], truth)
     assert found["right"] < 12
     assert 1e4 < found["off"] < math.inf
     assert found["nan"] == found["refuses"] == math.inf
-    found = direct.method_errors(PAIR, wrong, hard)
+    motion = direct.hard_states(generator(82), "acceleration")
+    found = direct.method_errors(wrong, motion, direct.truth_of(motion))
     assert found["right"] < 12
     assert found["reduced"] > 1e6
 
@@ -150,7 +107,7 @@ def test_the_error_columns_see_errors_and_what_is_not_finite(ordinary, hard):
 def test_rows_are_medians_of_one_run_and_ratios_to_the_first():
     """A call of b does 10 samples; its second repeat met noise that a's did not."""
     times = {"a": [1.0, 2.0, 4.0], "b": [5.0, 90.0, 16.0]}
-    one, other = make_rows("a case", times, {"a": 1, "b": 10}, {"b": 2.0})
+    one, other = make_rows(Case("a case", {}, {"a": 1, "b": 10}, {"b": 2.0}), times)
     assert one == Row("a case", "a", 1, 2.0, 1.0, 1.0, None, {})
     assert other == Row("a case", "b", 10, 16.0, 5.0, 0.5, 2.0, {})
     assert (one.seconds_per_sample, other.seconds_per_sample) == (2.0, 1.6)
@@ -180,99 +137,38 @@ def test_no_job_is_timed_while_a_neighbour_still_works():
     assert not any(seen[1:])  # the first call finds nothing before it
 
 
-@pytest.mark.parametrize("shift", direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME.values())
+@pytest.mark.parametrize("shift", direct.OFFSETS.values())
 def test_outputs_begin_where_they_are_said_to(shift):
-    array = direct.allocate_at_offset((5, 3, 3), shift)
+    array = direct.array_at_offset((5, 3, 3), shift)
     assert array.shape == (5, 3, 3)
     assert array.flags.c_contiguous
     assert array.ctypes.data % 64 == shift
 
 
 @pytest.mark.slow
-def test_each_offset_has_a_row_beside_the_floor():
-    rows = direct.measure_offsets(9, ["pose", "velocity"], 1)
-    assert [row.method for row in rows] == [
-        peers.COPY_FLOOR_NAME,
-        *direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME,
-    ] * 2
-    assert list(dict.fromkeys(row.case for row in rows)) == [
-        f"{direct.OUTPUT_OFFSETS_CASE_NAME_PREFIX}: pose, N = 9",
-        f"{direct.OUTPUT_OFFSETS_CASE_NAME_PREFIX}: velocity, N = 9",
-    ]
-    assert all(row.count == 9 and row.seconds > 0 for row in rows)
-    assert direct.measure_offsets(1, ["pose"], 1) == []
-
-
-@pytest.mark.slow
 def test_direct_prints_writes_and_draws(few, tmp_path):  # noqa: ARG001
     picture = tmp_path / "b.svg"
-    options = ("--sizes", "1,2", "--levels", "pose", "--repeats", 1, "--no-cold", "--plot", picture)
-    shown = run_command("bench", "direct", *options).stdout
-    for words in (
-        *(method.name for method in FEW),
-        *direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME,
-        "pose, N = 1",
-        "pose, N = 2",
-        direct.PAIR_CONSTRUCTION_CASE_NAME,
-    ):
+    options = ("--sizes", "1,2", "--levels", "pose", "--repeats", 1, "--no-cold")
+    shown = run_command("bench", "direct", *options, "--plot", picture).stdout
+    for words in (*(method.name for method in FEW), *direct.OFFSETS, "pose, N = 1", "pose, N = 2", "construction"):
         assert words in shown
     assert any(method.name in text for method in FEW for text in drawn_texts(picture))
-
-
-@pytest.mark.slow
-def test_json_has_every_row_both_errors_and_the_machine(few):  # noqa: ARG001
-    options = ("--sizes", 2, "--levels", "pose", "--repeats", 1, "--no-cold", "--json")
-    found = json.loads(run_command("bench", "direct", *options).stdout, parse_constant=pytest.fail)
+    found = json.loads(run_command("bench", "direct", *options, "--json").stdout, parse_constant=pytest.fail)
     rows = {row["method"]: row for row in found["rows"] if row["case"] == "pose, N = 2"}
     assert rows.keys() == {method.name for method in FEW}
-    assert rows[peers.COPY_FLOOR_NAME]["error"] is None
-    assert rows[peers.HINGEPAIR_NAME]["error"] > 0
-    assert rows[peers.HINGEPAIR_NAME]["extra_columns"][direct.HARD_STATE_ERROR_COLUMN_HEADING] > 0
+    assert rows[direct.COPY]["error"] is None
+    assert rows[harness.HINGEPAIR]["error"] > 0
+    assert rows[harness.HINGEPAIR]["extra_columns"][direct.HARD] > 0
     assert {"processor", "machine", "cores", "numpy", "pin"} <= found["facts"].keys()
-
-
-def _row(case, method, ratio, seconds=1e-3):
-    return Row(case, method, 1, seconds, seconds, ratio)
 
 
 def test_no_cell_of_the_report_is_cut(capsys):
     rows = [
-        Row(
-            direct.case_name(level, size),
-            method.name,
-            10**6,
-            0.123456,
-            0.123456,
-            123.456,
-            1.2e-16,
-            {direct.HARD_STATE_ERROR_COLUMN_HEADING: 3e14},
-        )
-        for level in OUTPUT_NAMES_BY_LEVEL
-        for size in (1, 100, 10_000, 1_000_000)
-        for method in peers.COMPARED_KINEMATICS_METHODS
+        Row(f"{level}, N = 1,000,000", method.name, 10**6, 0.12, 0.12, 123.456, 1.2e-16, {direct.HARD: 3e14})
+        for level in LEVELS
+        for method in direct.METHODS
     ]
-    cases = [
-        f"{direct.FRESH_PROCESS_CASE_NAME_PREFIX}: {name}"
-        for name in (*direct.BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME, "import")
-    ]
-    rows += [
-        _row(case, method, 123.0)
-        for case in cases
-        for method in (*direct.BACKEND_NAMES_OF_CALL_SEQUENCES, "hingepair")
-    ]
-    rows += [
-        _row(case, peers.HINGEPAIR_NAME, 1.0)
-        for case in (direct.CONTROL_CYCLE_CASE_NAME, direct.PAIR_CONSTRUCTION_CASE_NAME)
-    ]
-    cases = [
-        direct.case_name(f"{direct.OUTPUT_OFFSETS_CASE_NAME_PREFIX}: {level}", 1_000_000)
-        for level in OUTPUT_NAMES_BY_LEVEL
-    ]
-    rows += [
-        _row(case, method, 1.0)
-        for case in cases
-        for method in direct.OUTPUT_OFFSET_BYTES_FROM_CACHE_LINE_BY_METHOD_NAME
-    ]
+    rows += [Row(f"{'x' * 90}, N = 1", "y" * 40, 1, 1e-3, 1e-3, 123.0)]
     command._run_benchmark(lambda: Report(rows, "error"), False)
     assert "…" not in capsys.readouterr().out
 
@@ -304,71 +200,70 @@ def test_a_small_picture_keeps_the_colour_of_every_curve():
     write_picture([[panel, panel], [panel, panel]], file, "png")
     assert len(file.getvalue()) < 100_000
     colours = {colour for _, colour in Image.open(file).convert("RGB").getcolors(1_000_000)}
-    wanted = [tuple(bytes.fromhex(colour[1:])) for colour in plot._CURVE_COLOUR_CYCLE[: len(methods)]]
+    wanted = [tuple(bytes.fromhex(colour[1:])) for colour in plot.COLOURS[: len(methods)]]
     assert [colour for colour in wanted if colour not in colours] == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("bench", ["direct", "integrate"])
 @pytest.mark.parametrize("path", ["no/such/folder/b.png", "b.tiger"])
-def test_a_picture_that_cannot_be_written_is_refused_before_measuring(bench, path, tmp_path, monkeypatch):
-    from hingepair.bench import integrate
-
-    monkeypatch.setattr(direct, "measure_kinematics", lambda *_: pytest.fail("measured"))
-    monkeypatch.setattr(integrate, "measure_integration", lambda *_: pytest.fail("measured"))
-    assert refusal("bench", bench, "--plot", tmp_path / path).startswith("--plot: ")
+def test_a_picture_that_cannot_be_written_is_refused_before_measuring(path, tmp_path, monkeypatch):
+    monkeypatch.setattr(direct, "bench_direct", lambda *_: pytest.fail("measured"))
+    assert refusal("bench", "direct", "--plot", tmp_path / path).startswith("--plot: ")
 
 
 def test_a_way_that_is_not_installed_is_a_line(monkeypatch):
-    monkeypatch.setattr(measure, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
-    found, left_out = available_methods(
-        peers.COMPARED_KINEMATICS_METHODS, {engines.PINOCCHIO_CPP_NAME: engines.cpp_missing_reason(False)}
-    )
+    monkeypatch.setattr(harness, "find_spec", lambda name: None if name in {"jax", "mujoco"} else True)
+    found, left_out = installed(direct.METHODS, engines.cpp_reasons(False))
     assert not [method for method in found if method.package in {"jax", "mujoco"}]
-    assert {f"left out: {name}" for name in ("MuJoCo", "JAX", "Pinocchio")} <= {
-        line.split(",")[0] for line in left_out
-    }
+    named = {line.split(",")[0] for line in left_out}
+    assert {f"left out: {name}" for name in ("MuJoCo", "JAX", "Pinocchio")} <= named
 
 
 def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
-    engines.compile_library.cache_clear()
+    engines.compile_loops.cache_clear()
     monkeypatch.setattr(engines, "_header_folders", lambda: iter(()))
-    assert "pinocchio/algorithm/" in engines.cpp_missing_reason(True)
+    assert "pinocchio/algorithm/" in engines.cpp_reasons(True)[engines.PINOCCHIO_CPP]
     monkeypatch.setenv("PATH", "")
-    assert "a C++ compiler" in engines.cpp_missing_reason(True)
+    assert "a C++ compiler" in engines.cpp_reasons(True)[engines.PINOCCHIO_CPP]
 
 
 @pytest.mark.proof
-def test_the_cpp_loop_computes_the_truth(ordinary, monkeypatch):
-    """Not optimised, and with what Pinocchio's library has compiled already, which takes a tenth of the time."""
-    engines.compile_library.cache_clear()
+def test_the_cpp_loop_computes_the_truth(monkeypatch):
+    """Not optimised, and with what Pinocchio's library has compiled already."""
+    engines.compile_loops.cache_clear()
     library = next(engines._header_folders()).parent / "lib"
     linked = ("-Wl,--no-as-needed", f"-L{library}", f"-Wl,-rpath,{library}", "-lpinocchio_default")
-    kept = [flag for flag in engines._CPP_COMPILER_FLAGS if flag not in {"-O3", "-march=native"}]
+    kept = [flag for flag in engines._CPP_FLAGS if flag not in {"-O3", "-march=native"}]
     flags = (*kept, "-O0", "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", *linked)
-    monkeypatch.setattr(engines, "_CPP_COMPILER_FLAGS", flags)
-    assert engines.cpp_missing_reason(True) is None
-    method = next(method for method in peers.COMPARED_KINEMATICS_METHODS if method.name == engines.PINOCCHIO_CPP_NAME)
-    for level in OUTPUT_NAMES_BY_LEVEL:
-        assert direct.method_errors(PAIR, [method], ordinary[level])[method.name] < 20
+    monkeypatch.setattr(engines, "_CPP_FLAGS", flags)
+    assert engines.cpp_reasons(True) == {}
+    motion, truth = ordinary()
+    method = next(method for method in direct.METHODS if method.name == engines.PINOCCHIO_CPP)
+    for level in range(1, 4):
+        assert direct.method_errors([method], motion[:level], truth)[method.name] < 20
+    method = next(method for method in robots.METHODS if method.name == engines.PINOCCHIO_CPP)
+    for name in ("ur5_robot", "panda", "solo12", "talos_reduced"):
+        robot, model = robots.load_models(name)
+        for workload in robots.WORKLOADS:
+            task = robots.make_task(robot, model, workload, 1)
+            limit = 1e-13 if workload == engines.FORWARD else 4e-15
+            assert robots.result_error(method, task, robots.exact_results(task)) < limit, (name, workload)
 
 
 @pytest.mark.slow
 def test_skip_compares_every_program_with_the_whole_one():
     found = json.loads(run_command("bench", "skip", "--samples", 50, "--repeats", 1, "--json").stdout)["rows"]
-    for name in skip.make_folding_cases(2):
+    for name in skip.make_foldings(2):
         assert len([row for row in found if row["method"] == name]) == 2
-    assert [row["ratio"] for row in found if row["method"] == skip.UNFOLDED_CASE_NAME] == [1, 1]
+    assert [row["ratio"] for row in found if row["method"] == "nothing known"] == [1, 1]
     operations = {row["method"]: row["extra_columns"]["operations"] for row in found}
-    whole = operations.pop(skip.UNFOLDED_CASE_NAME)
+    whole = operations.pop("nothing known")
     assert operations.pop("float32") == operations.pop("constant rates") == whole
     assert all(0 < left < whole for left in operations.values())
 
 
 @pytest.mark.slow
 def test_what_is_known_changes_no_output():
-    known = skip.make_folding_cases(20)
-    for pair, motion, outputs in known.values():
+    for pair, motion, outputs in skip.make_foldings(20).values():
         folded = pair.forward_kinematics(*motion, outputs=outputs)
         full = pair.forward_kinematics(
             *(np.stack(np.broadcast_arrays(*part), axis=-1) for part in motion), outputs=outputs, backend="numpy"
@@ -379,15 +274,17 @@ def test_what_is_known_changes_no_output():
 
 
 @pytest.mark.slow(4)
-def test_starts_are_measured_in_fresh_processes(monkeypatch):
-    monkeypatch.setattr(
-        direct, "BATCH_SIZES_OF_CALLS_BY_SEQUENCE_NAME", {direct.ONE_LARGE_CALL_SEQUENCE_NAME: "[3, 1]"}
-    )
-    fresh = direct._run_fresh_process
-    monkeypatch.setattr(
-        direct, "_run_fresh_process", lambda code, _: fresh(code, dict(os.environ))
-    )  # compiled already
-    rows = direct.measure_fresh_processes(1)
-    assert len(rows) == 2 + 1 + len(direct.BACKEND_NAMES_OF_CALL_SEQUENCES)
-    assert all(row.seconds > 0 for row in rows)
-    assert {direct.IMPORT_CASE_NAME, direct.RUN_CASE_NAME} < {row.case for row in rows}
+def test_first_calls_are_measured_in_fresh_processes_and_find_code_on_the_disk_the_second_time():
+    before = """
+import os
+from pathlib import Path
+known = Path(os.environ["HINGEPAIR_CACHE"], "code")
+calls = []
+"""
+    timed = "time.sleep(0.01 if calls else 0.05 if known.exists() else 0.3); known.touch(); calls.append(1)"
+    rows = harness.measure_cold("a case", {"a": (before, timed)}, 1)
+    assert [row.method for row in rows] == [f"a, {call}" for call in (harness.FIRST, harness.ON_DISK, harness.SECOND)]
+    first, on_disk, second = (row.seconds for row in rows)
+    assert first > 0.3 > on_disk > 0.05 > second
+    (started,) = harness.measure_cold("import", {"json": ("", "import json")}, 1, (harness.FIRST,))
+    assert (started.method, started.ratio) == ("json, first call", 1)

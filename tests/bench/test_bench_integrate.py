@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hingepair.bench import integrate
-from hingepair.bench.integrate import ROTATION_CASES
+from hingepair.bench.integrate import MOTIONS
 from support.commands import run_command
 from support.drawn import drawn_texts
 from support.spins import REFERENCE
@@ -20,10 +20,10 @@ from support.spins import REFERENCE
 def test_the_motions_are_what_their_closed_forms_say():
     """Omega is that of the exact attitudes, which agree with the tests' own."""
     t = np.array([0.3, 1.7])
-    for motion in ROTATION_CASES:
+    for motion in MOTIONS:
         near = motion.exact_attitudes(np.concatenate([t - 1e-6, t + 1e-6]))
         for k, omega in enumerate(motion.omega(t)):
-            rate = (near[k + 2] - near[k]) / mpmath.mpf(2e-6) * motion.exact_attitudes(t)[k].T
+            rate = (near[k + 2] - near[k]) / mpmath.mpf(2e-6) @ motion.exact_attitudes(t)[k].T
             found = [rate[2, 1], rate[0, 2], rate[1, 0]]
             np.testing.assert_allclose([float(w) for w in found], omega, rtol=0, atol=1e-9)
         np.testing.assert_allclose(
@@ -32,11 +32,11 @@ def test_the_motions_are_what_their_closed_forms_say():
             rtol=0,
             atol=1e-15,
         )
-    exact = np.array(ROTATION_CASES[0].exact_attitudes(t)[0].tolist(), dtype=float)
+    exact = np.array(MOTIONS[0].exact_attitudes(t)[0].tolist(), dtype=float)
     np.testing.assert_allclose(exact, REFERENCE.exact(t[0]).astype(float), rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("motion", ROTATION_CASES, ids=lambda motion: motion.name)
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: motion.name)
 def test_the_error_column_sees_an_error(motion):
     """A turn by 1e-7 rad is found, half a turn is not taken for none, and no number is no attitude."""
     exact = motion.exact_attitudes(np.linspace(0, 1, 4))
@@ -54,10 +54,10 @@ def test_the_error_column_sees_an_error(motion):
 @pytest.mark.slow
 def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     methods = ("magnus6", "midpoint")
-    monkeypatch.setattr(integrate, "_HINGEPAIR_INTEGRATION_METHOD_NAMES", methods)
-    monkeypatch.setattr(integrate, "_STEP_COUNTS_OF_HINGEPAIR_METHODS", (500, 1000))
-    monkeypatch.setattr(integrate, "_SCIPY_SOLVER_NAMES", ("LSODA",))
-    monkeypatch.setattr(integrate, "_SCIPY_TOLERANCES", (1e-2, 1e-4))
+    monkeypatch.setattr(integrate, "METHODS", methods)
+    monkeypatch.setattr(integrate, "STEPS", (500, 1000))
+    monkeypatch.setattr(integrate, "SOLVERS", ("LSODA",))
+    monkeypatch.setattr(integrate, "TOLERANCES", (1e-2, 1e-4))
     picture = tmp_path / "i.svg"
     options = ("bench", "integrate", "--repeats", 1, "--steps", 3000)
     shown = run_command(*options, "--plot", picture).stdout
@@ -82,4 +82,4 @@ def test_the_time_to_an_error_is_read_between_finenesses():
         for n, t, error in ((10, 1.0, 1e-9), (20, 2.0, 1e-11), (40, 4.0, 1e-13))
     ]
     rows.append(integrate.Row("turned", "midpoint, 10 steps", 1, 1.0, 1.0, 1.0, math.inf))
-    assert integrate.times_to_target_error(rows, "turned") == {"magnus6": pytest.approx(2.0)}
+    assert integrate.times_to_target(rows, "turned") == {"magnus6": pytest.approx(2.0)}

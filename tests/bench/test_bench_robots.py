@@ -8,7 +8,8 @@ import pytest
 import hingepair as hp
 from hingepair.bench import engines
 from hingepair.bench import robots as bench
-from hingepair.bench.robot_truth import ExactRobot
+from hingepair.bench.truth import ExactRobot
+from hingepair.mechanism.tree import Frame
 from support.sparse import sparse
 
 FOLLOWERS = """<robot name="r"><link name="a"/>
@@ -25,91 +26,79 @@ FOLLOWERS = """<robot name="r"><link name="a"/>
 <joint name="j3" type="revolute"><parent link="c"/><child link="d"/><origin xyz="0 0.3 0"/><axis xyz="1 0 0"/>
 <mimic joint="j1" multiplier="-2" offset="0.25"/><limit effort="1" velocity="1"/></joint></robot>"""
 
-CASES = [(name, workload) for name in bench.LOCKED_JOINT_POSITIONS_BY_ROBOT_NAME for workload in bench.WORKLOAD_NAMES]
+CASES = [
+    (name, workload) for name in ("ur5_robot", "panda", "solo12", "talos_reduced") for workload in bench.WORKLOADS
+]
+
+
+def able(workload):
+    """The methods that compute a workload, but for those of C++ and JAX."""
+    left_out = engines.PINOCCHIO_CPP, bench.METHODS[-1].name
+    found = [m for m in bench.METHODS if workload in bench._ONLY.get(m.name, bench.WORKLOADS)]
+    return [method for method in found if method.name not in left_out]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "workload"), sparse(CASES, 5))
 def test_all_engines_agree(name, workload):
-    robot, model = bench._load_models(name)
-    task = bench.make_robot_task(name, robot, model, workload, 3 if workload != bench.FORWARD_WORKLOAD else 1)
-    truth = bench.exact_robot_results(task)
-    for method in bench.COMPARED_ROBOT_METHODS:
-        asked = workload in bench._WORKLOAD_NAMES_BY_NAME_OF_RESTRICTED_METHOD.get(method.name, bench.WORKLOAD_NAMES)
-        if asked and method.name not in (bench.PINOCCHIO_CPP_NAME, bench.FRAX_NAME):
-            one = (
-                bench.make_robot_task(name, robot, model, workload, 1) if method.name == bench.PREPARED_NAME else task
-            )
-            rounds_more = method.name == bench.MUJOCO_NAME or workload == bench.FORWARD_WORKLOAD
-            assert bench.robot_error(method, one, truth) < (1e-13 if rounds_more else 4e-15), method.name
+    models = bench.load_models(name)
+    task = bench.make_task(*models, workload, 3)
+    truth = bench.exact_results(task)
+    for method in able(workload):
+        own = bench.make_task(*models, workload, 1) if method.name == bench.PREPARED else task
+        rounds_more = method.name == engines.MUJOCO or workload == bench.FORWARD
+        assert bench.result_error(method, own, truth) < (2e-13 if rounds_more else 4e-15), method.name
 
 
 def test_an_error_is_seen():
-    robot, model = bench._load_models("ur5_robot")
-    task = bench.make_robot_task("ur5_robot", robot, model, bench.INVERSE_WORKLOAD, 3)
-    wrong = bench.Method("wrong", lambda own: lambda: np.asarray(bench.hingepair_robot_job(own)()) * (1 + 1e-3))
-    assert 5e-4 < bench.robot_error(wrong, task, bench.exact_robot_results(task)) < 2e-3
+    task = bench.make_task(*bench.load_models("ur5_robot"), bench.INVERSE, 3)
+    wrong = bench.Method("wrong", lambda own: lambda: (bench.hingepair_job(own)()[0] * (1 + 1e-3),))
+    assert 5e-4 < bench.result_error(wrong, task, bench.exact_results(task)) < 2e-3
 
 
 @pytest.mark.slow
 def test_the_report_has_a_row_for_each_engine():
-    report = bench.measure_robots(["ur5_robot"], [1, 10], 1, False)
-    assert {row.case for row in report.rows} == {
-        f"ur5 (6 joints), {workload}, N = {size}" for workload in bench.WORKLOAD_NAMES for size in (1, 10)
-    }
-    assert {bench.PREPARED_NAME, bench.HINGEPAIR_NAME, bench.PINOCCHIO_LOOP_NAME, bench.MUJOCO_NAME} <= {
-        row.method for row in report.rows
-    }
-    panels = [panel for line in report.panels for panel in line]
-    assert [panel.title for panel in panels] == [f"{workload}, N = 10" for workload in bench.WORKLOAD_NAMES]
-    for panel in panels:
-        assert panel.y_names == ["ur5 (6 joints)"]
-        assert panel.curves[0].name.startswith(f"{bench.HINGEPAIR_NAME}: error ")
-        assert all(
-            panel.x_range[0] < x < panel.x_range[1] and y == 0 for curve in panel.curves for x, y in curve.points
-        )
+    report = bench.bench_robots(["ur5_robot"], [1, 10], 1, with_cpp=False, cold=False)
+    for workload in bench.WORKLOADS:
+        names = {method.name for method in able(workload)} - {bench.METHODS[-1].name}
+        for size in (1, 10):
+            case = f"ur5 (6 joints), {workload}, N = {size}"
+            found = {row.method for row in report.rows if row.case == case} - {bench.METHODS[-1].name}
+            sizes = {m.name: (m.min_samples, 1 if m.name == bench.PREPARED else 10) for m in bench.METHODS}
+            assert found == {name for name in names if sizes[name][0] <= size <= sizes[name][1]}, case
     assert all(row.error is not None and row.error < 1e-13 for row in report.rows)
     assert max(map(len, report.table())) <= 100
+    panels = [panel for line in report.panels for panel in line]
+    assert [panel.title for panel in panels] == [f"{workload}, N = 10" for workload in bench.WORKLOADS]
+    for panel in panels:
+        assert panel.y_names == ["ur5 (6 joints)"]
+        assert panel.curves[0].name.startswith("hingepair: error ")
+        low, high = panel.x_range
+        assert all(low < x < high and y == 0 for curve in panel.curves for x, y in curve.points)
 
 
 def test_the_truth_holds_for_joints_of_every_kind():
     """Sliders and followers too, which the robots of the bench have none of."""
     robot = hp.Mechanism.from_urdf(FOLLOWERS)
     rng = np.random.default_rng(5)
-    q, v, w = rng.uniform(-1, 1, (3, robot.dof))
-    truth = ExactRobot(robot.tree, q)
-    tip = robot.tree.joints[-1].name
-    state = robot.forward_kinematics(q, frames=(tip,))
-    np.testing.assert_allclose(truth.pose(tip).astype(float)[:3], state[tip].R, atol=1e-15)
-    np.testing.assert_allclose(truth.jacobian(tip).astype(float), robot.jacobian(q, tip), atol=1e-15)
-    tau = truth.inverse_dynamics(v, w).astype(float)
+    q, v, w = rng.uniform(-1, 1, (3, 1, robot.dof))
+    joint = robot.tree.joints[-1].name
+    state, body = robot.forward_kinematics(q, frames=(joint,)), len(robot.tree.joints)
+    truth = ExactRobot(robot.tree, q, v, w)
+    motion = truth.motion(Frame(body, np.zeros(3), np.eye(3)))
+    np.testing.assert_allclose(motion["R"].astype(float), state[joint].R, atol=1e-15)
+    np.testing.assert_allclose(motion["S"].astype(float), state[joint].S, atol=1e-15)
+    np.testing.assert_allclose(truth.jacobian(body, motion["R"]).astype(float), robot.jacobian(q, joint), atol=1e-15)
+    np.testing.assert_allclose(truth.mass_matrix().astype(float), robot.mass_matrix(q), rtol=1e-13)
+    tau = truth.forces()[2].astype(float)
     np.testing.assert_allclose(tau, robot.inverse_dynamics(q, v, w).tau, rtol=1e-13)
-    np.testing.assert_allclose(truth.forward_dynamics(v, tau).astype(float), w, rtol=1e-12)
+    np.testing.assert_allclose(ExactRobot(robot.tree, q, v).accelerations(tau).astype(float), w, rtol=1e-12)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # frax's own
 def test_frax_agrees():
-    robot, model = bench._load_models("ur5_robot")
-    method = next(method for method in bench.COMPARED_ROBOT_METHODS if method.name == bench.FRAX_NAME)
-    for workload in (bench.INVERSE_WORKLOAD, bench.FORWARD_WORKLOAD):
-        task = bench.make_robot_task("ur5_robot", robot, model, workload, 4)
-        assert bench.robot_error(method, task, bench.exact_robot_results(task)) < 1e-13
-
-
-@pytest.mark.proof
-def test_the_cpp_loop_agrees(monkeypatch):
-    """Not optimised, and with what Pinocchio's library has compiled already, which takes a tenth of the time."""
-    engines.compile_library.cache_clear()
-    bench._load_robots_library.cache_clear()
-    library = next(engines._header_folders()).parent / "lib"
-    linked = ("-Wl,--no-as-needed", f"-L{library}", f"-Wl,-rpath,{library}", "-lpinocchio_default")
-    kept = [flag for flag in engines._CPP_COMPILER_FLAGS if flag not in {"-O3", "-march=native"}]
-    flags = (*kept, "-O0", "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", *linked)
-    monkeypatch.setattr(engines, "_CPP_COMPILER_FLAGS", flags)
-    method = next(method for method in bench.COMPARED_ROBOT_METHODS if method.name == bench.PINOCCHIO_CPP_NAME)
-    for name, workload in CASES:
-        robot, model = bench._load_models(name)
-        task = bench.make_robot_task(name, robot, model, workload, 1)
-        limit = 1e-13 if workload == bench.FORWARD_WORKLOAD else 4e-15
-        assert bench.robot_error(method, task, bench.exact_robot_results(task)) < limit, (name, workload)
+    models, method = bench.load_models("ur5_robot"), bench.METHODS[-1]
+    for workload in (bench.INVERSE, bench.FORWARD):
+        task = bench.make_task(*models, workload, 4)
+        assert bench.result_error(method, task, bench.exact_results(task)) < 1e-13

@@ -24,23 +24,20 @@ def test_the_command_prints_rows():
     rows = json.loads(run_command("bench", "scale", *options).stdout)["rows"]
     cases = [row["case"] for row in rows]
     assert len(set(cases)) == 5
-    timed = [row for row in rows if row["case"] in {"velocity", "forward dynamics of panda"}]
+    timed = [row for row in rows if row["case"] in {"velocity, N = 2,000", "forward dynamics of panda, N = 2,000"}]
     assert [row["count"] for row in timed] == [2000] * 8
-    assert all(row["extra_columns"][bench.PROCESSOR_TIME_COLUMN_HEADING] >= 0 for row in timed)
-    methods = {row["method"] for row in rows if row["case"] == "velocity"}
+    assert all(row["extra_columns"][bench.PROCESSOR_TIME] >= 0 for row in timed)
+    methods = {row["method"] for row in rows if row["case"] == "velocity, N = 2,000"}
     assert methods == {"plain call, 1 thread", "Dask, 1 thread", "plain call, 2 threads", "Dask, 2 threads"}
-    (long,) = [row for row in rows if bench.PEAK_MEMORY_COLUMN_HEADING in row["extra_columns"]]
+    (long,) = [row for row in rows if bench.MEMORY in row["extra_columns"]]
     assert long["count"] == 600_000
-    assert 0 < long["extra_columns"][bench.PEAK_MEMORY_COLUMN_HEADING] < MAX_MEGABYTES
+    assert 0 < long["extra_columns"][bench.MEMORY] < MAX_MEGABYTES
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="other systems show another peak")
 def test_the_peak_memory_of_a_reduction_is_neither_that_of_its_caller_nor_grows_with_the_samples():
     held = np.ones(10**8)  # 800 MB of this process
-    peaks = [
-        bench._measure_long_reduction(samples, 2).extra_columns[bench.PEAK_MEMORY_COLUMN_HEADING]
-        for samples in (1_000_000, 8_000_000)
-    ]
+    peaks = [bench.measure_reduction(samples, 2).extra_columns[bench.MEMORY] for samples in (1_000_000, 8_000_000)]
     assert held.nbytes / 1e6 > MAX_MEGABYTES > max(peaks)
     assert peaks[1] < 1.5 * peaks[0]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS
 from hingepair.engine.backend import Execution
 from hingepair.integration.methods import RULES
 from hingepair.integration.stepping import CHUNK, GROUP, ROTATION_SCAN
-from support.reference import DIGITS
 from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U
 from support.states import generator, rotations

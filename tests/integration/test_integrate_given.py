@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS
 from hingepair.integration.methods import RULES, angle_loop, rotation_loop
 from hingepair.integration.signals import interpolation_loop
-from support.reference import DIGITS
 from support.sparse import sparse
 from support.spins import REFERENCE, SPINS, TURNED, U, angle
 from support.states import generator

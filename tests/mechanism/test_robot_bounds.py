@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS, ExactRobot, largest_errors
 from hingepair.mechanism.constants import exact_mass_numbers
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from support import states
-from support.reference import DIGITS
-from support.robot_reference import RobotReference, errors
 from support.trees import Robot, with_mimics
 
 GRAVITY = (1.5, -2.0, -9.0)
@@ -50,18 +49,18 @@ def check_robot(robot, coordinates, backend):
     """Motion of both links, and forces."""
     count = len(coordinates[0])
     still, turn = np.zeros((count, 3)), np.stack([np.eye(3)] * count)
-    truth = RobotReference(robot.tree, [still, turn, still, still, still, still], *coordinates, GRAVITY)
+    truth = ExactRobot(robot.tree, *coordinates, base=[still, turn, still, still, still, still], gravity=GRAVITY)
     state = robot.forward_kinematics(*coordinates, frames=LINKS, backend=backend)
     bounds = robot.error_bounds(*coordinates, frames=LINKS)
     for k, link in enumerate(LINKS):
         exact = truth.motion(robot.tree.links[link])
         for name, bound in bounds.items():
-            off = errors(getattr(state, name)[:, k], exact[name], 2 if name == "S" else 1)
+            off = largest_errors(getattr(state, name)[:, k], exact[name], 2 if name == "S" else 1)
             assert (off <= bound[:, k] + 1e-50).all(), (link, name, off, bound[:, k])
     forces = robot.inverse_dynamics(*coordinates, gravity=GRAVITY, backend=backend)
     bounds = robot.error_bounds(*coordinates, outputs=FORCES, gravity=GRAVITY)
     for name, exact in zip(FORCES, truth.forces(base_counts=robot.base == "free"), strict=True):
-        off = errors(getattr(forces, name), exact, 1)
+        off = largest_errors(getattr(forces, name), exact, 1)
         assert (off <= bounds[name] + 1e-50).all(), (name, off, bounds[name])
 
 
@@ -108,7 +107,7 @@ def exact_accelerations(robot, q, qd, tau):
     still, turn = np.zeros((count, 3)), np.stack([np.eye(3)] * count)
 
     def takes(qd, qdd, gravity):
-        truth = RobotReference(robot.tree, [still, turn, still, still, still, still], q, qd, qdd, gravity)
+        truth = ExactRobot(robot.tree, q, qd, qdd, base=[still, turn, still, still, still, still], gravity=gravity)
         return truth.forces(base_counts=False)[2]
 
     with mpmath.workdps(DIGITS):
@@ -130,7 +129,7 @@ def test_bounds_of_accelerations_hold_and_are_finite(seed):
     exact = exact_accelerations(robot, q, qd, tau)
     for backend in ("numpy", "compiled"):
         found = robot.forward_dynamics(q, qd, tau, gravity=GRAVITY, backend=backend).qdd
-        assert (errors(found, exact, 1) <= bound).all()
+        assert (largest_errors(found, exact, 1) <= bound).all()
     assert (bound <= 1e-6 * abs(found).max(axis=1)).all()
 
 

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS, LETTERS, ExactRobot, largest_errors
 from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
 from support import states
-from support.reference import DIGITS
-from support.robot_reference import LETTERS, RobotReference, errors
 from support.trees import Robot, random_model, record_of
 
 U = 2.0**-53
@@ -63,12 +62,12 @@ def case(name, base, sizes, count=2):
     given["S"] = np.stack([np.array(((0, 0, 1), (1, 0, 0), (0, 1, 0)), float)] * count)  # a rotation to the last bit
     motion = hp.BodyMotion(**given)
     parts = [getattr(motion, letter) for letter in LETTERS]
-    return robot, coordinates, motion, RobotReference(robot.tree, parts, *coordinates, GRAVITY)
+    return robot, coordinates, motion, ExactRobot(robot.tree, *coordinates, base=parts, gravity=GRAVITY)
 
 
 def check(name, got, truth, axes, bound, scale):
     """Hold errors against the rigorous bounds, and against u * scale."""
-    found = errors(got, truth, axes)
+    found = largest_errors(got, truth, axes)
     assert (found <= bound + 1e-50 * scale).all(), (name, found, bound)  # the truth itself has sixty digits
     assert (found <= SEEN * U * scale).all(), (name, found, U * scale)
 
@@ -124,11 +123,11 @@ def test_forces_of_followers_are_within_their_bounds():
     still = np.zeros((count, 3))
     parts = [still, np.stack([np.eye(3)] * count), still, still, still, still]
     with mpmath.workdps(DIGITS):
-        _, _, each = RobotReference(free, parts, *(part @ twin.ratios.T for part in coordinates)).forces(
+        _, _, each = ExactRobot(free, *(part @ twin.ratios.T for part in coordinates), base=parts).forces(
             base_counts=False
         )
         exact = each @ twin.ratios
-    off = errors(robot.inverse_dynamics(*coordinates).tau, exact, 1)
+    off = largest_errors(robot.inverse_dynamics(*coordinates).tau, exact, 1)
     assert (off <= robot.error_bounds(*coordinates, outputs=("tau",))["tau"]).all()
 
 
@@ -147,7 +146,9 @@ def test_the_mass_matrix_is_what_unit_accelerations_take(arm, base):
         else:
             qdd[:, column - 6 * (base == "free")] = 1
         parts = [motion.R, motion.S, at["v"], at["omega"], at["a"], at["alpha"]]
-        force1, torque1, tau = RobotReference(robot.tree, parts, q, 0 * q, qdd, (0, 0, 0)).forces(base_counts=True)
+        force1, torque1, tau = ExactRobot(robot.tree, q, 0 * q, qdd, base=parts, gravity=(0, 0, 0)).forces(
+            base_counts=True
+        )
         columns.append(np.concatenate((force1, torque1, tau), axis=-1) if base == "free" else tau)
     exact = np.stack(columns, axis=-1)
     found = robot.mass_matrix(q, base_motion=motion)
@@ -167,7 +168,7 @@ def test_the_jacobian_is_what_unit_rates_give(arm):
         v, omega, qd = 0 * motion.v, 0 * motion.v, np.zeros_like(q)
         (v, omega, qd)[min(column // 3, 2)][:, column - 3 * min(column // 3, 2)] = 1
         parts = [motion.R, motion.S, v, omega, 0 * v, 0 * v]
-        exact = RobotReference(robot.tree, parts, q, qd, 0 * qd).motion(frame)
+        exact = ExactRobot(robot.tree, q, qd, 0 * qd, base=parts).motion(frame)
         columns.append(np.concatenate((exact["v"], exact["omega"]), axis=-1))
     found = robot.jacobian(q, link, base_motion=motion)
     bound = robot.error_bounds(q, frames=link, outputs=("jacobian",), base_motion=motion)["jacobian"]
@@ -188,14 +189,14 @@ def test_accelerations_leave_nothing_over(arm, sizes, base):
     moves = robot.forward_dynamics(q, qd, tau, base_motion=motion, gravity=GRAVITY, **loads)
     a, alpha = (moves.a1, moves.alpha1) if base == "free" else (motion.a, motion.alpha)
     parts = [motion.R, motion.S, motion.v, motion.omega, a, alpha]
-    exact = RobotReference(robot.tree, parts, q, qd, moves.qdd, GRAVITY).forces(base_counts=base == "free")
+    exact = ExactRobot(robot.tree, q, qd, moves.qdd, base=parts, gravity=GRAVITY).forces(base_counts=base == "free")
     reached = hp.BodyMotion(**dict(zip(LETTERS, parts, strict=True)))
     force, torque = scales_of(robot, [q, qd, moves.qdd], reached).forces()
     wanted = {"tau": (tau, exact[2], torque.max(axis=1))}
     if base == "free":
         wanted |= {"force1": (force1, exact[0], force[:, 0]), "torque1": (torque1, exact[1], torque[:, 0])}
     for name, (acts, takes, scale) in wanted.items():
-        left = errors(acts, takes, 1)
+        left = largest_errors(acts, takes, 1)
         assert (left <= SEEN * U * scale).all(), (name, (left / (U * scale)).max())
 
 
@@ -204,7 +205,7 @@ def test_the_reference_conserves_what_it_must():
     robot, coordinates, motion, truth = case("panda", "free", HARD["ordinary"])
     with mpmath.workdps(DIGITS):
         force1, _, tau = truth.forces(base_counts=True)
-        still = RobotReference(robot.tree, [getattr(motion, k) for k in LETTERS], *coordinates, (0, 0, 0))
+        still = ExactRobot(robot.tree, *coordinates, base=[getattr(motion, k) for k in LETTERS], gravity=(0, 0, 0))
         mass = sum([robot.tree.base.mass, *(joint.body.mass for joint in robot.tree.joints)])
         weight = force1 - still.forces(base_counts=True)[0]
         assert np.abs(weight + mass * np.array(GRAVITY)).max() < 1e-13
@@ -221,7 +222,9 @@ def exact_accelerations(robot, coordinates, motion, tau, loads):
 
     def takes(qd, qdd, gravity, **moved):
         parts = [({**at, **moved})[letter] for letter in LETTERS]
-        force1, torque1, efforts = RobotReference(robot.tree, parts, q, qd, qdd, gravity).forces(base_counts=free)
+        force1, torque1, efforts = ExactRobot(robot.tree, q, qd, qdd, base=parts, gravity=gravity).forces(
+            base_counts=free
+        )
         return np.concatenate((force1, torque1, efforts), axis=-1) if free else efforts
 
     acts = np.concatenate((*loads.values(), tau), axis=-1)
@@ -258,7 +261,7 @@ def test_accelerations_are_within_their_bounds(arm, sizes, base):
     for name in names:
         got = getattr(moves, name)
         own, exact = exact[:, : got.shape[1]], exact[:, got.shape[1] :]
-        off = errors(got, own, 1)
+        off = largest_errors(got, own, 1)
         assert (off <= bounds[name]).all(), (name, off, bounds[name])
         assert (bounds[name] <= 1e-6 * np.abs(got).max()).all(), (name, bounds[name])
 
@@ -290,7 +293,7 @@ def test_centre_energy_and_momentum_are_within_their_bounds(arm):
     values = (centre, energy.kinetic, energy.potential, momentum.linear, momentum.angular)
     bounds = robot.error_bounds(q, qd, outputs=names, gravity=GRAVITY, base_motion=motion)
     for name, got in zip(names, values, strict=True):
-        off = errors(got, exact[name], got.ndim - 1)
+        off = largest_errors(got, exact[name], got.ndim - 1)
         assert (off <= bounds[name]).all(), (name, off, bounds[name])
         assert (bounds[name] <= 1e-12 * np.abs(got).max()).all(), (name, bounds[name])
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS
 from hingepair.numeric.unit_vectors import (
     direction,
     finite_axis,
@@ -17,7 +18,6 @@ from hingepair.numeric.unit_vectors import (
     times_power_of_two,
     unit_axis,
 )
-from support.reference import DIGITS
 
 SIZES = (1.0, 3e-4, 5e3, 1e-200, 1e200, 3e-310, 5e-324 * 2**20, 1e308)
 

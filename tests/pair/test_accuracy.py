@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from support import reference, states
+from hingepair.bench import truth as reference
+from hingepair.bench.truth import OUTPUTS
+from support import states, truths
 from support.hinged import pair_of
-from support.reference import ORDINARY, OUTPUTS
 from support.sparse import sparse
+from support.truths import ORDINARY
 
 pytestmark = pytest.mark.usefixtures("each_backend")
 
@@ -44,7 +46,7 @@ def random_states():
     for k in range(8):
         rng = states.generator(1, k)
         constants, motion = states.pair(rng, home=k % 4 > 0), states.coordinates(rng, 10)
-        cases.append((pair_of(constants), motion, reference.from_euler(constants, *motion)))
+        cases.append((pair_of(constants), motion, truths.from_euler(constants, *motion)))
     return cases
 
 
@@ -57,7 +59,7 @@ def test_random_states(random_states, ledger, way):
 def test_random_states_of_one_pair(ledger):
     rng = states.generator(2)
     constants, motion = states.pair(rng), states.coordinates(rng, 40)
-    truth, pair = reference.from_euler(constants, *motion), pair_of(constants)
+    truth, pair = truths.from_euler(constants, *motion), pair_of(constants)
     require(truth, batch(pair, motion), ledger, "batch")
     require(truth, one_by_one(pair, motion), ledger, "one_by_one")
 
@@ -66,7 +68,7 @@ def test_random_states_of_one_pair(ledger):
 def test_other_sequences(sequence, ledger):
     rng = states.generator(3)
     constants, motion = states.pair(rng), states.coordinates(rng, 25)
-    truth, pair = reference.from_euler(constants, *motion, sequence=sequence), pair_of(constants)
+    truth, pair = truths.from_euler(constants, *motion, sequence=sequence), pair_of(constants)
     require(truth, batch(pair, motion, sequence=sequence), ledger, "sequences")
     require(truth, one_by_one(pair, motion, sequence=sequence), ledger, "sequences")
 
@@ -78,7 +80,7 @@ def test_only_the_hinge_moves(ledger):
     constants, (q, qd, qdd) = states.pair(rng, home=False), states.coordinates(rng, 60)
     constants = (np.zeros(3), *constants[1:])
     q[:, :3], qd[:, :6], qdd[:, :6] = 0, 0, 0
-    truth = reference.from_euler(constants, q, qd, qdd)
+    truth = truths.from_euler(constants, q, qd, qdd)
     found = batch(pair_of(constants), (q, qd, qdd))
     require(truth, found, ledger, "hinge alone")
 
@@ -86,7 +88,7 @@ def test_only_the_hinge_moves(ledger):
 @pytest.mark.slow
 def test_reference_example(ledger):
     motion = states.reference_example(np.linspace(0.0, 10.0, 41))
-    truth, pair = reference.from_euler(states.REFERENCE_PAIR, *motion), pair_of(states.REFERENCE_PAIR)
+    truth, pair = truths.from_euler(states.REFERENCE_PAIR, *motion), pair_of(states.REFERENCE_PAIR)
     require(truth, batch(pair, motion), ledger, "example")
     require(truth, one_by_one(pair, motion), ledger, "example")
 
@@ -124,7 +126,7 @@ def test_float32_states(way, ledger):
     motion = [c.astype(np.float32) for c in states.coordinates(rng, 40)]
     found = way(pair_of(constants), motion)
     assert {x.dtype for x in found.values()} == {np.dtype(np.float32)}
-    require(reference.from_euler(constants, *motion), found, ledger, "float32")
+    require(truths.from_euler(constants, *motion), found, ledger, "float32")
 
 
 @pytest.mark.parametrize("name", sparse(HARD, 6))
@@ -134,7 +136,7 @@ def test_hard_state(name, ledger):
     assert len(HARD) + len(states.hard_attitudes()) >= 60
     neighbours = states.coordinates(states.generator(6), 2)
     motion = [np.stack([a[0], c, a[1]]) for a, c in zip(neighbours, motion, strict=True)]
-    truth, pair = reference.from_euler(constants, *motion), pair_of(constants)
+    truth, pair = truths.from_euler(constants, *motion), pair_of(constants)
     require(truth, batch(pair, motion), ledger, "hard")
     require(truth, one_by_one(pair, motion), ledger, "hard")
 
@@ -148,7 +150,7 @@ def test_no_square_of_a_rate_is_formed_alone(name, dtype, ledger):
         u1, u2, *motion = (np.sign(x) * abs(x) ** np.float64(0.122) for x in (u1, u2, *motion))
         u1, u2, n, home = (x.astype(dtype) for x in (u1, u2, n, np.eye(3)))
     motion = [c[None].astype(dtype) for c in motion]
-    truth, pair = reference.from_euler((u1, u2, n, home), *motion), pair_of((u1, u2, n, home))
+    truth, pair = truths.from_euler((u1, u2, n, home), *motion), pair_of((u1, u2, n, home))
     assert all(np.isfinite(scale).all() for scale in truth.scales.values())
     require(truth, batch(pair, motion), ledger, "immense")
     require(truth, one_by_one(pair, motion), ledger, "immense")
@@ -213,7 +215,7 @@ def test_a_sample_that_is_no_number_stays_in_its_sample(bad, place, ledger):
     motion[0][2, place] = bad
     found = batch(pair_of(constants), motion)
     clean = [np.delete(c, 2, axis=0) for c in motion]
-    truth = reference.from_euler(constants, *clean)
+    truth = truths.from_euler(constants, *clean)
     require(truth, {name: np.delete(x, 2, axis=0) for name, x in found.items()}, ledger, "beside NaN")
     assert not np.isfinite(found["R2"][2]).all()
     assert place < 3 or not np.isfinite(found["S2"][2]).all()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import hingepair as hp
-from support.reference import OUTPUTS, UNIT, euler_scales
+from hingepair.bench.truth import OUTPUTS, UNIT, euler_scales
 from support.states import generator, rotations
 
 backends = pytest.mark.usefixtures("each_backend")

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench import truth as reference
+from hingepair.bench.truth import OUTPUTS
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from support import extended, reference, states
-from support.reference import BOUNDS, ORDINARY, OUTPUTS
+from support import extended, states, truths
+from support.truths import BOUNDS, ORDINARY
 
 BACKENDS = ("numpy", "compiled")
 
@@ -36,7 +38,7 @@ def many(request):
         rng = states.generator(14, k)
         constants = tuple(rounded(c, dtype) for c in states.pair(rng, home=k % 3 > 0 and dtype is np.float64))
         motion = [rounded(c, dtype) for c in states.coordinates(rng, 8)]
-        by_angles.append((constants, motion, sequence, reference.from_euler(constants, *motion, sequence=sequence)))
+        by_angles.append((constants, motion, sequence, truths.from_euler(constants, *motion, sequence=sequence)))
     for k in range(31):
         rng = states.generator(15, k)
         constants = tuple(rounded(c, dtype) for c in states.pair(rng, home=k % 3 > 0 and dtype is np.float64))
@@ -108,7 +110,7 @@ def test_the_two_oracles_agree():
         truth = extended.Extended((u1, u2, n, home), *motion)
         for i in range(4):
             own = tuple(c if c is None or c.shape in {(3,), (3, 3)} else c[i] for c in (u1, u2, n, home))
-            exact = reference.from_euler(own, *(c[i : i + 1] for c in motion))
+            exact = truths.from_euler(own, *(c[i : i + 1] for c in motion))
             for name in OUTPUTS:
                 coarse = truth.value(name)[i]
                 high = coarse.astype(float)

@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS, Series, exactly, nearest_rotation, skew, unit
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support.hinged import pair_of
-from support.reference import DIGITS, Series, exactly, nearest_rotation, skew, unit
 from support.sparse import sparse
 from support.states import body1 as random_body
 from support.states import generator

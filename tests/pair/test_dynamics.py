@@ -8,10 +8,10 @@ import pytest
 
 import hingepair as hp
 from hingepair.pair.planar_pair import motion_in_space
-from support.reference import forces_from_attitude
 from support.sparse import sparse
 from support.states import generator, rotations
 from support.states import pair as random_pair
+from support.truths import forces_from_attitude
 
 U = 2.0**-53
 GRAVITY = np.array([0.3, -0.2, -9.81])

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench import truth as reference
+from hingepair.bench.truth import DIGITS, exactly
 from hingepair.numeric import bounded
 from hingepair.numeric.bounded import BoundedDouble, BoundedSingle
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from support import reference, states
+from support import states, truths
 from support.hinged import pair_of
-from support.reference import DIGITS, exactly
 from support.sparse import sparse
 from support.worst_bounds import FORMS, search
 
@@ -70,7 +71,7 @@ def test_random_states_keep_their_bounds(sequence, dtype):
         u1, u2, n, home = states.pair(rng, home=k > 0)
         constants = (*rounded(dtype, u1, u2, n), home)
         motion = rounded(dtype, *states.coordinates(rng, 15))
-        truth = reference.from_euler(constants, *motion, sequence=sequence)
+        truth = truths.from_euler(constants, *motion, sequence=sequence)
         pair = as_pair(constants)
         state = pair.forward_kinematics(*motion, outputs=OUTPUTS, sequence=sequence)
         bounds = pair.error_bounds(*motion, outputs=OUTPUTS, sequence=sequence)
@@ -83,7 +84,7 @@ def test_random_states_keep_their_bounds(sequence, dtype):
 def test_hard_states_keep_their_bounds(name):
     constants, *motion = HARD[name]
     motion = [c[None] for c in motion]
-    truth = reference.from_euler(constants, *motion)
+    truth = truths.from_euler(constants, *motion)
     pair = as_pair(constants)
     require(truth, pair.forward_kinematics(*motion, outputs=OUTPUTS), pair.error_bounds(*motion, outputs=OUTPUTS))
     one = pair.forward_kinematics(*(c[0] for c in motion), outputs=OUTPUTS)
@@ -99,7 +100,7 @@ def test_far_angles_keep_their_bounds(n, backend):
     psi = np.array([2396361.3245628155, 1.5986289000543612e74, 2.331386745148063e283])
     pair, angles = hp.HingePair((0, 0, 0), (0, 0, 0), n), (0, 0, 0, 0, 0, 0, psi)
     q = np.stack(np.broadcast_arrays(*angles), axis=-1).astype(float)
-    truth = reference.from_euler((pair.u1, pair.u2, n, None), q, 0 * q, 0 * q)
+    truth = truths.from_euler((pair.u1, pair.u2, n, None), q, 0 * q, 0 * q)
     state = pair.forward_kinematics(angles, outputs=("S2",), backend=backend)
     require(truth, state, pair.error_bounds(angles, outputs=("S2",)))
 
@@ -129,7 +130,7 @@ def test_constants_that_fold_away_keep_their_bounds():
         q, qd, qdd = ((0.0, 1.0, 0.0, 0.0, 0.0, angles[0], c * angles[1]) for c in (1.0, 2.0, -3.0))
         qd, qdd = ((1.0, *c[1:5], 2.0, c[6]) for c in (qd, qdd))
         full = [np.stack(np.broadcast_arrays(*c), axis=-1) for c in (q, qd, qdd)]
-        truth = reference.from_euler((u1, u2, n, home), *full)
+        truth = truths.from_euler((u1, u2, n, home), *full)
         bounds = pair.error_bounds(q, qd, qdd, outputs=OUTPUTS)
         require(truth, pair.forward_kinematics(q, qd, qdd, outputs=OUTPUTS), bounds)
 
@@ -181,7 +182,7 @@ def test_planar_pairs_keep_their_bounds(dtype):
     pair = hp.PlanarPair(u1=u1, u2=u2)
     spatial = (*(np.append(u, 0) for u in (u1, u2)), (0, 0, 1), None)
     lifted = [np.insert(c, (2, 2, 2), 0.0, axis=1) for c in (q, qd, qdd)]  # x, y, 0, 0, 0, phi, psi
-    truth = reference.from_euler(spatial, *lifted).values
+    truth = truths.from_euler(spatial, *lifted).values
     with mpmath.workdps(DIGITS):
         values = {name: truth[name][:, :2] for name in ("R2", "d", "v2", "a2")}
         values |= {name: truth[name][:, 2] for name in ("omega2", "alpha2")}

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench import truth as reference
+from hingepair.bench.truth import OUTPUTS
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from support import reference, states
-from support.reference import ORDINARY, OUTPUTS
+from support import states, truths
 from support.sparse import sparse
+from support.truths import ORDINARY
 
 pytestmark = pytest.mark.usefixtures("each_backend")
 
@@ -60,7 +62,7 @@ def test_known_numbers(axis, motion, ledger):
     home = QUARTER if rng.random() < 0.5 else None
     q, qd, qdd = (known_in_part(MOTIONS[motion], rng) for _ in range(3))
     full = [np.broadcast_to(np.stack(np.broadcast_arrays(*c), axis=-1), (3, 7)) for c in (q, qd, qdd)]
-    truth = reference.from_euler(tuple(map(_array, (u1, u2, AXES[axis], home))), *full, sequence=sequence)
+    truth = truths.from_euler(tuple(map(_array, (u1, u2, AXES[axis], home))), *full, sequence=sequence)
     pair = hp.HingePair(u1=u1, u2=u2, n=AXES[axis], home=home)
     require(truth, pair.forward_kinematics(q, qd, qdd, sequence=sequence, outputs=OUTPUTS), ledger, "folded")
 
@@ -77,7 +79,7 @@ def test_one_state(axis, ledger):
         motion = [
             np.array([0.3 * rng.normal() if c is None else c for c in MOTIONS[pattern]], float) for _ in range(3)
         ]
-        truth = reference.from_euler(constants, *(c[None] for c in motion))
+        truth = truths.from_euler(constants, *(c[None] for c in motion))
         state = hp.HingePair(*constants[:3]).forward_kinematics(*(tuple(c.tolist()) for c in motion), outputs=OUTPUTS)
         batch = {name: np.asarray(getattr(state, name))[None] for name in OUTPUTS}
         worst = {name: ledger("folded, one", name, truth.errors(name, got)) for name, got in batch.items()}
@@ -93,7 +95,7 @@ def test_planar_pairs(levers, dtype, ledger):
     q, qd, qdd = (c.astype(dtype) for c in rng.uniform(-3, 3, (3, 20, 4)))
     spatial = (*(np.append(u, 0).astype(float) for u in (u1, u2)), np.eye(3)[2], None)
     lifted = [np.insert(c.astype(float), (2, 2, 2), 0.0, axis=1) for c in (q, qd, qdd)]
-    truth = reference.from_euler(spatial, *lifted)
+    truth = truths.from_euler(spatial, *lifted)
     points = {name: truth.values[name][:, :2] for name in ("R2", "d", "v2", "a2")}
     turns = {name: truth.values[name][:, 2] for name in ("omega2", "alpha2")}
     truth = reference.Truth(points | turns, truth.scales)

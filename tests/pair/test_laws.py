@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import OUTPUTS, euler_scales
 from hingepair.validation.cross_validate import cross_validate
-from support.reference import OUTPUTS, euler_scales
 from support.states import REFERENCE_PAIR, coordinates, generator, pair, reference_example, rotations
 
 U = 2.0**-53

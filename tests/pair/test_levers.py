@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS, exactly, unit
 from hingepair.numeric.twofold import Twofold
-from support.reference import DIGITS, exactly, unit
 from support.states import generator, rotations
 
 CASES = {

@@ -5,15 +5,16 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 
-from support import reference, states
-from support.reference import OUTPUTS
+from hingepair.bench import truth as reference
+from hingepair.bench.truth import OUTPUTS
+from support import states, truths
 
 
 def test_the_reference_agrees_with_itself():
     """Two independent ways through the oracle, and omega1 of the reference example in closed form."""
     t = np.linspace(0.0, 10.0, 11)
     q, qd, qdd = states.reference_example(t)
-    truth = reference.from_euler(states.REFERENCE_PAIR, q, qd, qdd)
+    truth = truths.from_euler(states.REFERENCE_PAIR, q, qd, qdd)
     x, y = q[:, 3].astype(object) + mpmath.mpf(0), q[:, 4].astype(object) + mpmath.mpf(0)
     with mpmath.workdps(reference.DIGITS):
         for i in range(len(t)):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS, exactly, from_attitude, unit
 from support.hinged import pair_of
-from support.reference import DIGITS, exactly, from_attitude, unit
 from support.states import body1 as random_body
 from support.states import generator
 from support.states import pair as random_pair

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from support.reference import OUTPUTS, UNIT, euler_scales
+from hingepair.bench.truth import OUTPUTS, UNIT, euler_scales
 from support.states import coordinates, generator, pair
 
 pytestmark = pytest.mark.usefixtures("each_backend")

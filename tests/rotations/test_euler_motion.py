@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS, angular_motion, exactly, rotation
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from support.reference import DIGITS, angular_motion, exactly, rotation
 from support.states import generator
 
 U = 2.0**-53

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from support.reference import euler_scales, skew
+from hingepair.bench.truth import euler_scales, skew
 
 LONG = np.longdouble
 WIDE = np.finfo(LONG).nmant >= 63

@@ -8,7 +8,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 
-from support.reference import DIGITS, attitude_of_quaternion
+from hingepair.bench.truth import DIGITS, attitude_of_quaternion
 
 U = 2.0**-53
 

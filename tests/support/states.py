@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from support.reference import attitude_of_quaternion
+from hingepair.bench.truth import attitude_of_quaternion
 
 PSI, PHI_Y = 6, 4
 

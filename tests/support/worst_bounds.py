@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 import hingepair as hp
-from support.reference import UNIT
+from hingepair.bench.truth import UNIT
 
 _VECTORS = {"u1": 3, "u2": 3, "n": 3, "q": 7, "qd": 7, "qdd": 7}
 _GIVEN = {"u1": 3, "u2": 3, "n": 3, "quat": 4, "R": 3, "v": 3, "omega": 3, "a": 3, "alpha": 3, "hinge": 3}

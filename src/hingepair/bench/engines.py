@@ -1,4 +1,7 @@
-"""Other engines: the pair and its motion as Pinocchio and MuJoCo take them, and Pinocchio's loops in C++."""
+"""Pinocchio and MuJoCo at the states of a pair or a robot: loops in Python and C++, and Pinocchio's own batches.
+
+A job computes one workload at all states and returns a tuple of arrays; their rows side by side are the result.
+"""
 
 from __future__ import annotations
 
@@ -9,187 +12,295 @@ import shutil
 import subprocess
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.measure import Job
+from hingepair.bench.harness import Job, print_progress
 from hingepair.errors import MissingDependencyError
+from hingepair.formats.model_writers import to_mjcf, to_urdf
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.validation.pinocchio_twin import to_pinocchio
 
 Array: TypeAlias = NDArray[Any]
 
-# Names of the methods, and of the workloads of dynamics.
-PINOCCHIO_LOOP_NAME, PINOCCHIO_CPP_NAME, MUJOCO_NAME = (
-    "Pinocchio, Python loop",
-    "Pinocchio, C++ loop",
-    "MuJoCo, Python loop",
-)
-INVERSE_WORKLOAD, FORWARD_WORKLOAD = "inverse dynamics", "forward dynamics"
-MAX_SAMPLES_IN_PYTHON_LOOP = 10**4
-"""Samples that a Python loop over an engine computes at most, since it takes microseconds for each."""
+POSE, VELOCITY, ACCELERATION, JACOBIAN = "pose", "velocity", "acceleration", "Jacobian"
+INVERSE, FORWARD = "inverse dynamics", "forward dynamics"
+WORKLOADS = {POSE: 1, VELOCITY: 2, ACCELERATION: 3, JACOBIAN: 1, INVERSE: 3, FORWARD: 3}
+"""How many of q, v and w (accelerations or efforts) each workload takes; in the order of loops.cpp."""
 
-# The C++ file with the loops over a pair, and the compiler flag that adds those of dynamics.
-PAIR_LOOP_SOURCE, DYNAMICS_FLAG = "pinocchio_loop.cpp", "-DDYNAMICS"
-# Flags of the C++ compiler.
-_CPP_COMPILER_FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")
-_CPP_COMPILER_NAMES = ("c++", "g++", "clang++")  # the first one on the path is taken
-# What a message says is needed for the C++ loops.
-_CPP_REQUIREMENTS_TEXT = (
-    "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install '.[bench]' in the project's folder)"
-)
+PINOCCHIO, PINOCCHIO_CPP, MUJOCO = "Pinocchio, Python loop", "Pinocchio, C++ loop", "MuJoCo, Python loop"
+MAX_IN_PYTHON = 10**4  # states of a Python loop, which takes microseconds for each
 
 
-def pinocchio_coordinates(pair: HingePair, body1: BodyMotion, hinge_motion: Any) -> list[Array]:
-    """Convert a pair's motion to Pinocchio's coordinates; return a list of the first one, two or three of the arrays
-    q, v, a. `hinge_motion` is a sequence of psi, psi' and psi'', or of the first one or two of these, and the list
-    has as many arrays. `body1` is the BodyMotion of body 1.
+class States(NamedTuple):
+    """States of a pair or a robot, and what is computed at them."""
+
+    workload: str  # one of WORKLOADS
+    system: HingePair | Mechanism
+    model: Any  # of Pinocchio
+    frame: int  # of the model, whose motion or Jacobian is computed
+    rows: tuple[Array, ...]  # q, v and w in the model's coordinates, as many as the workload takes; (N, ...)
+
+
+def pair_states(workload: str, pair: HingePair, body1: BodyMotion, hinge: Sequence[Array]) -> States:
+    """Return the states of a pair, in which w are accelerations.
 
     Args:
+        workload: one of WORKLOADS.
         pair: the pair.
         body1: motion of body 1.
-        hinge_motion: psi; psi and psi'; or psi, psi' and psi''. As many arrays are returned.
+        hinge: psi; psi and psi'; or psi, psi' and psi'': as many as the workload takes.
     """
     twin = to_pinocchio(pair)
-    makers: tuple[Any, ...] = (twin.configuration, twin.velocity, twin.acceleration)
-    return [make(body1, *hinge_motion[: i + 1]) for i, make in enumerate(makers[: len(hinge_motion)])]
+    convert = (twin.configuration, twin.velocity, twin.acceleration)[: WORKLOADS[workload]]
+    rows: list[Any] = [one(body1, *hinge[: i + 1]) for i, one in enumerate(convert)]
+    return States(workload, pair, twin.model, twin.body2_frame, tuple(rows))
 
 
-def mujoco_coordinates(pinocchio_rows: Sequence[Array], *linear: Any) -> list[Array]:
-    """Convert q, v, a, or the first one or two of these, from Pinocchio's conventions to MuJoCo's; return a list of
-    as many arrays. For each of v and a, a further positional argument holds the linear rates in world axes, shape (N,
-    3), which replace the first three columns.
+def join_parts(parts: Sequence[Any], count: int) -> Array:
+    """Return what a job of `count` states returns as one float64 array with a row for each state."""
+    return np.concatenate([np.asarray(part, dtype=float).reshape(count, -1) for part in parts], axis=-1)
 
-    MuJoCo's quaternions are wxyz, its linear rates are in world axes, its accelerations are classical.
 
-    Args:
-        pinocchio_rows: Pinocchio's q, v, a, as many as there are.
-        linear: the linear rates in world axes that replace the first three columns of v and a.
+def _fill(compute: Callable[..., Any], rows: Sequence[Array]) -> Job:
+    """Return a job that computes one state after the other and copies the results into arrays.
+
+    Those of a single state are only read out.
     """
-    q, *others = pinocchio_rows
-    moved = [np.hstack([first, row[:, 3:]]) for first, row in zip(linear, others, strict=True)]
-    return [np.ascontiguousarray(q[:, [0, 1, 2, 6, 3, 4, 5, 7]]), *moved]
+    first = [row[0] for row in rows]
+    if len(rows[0]) == 1:
+        return lambda: compute(*first)
+    parts = tuple(np.ones((len(rows[0]), *np.shape(part))) for part in compute(*first))
 
+    def run() -> tuple[Array, ...]:
+        for i, state in enumerate(zip(*rows, strict=True)):
+            for part, value in zip(parts, compute(*state), strict=True):
+                part[i] = value
+        return parts
 
-def make_cpp_job(pair: HingePair, arguments: Sequence[Any], results: Any, *, with_dynamics: bool = False) -> Job:
-    """Compile Pinocchio's C++ loop over a pair, for dynamics if `with_dynamics`, otherwise for kinematics. Return a
-    job that calls the loop with the pair and with `arguments`, of which arrays are passed by address, and that
-    returns `results`: the array or dict of arrays among the arguments that the loop fills. Raise a
-    MissingDependencyError if the loop cannot be compiled.
-
-    Args:
-        pair: the pair.
-        arguments: arguments of the C++ function after the pair; arrays are passed by address.
-        results: what the job returns, the arrays that the C++ function fills.
-        with_dynamics: whether the loop is `pair_dynamics`, of a pair with masses; otherwise it is `pair_loop`.
-    """
-    library = compile_pair_loop(with_dynamics=with_dynamics)
-    bodies: list[Any] = [pair.body1, pair.body2] if with_dynamics else []
-    masses = [np.array([getattr(one, name) for one in bodies]) for name in ("mass", "center_of_mass", "inertia")]
-    constants = [*map(np.ascontiguousarray, (pair.u1, pair.u2, pair.n, pair.home)), *masses]
-    handle = library.pair_new(len(bodies), *map(_address, constants))
-    loop = library.pair_dynamics if with_dynamics else library.pair_loop
-    call = functools.partial(loop, handle, *map(_address, arguments))
-
-    def run() -> Any:
-        call()
-        return results
-
-    weakref.finalize(
-        run, lambda *_: library.pair_delete(handle), *arguments
-    )  # keeps the arrays alive as long as the job
     return run
 
 
-def _address(value: Any) -> Any:
-    """Return the memory address of the data of an array; return any other value unchanged."""
-    return value.ctypes.data if isinstance(value, np.ndarray) else value
+def pinocchio_job(states: States) -> Job:
+    """Return the job of Pinocchio's functions in a Python loop."""
+    import pinocchio as pin
+
+    _, _, model, frame, rows = states
+    data, world = model.createData(), pin.LOCAL_WORLD_ALIGNED
+
+    def pose(*state: Array) -> tuple[Array, ...]:
+        pin.forwardKinematics(model, data, *state)
+        place = pin.updateFramePlacement(model, data, frame)
+        return place.translation, place.rotation
+
+    def velocity(*state: Array) -> tuple[Array, ...]:
+        parts, twist = pose(*state), pin.getFrameVelocity(model, data, frame, world)
+        return *parts, twist.linear, twist.angular
+
+    def acceleration(*state: Array) -> tuple[Array, ...]:
+        parts, change = velocity(*state), pin.getFrameClassicalAcceleration(model, data, frame, world)
+        return *parts, change.linear, change.angular
+
+    def jacobian(q: Array) -> tuple[Array, ...]:
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacement(model, data, frame)
+        return (pin.getFrameJacobian(model, data, frame, world),)
+
+    compute: dict[str, Callable[..., Any]] = {
+        POSE: pose,
+        VELOCITY: velocity,
+        ACCELERATION: acceleration,
+        JACOBIAN: jacobian,
+        INVERSE: lambda *state: (pin.rnea(model, data, *state),),
+        FORWARD: lambda *state: (pin.aba(model, data, *state),),
+    }
+    return _fill(compute[states.workload], rows)
+
+
+def pinocchio_batch_job(states: States) -> Job:
+    """Return the job of Pinocchio's own batch functions, on one thread, for inverse or forward dynamics."""
+    import pinocchio as pin
+
+    pool = pin.ModelPool(states.model, 1)
+    rows = [np.asfortranarray(row.T) for row in states.rows]
+    batch = {INVERSE: pin.rneaInParallel, FORWARD: pin.abaInParallel}[states.workload]
+    return lambda: (batch(1, pool, *rows).T,)
+
+
+def mujoco_job(states: States) -> Job:
+    """Return the job of MuJoCo's functions in a Python loop, on the model that is exported; for all but Jacobians.
+
+    Free bases: accelerations, forces and rates are MuJoCo's, linear ones in world axes and classical.
+    """
+    import mujoco as mj
+
+    workload, system, _, _, rows = states
+    has_dynamics = workload in {INVERSE, FORWARD}
+    if isinstance(system, HingePair):
+        if not has_dynamics:  # MuJoCo wants masses, and adds gravity to accelerations
+            body = Body(1.0, inertia=(0.01, 0.01, 0.01))
+            text = to_mjcf(replace(system, body1=body, body2=body), gravity=(0, 0, 0))
+        else:
+            text = to_mjcf(system)
+    else:
+        text = to_urdf(system)
+    model = mj.MjModel.from_xml_string(text)
+    model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT  # limits would exert forces beyond them
+    model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
+    data = mj.MjData(model)
+    if states.model.nq > states.model.nv:
+        rows = _mujoco_rows(rows, w_are_forces=workload == FORWARD)
+
+    def solve(call: Any, w: Array, result: Array) -> Callable[..., Any]:
+        def compute(*state: Array) -> tuple[Array, ...]:
+            data.qpos[:], data.qvel[:], w[:] = state
+            call(model, data)
+            return (result,)
+
+        return compute
+
+    if has_dynamics:
+        inverse = mj.mj_inverse, data.qacc, data.qfrc_inverse
+        forward = mj.mj_forward, data.qfrc_applied, data.qacc
+        return _fill(solve(*(inverse if workload == INVERSE else forward)), rows)
+    body2, kind = model.body("body2").id, mj.mjtObj.mjOBJ_XBODY
+    targets = (data.qpos, data.qvel, data.qacc)
+    pose = data.xpos[body2], data.xmat[body2].reshape(3, 3)
+    twist, change = np.zeros((6, 1)), np.zeros((6, 1))  # angular, then linear
+
+    def motion(*state: Array) -> tuple[Array, ...]:
+        for target, source in zip(targets, state, strict=False):
+            target[:] = source
+        mj.mj_kinematics(model, data)
+        parts: tuple[Array, ...] = pose
+        if len(state) > 1:
+            mj.mj_comPos(model, data)
+            mj.mj_comVel(model, data)
+            mj.mj_objectVelocity(model, data, kind, body2, twist, 0)
+            parts = *parts, twist[3:, 0], twist[:3, 0]
+        if len(state) > 2:
+            mj.mj_rnePostConstraint(model, data)
+            mj.mj_objectAcceleration(model, data, kind, body2, change, 0)
+            parts = *parts, change[3:, 0], change[:3, 0]
+        return parts
+
+    return _fill(motion, rows)
+
+
+def _mujoco_rows(rows: Sequence[Array], *, w_are_forces: bool) -> tuple[Array, ...]:
+    """Return q, v, w of a free base as MuJoCo takes them: quaternions wxyz, linear parts in world axes."""
+    q, *others = rows
+    S = BodyMotion.from_quaternion_xyzw(R=q[:, :3], quat_xyzw=q[:, 3:7]).S
+    found = [np.hstack([q[:, :3], q[:, 6:7], q[:, 3:6], q[:, 7:]])]
+    for i, row in enumerate(others):
+        linear = row[:, :3]
+        if i == 1 and not w_are_forces:  # Pinocchio's acceleration is spatial
+            linear = linear + np.cross(others[0][:, 3:6], others[0][:, :3])
+        found.append(np.hstack([(S @ linear[..., None])[..., 0], row[:, 3:]]))
+    return tuple(found)
+
+
+_JOINTS = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned", "FreeFlyer")
+
+
+def cpp_job(states: States) -> Job:
+    """Return the job of Pinocchio's functions in a C++ loop, which is compiled first.
+
+    Raises:
+        MissingDependencyError: no compiler is on the path, or a header is missing.
+    """
+    workload, _, model, index, rows = states
+    library, frame = compile_loops(), model.frames[index]
+    joints = [model.joints[k] for k in range(1, model.njoints)]
+    bodies = list(model.inertias)[1:]
+    constants = [
+        np.array(list(model.parents)[1:], ctypes.c_long),
+        np.array([_JOINTS.index(joint.shortname().removeprefix("JointModel")) for joint in joints], ctypes.c_long),
+        np.array([_placement(place) for place in list(model.jointPlacements)[1:]]),
+        np.array([getattr(joint.extract(), "axis", np.zeros(3)) for joint in joints]),
+        np.array([body.mass for body in bodies]),
+        np.array([body.lever for body in bodies]),
+        np.array([body.inertia.ravel() for body in bodies]),
+    ]
+    place = np.array(_placement(frame.placement))
+    addresses = [array.ctypes.data for array in constants]
+    system = library.system_new(len(joints), *addresses, frame.parentJoint, place.ctypes.data)
+    width = {POSE: 12, VELOCITY: 18, ACCELERATION: 24, JACOBIAN: 6 * model.nv}.get(workload, model.nv)
+    arrays = [*map(np.ascontiguousarray, rows), np.ones((len(rows[0]), width))]
+    inputs = [array.ctypes.data for array in arrays[:-1]]
+    pointers = [*inputs, *[None] * (3 - len(rows)), arrays[-1].ctypes.data]
+    call = functools.partial(
+        library.system_run, system, list(WORKLOADS).index(workload), len(rows[0]), width, *pointers
+    )
+
+    def run() -> tuple[Array, ...]:
+        call()
+        return (arrays[-1],)
+
+    weakref.finalize(run, library.system_delete, system)
+    return run
+
+
+def _placement(place: Any) -> list[float]:
+    return [*place.rotation.ravel(), *place.translation]
+
+
+_CPP_NEEDS = (
+    "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install '.[bench]' in the project's folder)"
+)
+_CPP_FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")
 
 
 @functools.cache
-def compile_library(source_name: str, *flags: str) -> Any:
-    """Compile a C++ file of the folder `bench`, named `source_name`, with further compiler flags, which takes up to
-    two minutes; return it as a ctypes library. The libraries are cached. Raise a MissingDependencyError if the
-    compiler or a header is missing.
-
-    Args:
-        source_name: name of the file.
-        flags: further flags of the compiler.
+def compile_loops() -> Any:
+    """Compile loops.cpp, which takes one or two minutes, and return the library.
 
     Raises:
         MissingDependencyError: no compiler is on the path, or a header is missing.
     """
-    compiler = next(filter(None, map(shutil.which, _CPP_COMPILER_NAMES)), None)
+    names = ("c++", "g++", "clang++")
+    compiler = next(filter(None, map(shutil.which, names)), None)
     if compiler is None:
-        raise MissingDependencyError(
-            "--cpp", _CPP_REQUIREMENTS_TEXT, f"none of {', '.join(_CPP_COMPILER_NAMES)} is on the path"
-        )
+        raise MissingDependencyError("--cpp", _CPP_NEEDS, f"none of {', '.join(names)} is on the path")
     with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "loop.so"
+        target = f"{folder}/loops.so"
         headers = [part for path in _header_folders() for part in ("-isystem", str(path))]
-        command = [
-            compiler,
-            *_CPP_COMPILER_FLAGS,
-            *flags,
-            *headers,
-            str(Path(__file__).with_name(source_name)),
-            "-o",
-            str(target),
-        ]
-        process = subprocess.run(
-            command, capture_output=True, text=True, check=False, env=os.environ | {"LC_ALL": "C"}
-        )
+        command = [compiler, *_CPP_FLAGS, *headers, str(Path(__file__).with_name("loops.cpp")), "-o", target]
+        environment = os.environ | {"LC_ALL": "C"}
+        process = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
         if process.returncode:
             lines = [line for line in process.stderr.splitlines() if "error" in line]
-            raise MissingDependencyError("--cpp", _CPP_REQUIREMENTS_TEXT, (lines or ["the compiler failed"])[0])
-        return ctypes.CDLL(str(target))
-
-
-def compile_pair_loop(*, with_dynamics: bool = False) -> Any:
-    """Compile the C++ loops over a pair, including the loop for dynamics if `with_dynamics`; return the ctypes
-    library, whose functions have their argument types set. The library is cached. Raise a MissingDependencyError if
-    the compiler or a header is missing.
-
-    Raises:
-        MissingDependencyError: no compiler is on the path, or a header is missing.
-    """
-    library = compile_library(PAIR_LOOP_SOURCE, *[DYNAMICS_FLAG] * with_dynamics)
-    pointer: Any = ctypes.c_void_p
-    number: Any = ctypes.c_long
-    library.pair_new.argtypes, library.pair_new.restype = [number] + [pointer] * 7, pointer
-    library.pair_delete.argtypes, library.pair_delete.restype = [pointer], None
-    library.pair_loop.argtypes, library.pair_loop.restype = [pointer, number] + [pointer] * 9, None
-    if with_dynamics:
-        library.pair_dynamics.argtypes = [pointer, number, number] + [pointer] * 4
-        library.pair_dynamics.restype = None
+            raise MissingDependencyError("--cpp", _CPP_NEEDS, (lines or ["the compiler failed"])[0])
+        library = ctypes.CDLL(target)
+    pointer, number = ctypes.c_void_p, ctypes.c_long
+    library.system_new.argtypes, library.system_new.restype = [number, *[pointer] * 7, number, pointer], pointer
+    library.system_delete.argtypes, library.system_delete.restype = [pointer], None
+    library.system_run.argtypes, library.system_run.restype = [pointer, *[number] * 3, *[pointer] * 4], None
     return library
 
 
-def cpp_missing_reason(is_requested: bool, source_name: str = PAIR_LOOP_SOURCE, *flags: str) -> str | None:
-    """Compile a C++ file if `is_requested`. Return None if this succeeds; otherwise return a string that says why the
-    loops of the file cannot be measured (not requested, or no compiler or header).
-
-    Args:
-        is_requested: whether the user asks for them by --cpp.
-        source_name: name of the file, as for `compile_library`.
-        flags: further flags of the compiler.
-    """
+def cpp_reasons(is_requested: bool) -> dict[str, str | None]:
+    """Compile the C++ loops if they are asked for; return why they cannot be measured, as `installed` takes it."""
     if not is_requested:
-        return "--cpp compiles and measures it"
+        return {PINOCCHIO_CPP: "--cpp compiles and measures it"}
+    print_progress("compiling Pinocchio's C++ loops (one or two minutes)")
     try:
-        compile_library(source_name, *flags)
+        compile_loops()
     except MissingDependencyError as error:
-        return str(error)
-    return None
+        return {PINOCCHIO_CPP: str(error)}
+    return {}
 
 
 def _header_folders() -> Iterator[Path]:
-    """Yield the paths of folders that may hold the headers of Pinocchio, of its dependencies and of Eigen."""
+    """Yield folders that may hold the headers of Pinocchio, of its dependencies and of Eigen."""
     import pinocchio
 
     for parent in Path(pinocchio.__file__).resolve().parents:

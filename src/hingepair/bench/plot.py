@@ -10,15 +10,12 @@ from typing import IO, Any, NamedTuple
 from hingepair.errors import MissingDependencyError
 
 # Colours that colour-blind readers can tell apart (Okabe and Ito; grey in place of yellow).
-_CURVE_COLOUR_CYCLE = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
-# Matplotlib's codes; readers of a black-and-white print can tell them apart.
-_CURVE_MARKER_CODE_CYCLE = "oDs^vP<>X*hpd"
+COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
+_MARKERS = "oDs^vP<>X*hpd"  # Matplotlib's codes; readers of a black-and-white print can tell them apart
 
 
 class MethodCurve(NamedTuple):
-    """The curve of one method in a panel: the method's name for the legend, a list of points (x, y), and whether the
-    second point is an error on hard states, which is drawn hollow (`second_is_hard`).
-    """
+    """The curve of one method in a panel."""
 
     name: str  # of the method, in the legend
     points: list[tuple[float, float]]  # (x, y)
@@ -26,39 +23,24 @@ class MethodCurve(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One diagram of a benchmark's picture: its title, labels, curves and limits. x is logarithmic. y is logarithmic
-    by default, linear from 0 to `max_y` if this is given, or the index of one of the labels `y_names` if these are
-    given. A vertical line marks `min_x`.
-    """
+    """One diagram of a picture; x is logarithmic, and so is y unless `max_y` or `y_names` is given."""
 
     title: str
     x_label: str
     y_label: str
     curves: list[MethodCurve]
     min_x: float | None = None  # a vertical line marks this lower limit of x: the time of copying the outputs
-    # Upper end of a linear y axis from 0; points above it stand at the edge with their number. Logarithmic if None.
-    max_y: float | None = None
+    max_y: float | None = None  # end of a linear y axis from 0; points above it stand there with their number
     x_descending: bool = False  # x decreases to the right
     y_names: Sequence[str] = ()  # labels of y = 0, 1, ... from the top; the points of a curve are then not joined
     x_range: tuple[float, float] | None = None  # limits of x; those of the points if None
 
 
 def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
-    """Draw the panels of `panel_rows`, a list of lists, row by row with one legend of all methods below; return a new
-    Matplotlib figure. Raise a MissingDependencyError if Matplotlib is not installed.
-
-    Raises:
-        MissingDependencyError: Matplotlib is not installed.
-    """
+    """Return a Matplotlib figure of the panels, row by row, with one legend of all methods below."""
     figure = new_figure((4.1 * len(panel_rows[0]) + 0.4, 3.4 * len(panel_rows) + 0.8))
     names = list(dict.fromkeys(c.name for panels in panel_rows for panel in panels for c in panel.curves))
-    styles = {
-        name: (
-            _CURVE_COLOUR_CYCLE[i % len(_CURVE_COLOUR_CYCLE)],
-            _CURVE_MARKER_CODE_CYCLE[i % len(_CURVE_MARKER_CODE_CYCLE)],
-        )
-        for i, name in enumerate(names)
-    }
+    styles = {name: (COLOURS[i % len(COLOURS)], _MARKERS[i % len(_MARKERS)]) for i, name in enumerate(names)}
     axes_grid = figure.subplots(len(panel_rows), len(panel_rows[0]), squeeze=False)
     legend: dict[str, Any] = {}
     for panels, axes_row in zip(panel_rows, axes_grid, strict=True):
@@ -76,16 +58,12 @@ def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
 
 
 def write_picture(panel_rows: Sequence[Sequence[Panel]], file: IO[bytes], file_format: str) -> None:
-    """Draw the panels of `panel_rows`, a list of lists, row by row, and write the picture to an open binary file.
-    `file_format` is "png", "svg" or "pdf". Raise a MissingDependencyError if Matplotlib is not installed.
+    """Draw the panels, row by row, into an open file.
 
     Args:
-        panel_rows: the panels, row by row.
-        file: open for writing bytes.
-        file_format: "png", "svg" or "pdf". A PNG has a palette, which takes a third of the bytes.
-
-    Raises:
-        MissingDependencyError: Matplotlib is not installed.
+        panel_rows: the panels.
+        file: open for writing.
+        file_format: "png", "svg" or "pdf".
     """
     figure = draw_panels(panel_rows)
     if file_format != "png":
@@ -95,15 +73,13 @@ def write_picture(panel_rows: Sequence[Sequence[Panel]], file: IO[bytes], file_f
 
     pixels = io.BytesIO()
     figure.savefig(pixels, format="png", dpi=150)
-    # a palette of 256 colours: those of the curves, and the shades of their edges
+    # A palette of the curves' colours and the shades of their edges takes a third of the bytes.
     picture = Image.open(pixels).convert("RGB").quantize(256)
     picture.save(file, format="png", optimize=True)
 
 
-def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, str]]) -> None:
-    """Draw the curves and labels of a panel into Matplotlib axes. `style_by_method` maps a method's name to a tuple
-    (colour, marker). Points above the panel's `max_y` are drawn at `max_y`, with the y value as text.
-    """
+def _draw_panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> None:
+    """Draw a panel; `styles` are colour and marker by the method's name."""
     axes.set(xscale="log", title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     if panel.x_range is not None:
         axes.set_xlim(*panel.x_range)
@@ -117,7 +93,7 @@ def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, s
     edge = inf if panel.max_y is None else panel.max_y
     clipped: list[tuple[float, float]] = []
     for curve in panel.curves:
-        colour, mark = style_by_method[curve.name]
+        colour, mark = styles[curve.name]
         points = [(x, y) for x, y in curve.points if isfinite(min(y, edge))]
         x_values, y_values = [x for x, _ in points], [min(y, edge) for _, y in points]
         style: dict[str, Any] = {"marker": mark, "color": colour, "markersize": 6}
@@ -146,8 +122,7 @@ def _draw_panel(axes: Any, panel: Panel, style_by_method: dict[str, tuple[str, s
 
 
 def new_figure(size_inches: tuple[float, float]) -> Any:
-    """Return an empty Matplotlib figure of (width, height) in inches. Raise a MissingDependencyError if Matplotlib is
-    not installed.
+    """Return an empty Matplotlib figure.
 
     Raises:
         MissingDependencyError: Matplotlib is not installed.

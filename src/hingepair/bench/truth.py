@@ -1,181 +1,454 @@
-"""Exact results to hundreds of digits, computed from the definitions and independently of the library.
+"""Exact results: pairs and robots in sixty-digit arithmetic, from their definitions alone.
 
-S1(t) is the product of three turns about fixed axes by phi + phi' t + phi'' t^2/2 (E10), S2(t) and R2(t) follow (E5,
-E6, E7). Velocities and accelerations are finite differences of S2(t) and R2(t) over a time step so short that their
-error is far below the rounding of a double. omega is the skew part of S' S^T with S = S1 Sh (E3).
+Every coordinate is a Taylor polynomial in t, cut after t^2, and every pose a product of such poses. Velocities and
+accelerations are read off the coefficients, and omega is vee(S' S^T) of the series of S. Forces are sums over bodies
+of the rates of their momenta. No formula for omega, an acceleration or a force appears here, and no code is shared
+with the rest of hingepair, so that benchmarks and tests may judge it.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import Any, TypeAlias
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
 
 import mpmath
 import numpy as np
-from numpy.typing import NDArray
-
-from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
-from hingepair.pair.accuracy import euler_rate_sizes, output_scales
+from numpy.typing import ArrayLike, NDArray
 
 Array: TypeAlias = NDArray[Any]
-MotionArrays: TypeAlias = tuple[Array, ...]
-PairNumbers: TypeAlias = Mapping[str, Any]
+Pair: TypeAlias = tuple[Any, Any, Any, Any]
+"""u1, u2, n of any length, and home, which is taken as it stands (None: identity)."""
 
-TRUTH_DECIMAL_DIGITS = 700
-"""Decimal digits; an angle of 1e300 keeps 400 of them, and second differences over 1e-100 s take another 200."""
+DIGITS = 60
+OUTPUTS = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "S1", "omega1", "alpha1")
+UNIT = {np.dtype(np.float64): 2.0**-53, np.dtype(np.float32): 2.0**-24}  # unit roundoff
+LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of a frame's motion
 
-# Places of phi_y, of psi and of all angles among the seven coordinates.
-_PHI_Y_COORDINATE_INDEX, _PSI_COORDINATE_INDEX = 4, 6
-_COORDINATE_SLICE_OF_EULER_ANGLES_AND_PSI = slice(3, 7)  # of the three Euler angles and psi among the coordinates
+_AXES = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1)}
+_exact: Any = np.frompyfunc(mpmath.mpf, 1, 1)
+_sin: Any = np.frompyfunc(mpmath.sin, 1, 1)
+_cos: Any = np.frompyfunc(mpmath.cos, 1, 1)
+_sqrt: Any = np.frompyfunc(mpmath.sqrt, 1, 1)
 
 
-def compute_exact_outputs(pair: PairNumbers, q: Any, qd: Any = None, qdd: Any = None) -> dict[str, Any]:
-    """Return a dict of R2, S2, v2, omega2, a2, alpha2 at one state by name, as flat lists of mpmath numbers. `pair`
-    is a mapping with u1, u2, n, home; q, qd and qdd have seven components, and qd and qdd are zero unless given.
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """A matrix that depends on time, c0 + c1 t + c2 t^2; stacks (N, rows, columns) of mpf."""
+
+    c0: Array
+    c1: Array
+    c2: Array
+
+    def __add__(self, other: Series) -> Series:
+        return Series(self.c0 + other.c0, self.c1 + other.c1, self.c2 + other.c2)
+
+    def __sub__(self, other: Series) -> Series:
+        return Series(self.c0 - other.c0, self.c1 - other.c1, self.c2 - other.c2)
+
+    def __matmul__(self, other: Series | Array) -> Series:
+        if not isinstance(other, Series):
+            return Series(self.c0 @ other, self.c1 @ other, self.c2 @ other)
+        return Series(
+            self.c0 @ other.c0,
+            self.c0 @ other.c1 + self.c1 @ other.c0,
+            self.c0 @ other.c2 + self.c1 @ other.c1 + self.c2 @ other.c0,
+        )
+
+
+class Truth(NamedTuple):
+    """The exact outputs of a pair by name."""
+
+    values: dict[str, Array]  # (N, ...), of mpf
+    scales: dict[str, Array]  # (N,), of floats: what errors are divided by
+
+    def errors(self, name: str, got: ArrayLike) -> Array:
+        """Return the largest error of a component of each sample [u * scale]; inf where `got` is not finite."""
+        found = np.asarray(got)
+        truth = self.values[name]
+        rows = found.astype(float).reshape(len(truth), -1)
+        finite = np.isfinite(rows).all(axis=-1)
+        with mpmath.workdps(DIGITS):
+            safe = np.where(finite[:, None], rows, 0.0).astype(object)
+            gap = abs(safe - truth.reshape(safe.shape)).max(axis=-1)
+            # Below the smallest normal number no relative precision is left, whatever the scale.
+            smallest = mpmath.mpf(float(np.finfo(found.dtype).tiny))
+            scales = [max(mpmath.mpf(UNIT[found.dtype]) * s, smallest) for s in self.scales[name]]
+            ratio = [float(g / s) for g, s in zip(gap, scales, strict=True)]
+        return np.where(finite, ratio, np.inf)
+
+
+def from_euler(pair: Pair, q: Any, qd: Any = None, qdd: Any = None, sequence: str = "XYZ") -> Truth:
+    """Return the truth for coordinates (x, y, z, phi_1, phi_2, phi_3, psi), shape (N, 7); absent rates are zero."""
+    with mpmath.workdps(DIGITS + _cancelled(qd)):
+        q, qd, qdd = (_coordinates(c, np.shape(q)) for c in (q, qd, qdd))
+        series = [(q[:, i], qd[:, i], qdd[:, i] / 2) for i in range(7)]
+        turns = [rotation(exactly(_AXES[k.upper()]), series[3 + i]) for i, k in enumerate(sequence)]
+        first, second, third = turns if sequence.isupper() else reversed(turns)
+        S1 = first @ second @ third
+        R1 = Series(*(c[..., None] for c in (q[:, :3], qd[:, :3], qdd[:, :3] / 2)))
+        values = _body2(pair, R1, S1, series[6])
+    return Truth(values, euler_scales(pair, *(c.astype(float) for c in (q, qd, qdd))))
+
+
+def from_attitude(
+    pair: Pair, body1: Sequence[Any], psi: Array, psid: Array | None = None, psidd: Array | None = None
+) -> Truth:
+    """Return the truth for a given attitude.
 
     Args:
-        pair: u1, u2, n, home as numbers.
-        q: coordinates; shape (7,).
-        qd: their rates; zero unless given.
-        qdd: their second derivatives; zero unless given.
+        pair: the pair.
+        body1: R1, S1, v1, omega1, a1, alpha1; S1 (N, 3, 3) stands for the rotation next to it, others are (N, 3).
+        psi: hinge angle, (N,); its rates likewise.
+        psid: zero if None.
+        psidd: zero if None.
     """
-    with mpmath.workdps(TRUTH_DECIMAL_DIGITS):
-        zero = [0.0] * 7
-        motion = [[mpmath.mpf(float(x)) for x in (zero if c is None else c)] for c in (q, qd, qdd)]
-        # time step of the finite differences: 1e-100 s divided by the size of the rates
-        h = mpmath.mpf(10) ** -100 / (1 + sum(abs(x) for x in motion[1]) + mpmath.sqrt(sum(map(abs, motion[2]))))
-        (R0, _, T0), (R, S, T), (R3, _, T3) = (_exact_body2(pair, motion, t) for t in (-h, mpmath.mpf(0), h))
-        rate, change = (T3 - T0) / (2 * h), (T3 - 2 * T + T0) / h**2
-        outputs = {
-            "R2": R,
-            "S2": S,
-            "v2": (R3 - R0) / (2 * h),
-            "omega2": skew_vector(rate * T.T),
-            "a2": (R3 - 2 * R + R0) / h**2,
-            "alpha2": skew_vector(change * T.T),  # S' S'^T, the other part of the derivative, is symmetric
-        }
-        return {name: list(value) for name, value in outputs.items()}
+    shape = np.shape(psi)
+    with mpmath.workdps(DIGITS + _cancelled(psid)):
+        psi, psid, psidd = (_coordinates(c, shape) for c in (psi, psid, psidd))
+        values = _body2(pair, *given_motion(body1), (psi, psid, psidd / 2))
+    R, _, v, omega, a, alpha = (np.asarray(x, float) for x in body1)
+    rates = [np.column_stack([x, c.astype(float)]) for x, c in ((R, psi), (v, psid), (a, psidd))]
+    return Truth(values, _scales(pair, rates, _length(omega), _length(alpha)))
 
 
-def _exact_body2(pair: PairNumbers, motion: Any, t: Any) -> tuple[Any, Any, Any]:
-    """Return a tuple of three mpmath matrices at time t [s]: R2, S2, and S1 times the rotation about the hinge axis
-    by psi. `motion` is a list of q, qd and qdd at time 0; qdd is constant. `pair` is a mapping with u1, u2, n, home.
-    """
-    x, y, z, *angles, psi = (a + t * (b + t * c / 2) for a, b, c in zip(*motion, strict=True))
-    S1 = mpmath.eye(3)
-    for axis, angle in zip(np.eye(3).tolist(), angles, strict=True):
-        S1 = S1 * rotation_about_axis(axis, angle)
-    S1_Sh = S1 * rotation_about_axis(pair["n"], psi)
-    S2 = S1_Sh * mpmath.matrix(pair["home"])
-    u1, u2 = mpmath.matrix(pair["u1"]), mpmath.matrix(pair["u2"])
-    return mpmath.matrix([x, y, z]) + S1 * u1 - S2 * u2, S2, S1_Sh
+def given_motion(body: Sequence[Any]) -> tuple[Series, Series]:
+    """Return position and attitude of R, S, v, omega, a, alpha as series, from S' = [omega]x S (E3)."""
+    R, S, v, omega, a, alpha = (exactly(x) for x in body)
+    S, W = nearest_rotation(S), skew(omega)
+    return (
+        Series(R[..., None], v[..., None], a[..., None] / 2),
+        Series(S, W @ S, (skew(alpha) + W @ W) @ S / 2),
+    )
 
 
-def rotation_about_axis(axis: Any, angle: Any) -> Any:
-    """Return the rotation matrix about an axis of any length by an angle [rad], as an mpmath matrix."""
-    part = mpmath.sin(angle / 2) / mpmath.norm(mpmath.matrix(axis))
-    return rotation_of_quaternion((mpmath.cos(angle / 2), *(part * c for c in axis)))
+class Required(NamedTuple):
+    """What makes a body move as it does."""
+
+    force: Array  # (N, 3)
+    torque: Array  # about the centre of mass
+    centre: Array  # where that is
 
 
-def rotation_of_quaternion(quat: Any) -> Any:
-    """Return the rotation matrix of a quaternion (w, x, y, z) of any non-zero length, as an mpmath matrix."""
-    w, x, y, z = quat
-    rows = [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
-    return mpmath.matrix(rows) / (w * w + x * x + y * y + z * z)
-
-
-def skew_vector(W: Any) -> Any:
-    """Return the vector w of the skew part [w]x of a 3 x 3 matrix, as an mpmath matrix (3, 1)."""
-    return mpmath.matrix([(W[2, 1] - W[1, 2]) / 2, (W[0, 2] - W[2, 0]) / 2, (W[1, 0] - W[0, 1]) / 2])
-
-
-class ExactResults:
-    """Exact results of a batch of states, computed at construction for the outputs that it names, and the scales of
-    their rounding errors. The method `largest_error` compares the results of a computation with them.
+def required(origin: Series, turn: Series, body: Sequence[Any], gravity: Array) -> Required:
+    """Return the rates of momentum of a body: of its centre of mass, and of x x x' over the body.
 
     Args:
-        pair: u1, u2, n, home: the arguments of the pair.
-        motion: q; q and qd; or q, qd and qdd, each of shape (N, 7).
-        outputs: names of the outputs that are compared.
+        origin: the reference point.
+        turn: rotation from body axes.
+        body: mass, centre of mass and inertia about it, body axes.
+        gravity: (3,), which adds no force of its own.
+    """
+    mass, centre, J = (exactly(part) for part in body)
+    place = origin + turn @ centre[:, None]
+    spread = exactly(np.eye(3)) * (J[0, 0] + J[1, 1] + J[2, 2]) / 2 - J  # second moments of the mass
+    rate = turn.c0 @ spread @ np.swapaxes(2 * turn.c2, -1, -2)
+    torque = np.stack([rate[:, i, j] - rate[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=-1)
+    return Required(mass * (2 * place.c2[..., 0] - gravity), torque, place.c0[..., 0])
+
+
+def forces_from_attitude(
+    pair: Pair, bodies: Sequence[Any], body1: Sequence[Any], psi: Array, psid: Array, psidd: Array, gravity: Any
+) -> tuple[Array, Array, Array]:
+    """Return what must act: force1, torque1 about R1, (N, 3), and hinge_torque, (N,).
+
+    Args:
+        pair: the pair.
+        bodies: of both, mass, centre of mass and inertia about it, body axes.
+        body1: as in `from_attitude`; psi and its rates likewise.
+        psi: hinge angle.
+        psid: hinge rate.
+        psidd: hinge acceleration.
+        gravity: (3,).
+    """
+    with mpmath.workdps(DIGITS):
+        R1, S1 = given_motion(body1)
+        u1, u2 = (exactly(u)[..., None] for u in pair[:2])
+        S2 = S1 @ rotation(unit(pair[2]), (exactly(psi), exactly(psid), exactly(psidd) / 2))
+        if pair[3] is not None:
+            S2 = S2 @ exactly(pair[3])
+        hinge = R1 + S1 @ u1
+        poses = (R1, S1), (hinge - S2 @ u2, S2)
+        acting = [required(*pose, body, exactly(gravity)) for pose, body in zip(poses, bodies, strict=True)]
+        (force1, *_), (force2, *_) = acting
+        torque1 = sum(t + np.cross(x - R1.c0[..., 0], f) for f, t, x in acting)
+        force, torque, centre = acting[1]
+        moment = torque + np.cross(centre - hinge.c0[..., 0], force)
+        axis = (S1 @ unit(pair[2])[..., None]).c0[..., 0]
+        return force1 + force2, np.asarray(torque1), (axis * moment).sum(axis=-1)
+
+
+class ExactRobot:
+    """A robot at N states.
+
+    Args:
+        tree: the record of the robot; its matrices stand for the rotations next to them.
+        q: positions, (N, dof); qd and qdd likewise.
+        qd: zero if None.
+        qdd: zero if None.
+        base: R, S, v, omega, a, alpha of the base, (N, 3) and (N, 3, 3); None for a base at rest at the origin.
+        gravity: (3,).
     """
 
-    def __init__(self, pair: PairNumbers, motion: MotionArrays, outputs: tuple[str, ...]):
-        self.motion = motion
-        self.outputs = outputs
-        self.scales = _error_scales(pair, self.motion)
-        self.exact = [compute_exact_outputs(pair, *state) for state in zip(*self.motion, strict=True)]
+    def __init__(
+        self,
+        tree: Any,
+        q: Any,
+        qd: Any = None,
+        qdd: Any = None,
+        base: Sequence[Any] | None = None,
+        gravity: Sequence[float] = (0, 0, -9.81),
+    ) -> None:
+        self._tree, self._gravity = tree, exactly(gravity)
+        shape = np.shape(q)
+        self._columns, self._ratios, offsets = _followers(tree)
+        self._dof = shape[1]
+        if base is None:
+            zero = np.zeros((shape[0], 3))
+            base = (zero, np.broadcast_to(np.eye(3), (shape[0], 3, 3)), zero, zero, zero, zero)
+        with mpmath.workdps(DIGITS):
+            q, qd, qdd = (_coordinates(c, shape)[:, self._columns] * self._ratios for c in (q, qd, qdd))
+            q = q + offsets
+            self.poses = [given_motion(base)]
+            self._axes = [exactly(np.zeros(3))]
+            self._points = [self.poses[0][0].c0[..., 0]]
+            for k, joint in enumerate(tree.joints):
+                origin, turn = self.poses[joint.parent]
+                motion = q[:, k], qd[:, k], qdd[:, k] / 2
+                point, turn = origin + turn @ exactly(joint.u)[:, None], turn @ nearest_rotation(exactly(joint.S))
+                axis = unit(joint.n)
+                if joint.kind == "hinge":
+                    turn = turn @ rotation(axis, motion)
+                else:
+                    point = point + turn @ Series(*(part[:, None, None] * axis[:, None] for part in motion))
+                self._axes.append((turn @ axis[:, None]).c0[..., 0])
+                self._points.append(point.c0[..., 0])
+                self.poses.append((point, turn))
 
-    def largest_error(self, results: Mapping[str, Array]) -> float:
-        """Return the largest error of the outputs that the constructor names, as a float in units of u * scale, the
-        unit roundoff times the scale of the output. `results` is a mapping of arrays by output name, which must hold
-        these outputs; others are ignored. The error is inf if a result is not finite.
+    def motion(self, frame: Any) -> dict[str, Array]:
+        """Return R, S, v, omega, a, alpha and d of a frame of the tree; (N, 3) and (N, 3, 3)."""
+        with mpmath.workdps(DIGITS):
+            origin, turn = self.poses[frame.body]
+            d = turn @ exactly(frame.R)[:, None] + (origin - self.poses[0][0])
+            place = d + self.poses[0][0]
+            omega, alpha = angular_motion(turn)
+            R, v, a = place.c0[..., 0], place.c1[..., 0], 2 * place.c2[..., 0]
+            values = (R, turn.c0 @ nearest_rotation(exactly(frame.S)), v, omega, a, alpha)
+            return dict(zip(LETTERS, values, strict=True)) | {"d": d.c0[..., 0]}
+
+    def forces(self, *, base_counts: bool = True) -> tuple[Array, Array, Array]:
+        """Return force1, torque1 about R1, (N, 3), and tau, (N, dof).
+
+        Args:
+            base_counts: whether the base's own mass counts in force1 and torque1.
         """
-        worst = 0.0
-        for name in self.outputs:
-            rows = np.asarray(results[name], dtype=np.float64).reshape(len(self.exact), -1)
-            if not np.isfinite(rows).all():
-                return math.inf
-            scales = np.broadcast_to(self.scales[name], len(rows)).tolist()
-            with mpmath.workdps(TRUTH_DECIMAL_DIGITS):
-                for row, true, scale in zip(rows.tolist(), self.exact, scales, strict=True):
-                    gap = max(abs(x - y) for x, y in zip(row, true[name], strict=True))
-                    rounding = max(FLOAT64_UNIT_ROUNDOFF * mpmath.mpf(scale), np.finfo(float).tiny)
-                    worst = max(worst, float(gap / rounding))
-        return worst
+        with mpmath.workdps(DIGITS):
+            own = [self._required(k) for k in range(len(self.poses))]
+            reference = self._points[0]
+            counted = own if base_counts else own[1:]
+            force1 = sum((force for force, *_ in counted), start=0 * reference)
+            torque1 = sum((t + np.cross(x - reference, f) for f, t, x in counted), start=0 * reference)
+            tau = exactly(np.zeros((len(reference), self._dof)))
+            for k, joint in enumerate(self._tree.joints, 1):
+                carried = [own[i] for i in range(1, len(own)) if k in self._path(i)]
+                force = sum(f for f, *_ in carried)
+                torque = sum(t + np.cross(x - self._points[k], f) for f, t, x in carried)
+                effort = (self._axes[k] * (torque if joint.kind == "hinge" else force)).sum(axis=-1)
+                tau[:, self._columns[k - 1]] += self._ratios[k - 1] * effort
+            return force1, torque1, tau
+
+    def jacobian(self, body: int, point: Array) -> Array:
+        """Return the velocity of a point (N, 3) of a body and the body's omega for unit rates; (N, 6, dof)."""
+        with mpmath.workdps(DIGITS):
+            J = exactly(np.zeros((len(point), 6, self._dof)))
+            for k in self._path(body):
+                axis = self._axes[k]
+                hinge = self._tree.joints[k - 1].kind == "hinge"
+                parts = (np.cross(axis, point - self._points[k]), axis) if hinge else (axis, 0 * axis)
+                J[:, :, self._columns[k - 1]] += self._ratios[k - 1] * np.concatenate(parts, axis=-1)
+            return J
+
+    def mass_matrix(self) -> Array:
+        """Return the matrix of the kinetic energy in the rates, with the base at rest; (N, dof, dof)."""
+        with mpmath.workdps(DIGITS):
+            M = exactly(np.zeros((len(self._points[0]), self._dof, self._dof)))
+            for k, joint in enumerate(self._tree.joints, 1):
+                turn = self.poses[k][1].c0
+                J = self.jacobian(k, self._required(k).centre)
+                v, omega = J[:, :3], np.swapaxes(turn, -1, -2) @ J[:, 3:]
+                M += exactly(joint.body.mass) * np.swapaxes(v, -1, -2) @ v
+                M += np.swapaxes(omega, -1, -2) @ exactly(joint.body.inertia) @ omega
+            return M
+
+    def accelerations(self, tau: Any) -> Array:
+        """Return the qdd, (N, dof), that efforts tau cause; the robot is at rest on its base and its own qdd zero."""
+        with mpmath.workdps(DIGITS):
+            remaining, M = exactly(tau) - self.forces()[2], self.mass_matrix()
+            systems = zip(M.tolist(), remaining.tolist(), strict=True)
+            return np.array([list(mpmath.lu_solve(mpmath.matrix(A), b)) for A, b in systems], dtype=object)
+
+    def _path(self, body: int) -> list[int]:
+        found = []
+        while body:
+            found.append(body)
+            body = self._tree.joints[body - 1].parent
+        return found
+
+    def _required(self, body: int) -> Required:
+        masses = self._tree.joints[body - 1].body if body else self._tree.base
+        parts = masses.mass, masses.center_of_mass, masses.inertia
+        return required(*self.poses[body], parts, self._gravity)
 
 
-def _error_scales(pair: PairNumbers, motion: MotionArrays) -> dict[str, NDArray[np.float64]]:
-    """Return a dict from an output's name to the scale by which its errors are divided: an array (N,) or a number.
-    `pair` is a mapping with u1, u2, n, home; `motion` is one of the tuples (q,), (q, qd) and (q, qd, qdd) of arrays
-    of shape (N, 7).
-    """
-    q, qd, qdd = (*motion, None, None)[:3]
-    W1, A1 = euler_rate_sizes(None if qd is None else qd[:, 3:6], None if qdd is None else qdd[:, 3:6])
-    linear: dict[str, Any] = {name: c[:, :3] for name, c in (("R1", q), ("v1", qd), ("a1", qdd)) if c is not None}
-    hinge: dict[str, Any] = {name: c[:, 6] for name, c in (("psid", qd), ("psidd", qdd)) if c is not None}
-    return output_scales(u1=pair["u1"], u2=pair["u2"], W1=W1, A1=A1, **linear, **hinge)
+def _followers(tree: Any) -> tuple[list[int], Array, Array]:
+    """Return, of each joint, the column of its coordinate, and its ratio and offset to that."""
+    columns = {joint.name: i for i, joint in enumerate(tree.coordinates)}
+    own = [(joint, joint.mimic) for joint in tree.joints]
+    leaders = [joint if mimic is None else tree.joints[mimic.leader - 1] for joint, mimic in own]
+    ratios = [1.0 if mimic is None else mimic.multiplier for _, mimic in own]
+    offsets = [0.0 if mimic is None else mimic.offset for _, mimic in own]
+    return [columns[joint.name] for joint in leaders], exactly(ratios), exactly(offsets)
 
 
-def random_states(rng: np.random.Generator, count: int, num_levels: int) -> MotionArrays:
-    """Return a tuple of the first `num_levels` (1 to 3) of q, qd and qdd, of normally distributed random numbers from
-    `rng`, shape (count, 7) each.
-
-    Args:
-        rng: source of the numbers.
-        count: number of states.
-        num_levels: 1 for q alone, 2 for q and qd, 3 for all.
-    """
-    return tuple(rng.normal(size=(num_levels, count, 7)))
+def largest_errors(got: ArrayLike, truth: Array, axes: int) -> Array:
+    """Return the largest error of a component of each sample, as floats; a sample has `axes` axes."""
+    with mpmath.workdps(DIGITS):
+        gap = np.abs(np.asarray(got).astype(object) - truth).reshape(*np.shape(truth)[: np.ndim(truth) - axes], -1)
+        return np.asarray(gap.max(axis=-1).astype(float))
 
 
-def hard_states(rng: np.random.Generator, num_levels: int) -> MotionArrays:
-    """Return a tuple of the first `num_levels` (1 to 3) of q, qd and qdd of numerically difficult states, shape (N,
-    7) each. Each state is random (from `rng`) except for one change, such as a tiny psi.
+def rotation(axis: Array, angle: Sequence[Array]) -> Series:
+    """Return the turn about a unit axis, (3,) or (N, 3), by an angle that is a series: I + sin K + (1 - cos) K^2."""
+    f0, f1, f2 = angle
+    s, c, half = _sin(f0), _cos(f0), _sin(f0 / 2)
+    sine = (s, c * f1, c * f2 - s * f1 * f1 / 2)
+    versine = (2 * half * half, s * f1, s * f2 + c * f1 * f1 / 2)
+    K = skew(axis)
+    terms = [x[:, None, None] * K + y[:, None, None] * (K @ K) for x, y in zip(sine, versine, strict=True)]
+    return Series(terms[0] + exactly(np.eye(3)), terms[1], terms[2])
 
-    Args:
-        rng: source of the numbers.
-        num_levels: 1 for q alone, 2 for q and qd, 3 for all.
-    """
-    quarter = math.pi / 2
-    changes: list[tuple[Any, Any, float]] = [(_PSI_COORDINATE_INDEX, psi, 1.0) for psi in (1e-160, 1e-9, -1e-5, 0.0)]
-    changes += [
-        (_PSI_COORDINATE_INDEX, psi, 1.0) for psi in (math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)
-    ]
-    changes += [
-        (_PHI_Y_COORDINATE_INDEX, angle, 1.0) for angle in (quarter, -quarter, quarter - 1e-9, quarter + 1e-9)
-    ]
-    changes += [(_COORDINATE_SLICE_OF_EULER_ANGLES_AND_PSI, (quarter, 2 * quarter, -quarter, 4 * quarter), 1.0)]
-    changes += [(_COORDINATE_SLICE_OF_EULER_ANGLES_AND_PSI, angle, 1.0) for angle in (1e-9, 1e6, 1e16)]
-    changes += [(slice(0, 3), (far, -far / 3, far), 1.0) for far in (1e8, 1e15)]
-    changes += [(slice(0, 0), (), rate) for rate in (0.0, 1e-60, 1e20, 1e100)]
-    motion = rng.normal(size=(3, len(changes), 7))
-    for sample, (index, value, rate) in enumerate(changes):
-        motion[0, sample, index] = value
-        motion[1, sample] *= rate
-        motion[2, sample] *= rate * rate
-    return tuple(motion[:num_levels])
+
+def angular_motion(S: Series) -> tuple[Array, Array]:
+    """Return the angular velocity vee(S' S^T) and its derivative."""
+    transposed = np.swapaxes(S.c0, -1, -2)
+    rate = S.c1 @ transposed
+    change = 2 * S.c2 @ transposed + S.c1 @ np.swapaxes(S.c1, -1, -2)
+    omega, alpha = (np.stack([W[:, 2, 1], W[:, 0, 2], W[:, 1, 0]], axis=-1) for W in (rate, change))
+    return omega, alpha
+
+
+def unit(n: ArrayLike) -> Array:
+    """Return an axis of any size scaled to length one."""
+    n = exactly(n)
+    return np.asarray(n / _sqrt((n * n).sum(axis=-1, keepdims=True)))
+
+
+def exactly(numbers: ArrayLike) -> Array:
+    """Return the numbers as an array of mpf, none rounded."""
+    numbers = np.asarray(numbers)
+    return np.asarray(_exact(numbers if numbers.dtype == object else numbers.astype(float)), dtype=object)
+
+
+def skew(w: Array) -> Array:
+    """Return [w]x for w of shape (..., 3)."""
+    x, y, z = w[..., 0], w[..., 1], w[..., 2]
+    zero = 0 * x
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*np.shape(x), 3, 3)
+
+
+def nearest_rotation(S: Array) -> Array:
+    """Return the rotation that a matrix rounds."""
+    for _ in range(4):  # Newton-Schulz: each step squares the distance from orthogonality
+        S = S @ (3 * exactly(np.eye(3)) - np.swapaxes(S, -1, -2) @ S) / 2
+    return S
+
+
+def attitude_of_rotvec(rotvec: ArrayLike) -> Array:
+    """Return the rotations (N, 3, 3) of rotation vectors (N, 3)."""
+    with mpmath.workdps(DIGITS + 320):
+        vector = exactly(rotvec)
+        angle = _sqrt((vector * vector).sum(axis=-1))
+        axis = vector / np.where(angle == 0, mpmath.mpf(1), angle)[..., None]
+        zero = 0 * angle
+        return rotation(axis, (angle, zero, zero)).c0
+
+
+def attitude_of_quaternion(quat_xyzw: ArrayLike) -> Array:
+    """Return the rotations (N, 3, 3) of quaternions (N, 4) of any length: q e q* for each e of Hamilton's i, j, k."""
+    with mpmath.workdps(DIGITS):
+        x, y, z, w = np.moveaxis(unit(quat_xyzw), -1, 0)
+        columns = []
+        for e in np.eye(3, dtype=int):
+            left = _hamilton((w, x, y, z), (0, *e.tolist()))
+            columns.append(np.stack(_hamilton(left, (w, -x, -y, -z))[1:], axis=-1))
+        return np.stack(columns, axis=-1)
+
+
+def _hamilton(p: Sequence[Any], q: Sequence[Any]) -> tuple[Any, ...]:
+    a, b, c, d = p
+    e, f, g, h = q
+    return (
+        a * e - b * f - c * g - d * h,
+        a * f + b * e + c * h - d * g,
+        a * g - b * h + c * e + d * f,
+        a * h + b * g - c * f + d * e,
+    )
+
+
+def _body2(pair: Pair, R1: Series, S1: Series, psi: Sequence[Array]) -> dict[str, Array]:
+    u1, u2, n, home = pair
+    u1, u2 = (exactly(u)[..., None] for u in (u1, u2))
+    S2 = S1 @ rotation(unit(n), psi)
+    omega2, alpha2 = angular_motion(S2)
+    if home is not None:
+        S2 = S2 @ exactly(home)
+    d = S1 @ u1 - S2 @ u2
+    R2 = R1 + d
+    omega1, alpha1 = angular_motion(S1)
+    points = {"R2": R2.c0, "d": d.c0, "v2": R2.c1, "a2": 2 * R2.c2}
+    found = {name: value[..., 0] for name, value in points.items()}
+    rates = {"omega1": omega1, "omega2": omega2, "alpha1": alpha1, "alpha2": alpha2}
+    return found | {"S1": S1.c0, "S2": S2.c0} | rates
+
+
+def euler_scales(pair: Pair, q: Array, qd: Array, qdd: Array) -> dict[str, Array]:
+    """Return the scale of every output, (N,) each, for coordinates of shape (N, 7)."""
+    W1 = abs(qd[:, 3:6]).sum(axis=-1)
+    A1 = abs(qdd[:, 3:6]).sum(axis=-1) + W1**2
+    return _scales(pair, (q, qd, qdd), W1, A1)
+
+
+def _scales(pair: Pair, coordinates: Sequence[Array], W1: Array, A1: Array) -> dict[str, Array]:
+    """Return the size of the terms before they cancel, per sample (docs/concepts/accuracy.md)."""
+    lever1, lever2 = (_length(np.asarray(u, float)) for u in pair[:2])
+    R1, v1, a1 = (abs(c[:, :3]).max(axis=-1) for c in coordinates)
+    psid, psidd = (abs(c[:, -1]) for c in coordinates[1:])
+    one = np.ones(len(R1))
+    W2 = W1 + psid
+    A2 = A1 + psidd + W1 * psid
+    return {
+        "S1": one,
+        "S2": one,
+        "d": one * (lever1 + lever2),
+        "R2": R1 + lever1 + lever2,
+        "omega1": W1,
+        "omega2": W2,
+        "v2": v1 + W1 * lever1 + W2 * lever2,
+        "alpha1": A1,
+        "alpha2": A2,
+        "a2": a1 + A1 * lever1 + W1 * (W1 * lever1) + A2 * lever2 + W2 * (W2 * lever2),
+    }
+
+
+def _coordinates(values: Any, shape: tuple[int, ...]) -> Array:
+    return exactly(np.zeros(shape) if values is None else values)
+
+
+def _cancelled(rates: Any) -> int:
+    """Return the digits that cancel where omega' is taken from S'' and S': those of the squares of the rates."""
+    largest = 0.0 if rates is None else float(np.max(np.abs(np.asarray(rates, float)), initial=0.0))
+    return max(0, 2 * int(np.log10(largest))) if largest > 1 and np.isfinite(largest) else 0
+
+
+def _length(v: Array) -> Array:
+    return np.asarray(np.hypot(np.hypot(v[..., 0], v[..., 1]), v[..., 2]))

@@ -17,7 +17,7 @@ from hingepair.numeric.arrays import check_choice
 from hingepair.numeric.whole_file import whole_file
 
 if TYPE_CHECKING:
-    from hingepair.bench.measure import Report
+    from hingepair.bench.harness import Report
 
 bench_app = typer.Typer(help="Measure run time and error on this machine.", no_args_is_help=True)
 
@@ -26,6 +26,9 @@ BenchJsonOption = Annotated[
 ]
 CppOption = Annotated[
     bool, typer.Option("--cpp", help="Compile and measure Pinocchio's C++ loop (compiling takes one or two minutes).")
+]
+ColdOption = Annotated[
+    bool, typer.Option("--cold/--no-cold", help="Measure starts and first calls too, in fresh processes.")
 ]
 RepeatsOption = Annotated[
     int, typer.Option(min=1, max=1000, help="Repeats of each measurement, of which the median is shown.")
@@ -40,7 +43,7 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
     """Call `measure()`, which returns a Report, and print the table and the notes of the Report and the facts of the
     machine, or all of them as JSON if `show_json` is True.
     """
-    from hingepair.bench.measure import machine_facts, print_progress
+    from hingepair.bench.harness import machine_facts, print_progress
 
     with contextlib.ExitStack() as exit_stack:
         draw = None if plot is None else exit_stack.enter_context(_open_picture(plot))
@@ -94,26 +97,21 @@ def bench_direct(
     ] = "pose,velocity,acceleration",
     repeats: RepeatsOption = 7,
     cpp: CppOption = False,
-    with_imports_and_first_calls: Annotated[
-        bool, typer.Option("--cold/--no-cold", help="Measure imports and first calls too, in fresh processes.")
-    ] = True,
+    cold: ColdOption = True,
     show_json: BenchJsonOption = False,
     plot: PlotOption = None,
 ) -> None:
     """Measure forward kinematics of a pair, and its errors.
 
     Poses, velocities and accelerations are computed by hingepair, Pinocchio, MuJoCo, JAX, SciPy and NumPy, as far as
-    these are installed. The errors are those against arithmetic of 700 digits.
+    these are installed. The errors are those against arithmetic of 60 digits.
     """
     from hingepair.bench import direct as bench
-    from hingepair.bench.peers import OUTPUT_NAMES_BY_LEVEL
 
     counts, chosen = _parse_sizes(sizes), [level.strip() for level in levels.split(",")]
     for level in chosen:
-        check_choice("levels", level, tuple(OUTPUT_NAMES_BY_LEVEL))
-    _run_benchmark(
-        lambda: bench.measure_kinematics(counts, chosen, repeats, cpp, with_imports_and_first_calls), show_json, plot
-    )
+        check_choice("levels", level, tuple(bench.LEVELS))
+    _run_benchmark(lambda: bench.bench_direct(counts, chosen, repeats, cpp, cold), show_json, plot)
 
 
 @bench_app.command("integrate")
@@ -133,7 +131,7 @@ def bench_integrate(
     """
     from hingepair.bench import integrate as bench
 
-    _run_benchmark(lambda: bench.measure_integration(repeats, long_run_steps), show_json, plot)
+    _run_benchmark(lambda: bench.bench_integrate(repeats, long_run_steps), show_json, plot)
 
 
 @bench_app.command("fit")
@@ -147,7 +145,7 @@ def bench_fit(
     """
     from hingepair.bench import fit as bench
 
-    _run_benchmark(lambda: bench.measure_fits(_parse_sizes(sizes), repeats), show_json)
+    _run_benchmark(lambda: bench.bench_fit(_parse_sizes(sizes), repeats), show_json)
 
 
 @bench_app.command("skip")
@@ -164,7 +162,7 @@ def bench_skip(
     """
     from hingepair.bench import skip as bench
 
-    _run_benchmark(lambda: bench.measure_folding(samples, repeats), show_json)
+    _run_benchmark(lambda: bench.bench_skip(samples, repeats), show_json)
 
 
 @bench_app.command("dynamics")
@@ -181,7 +179,7 @@ def bench_dynamics(
     """
     from hingepair.bench import dynamics as bench
 
-    _run_benchmark(lambda: bench.measure_dynamics(samples, repeats, cpp), show_json)
+    _run_benchmark(lambda: bench.bench_dynamics(samples, repeats, cpp), show_json)
 
 
 @bench_app.command("robots")
@@ -193,6 +191,7 @@ def bench_robots(
     sizes: SizesOption = "1,100,100000",
     repeats: RepeatsOption = 5,
     cpp: CppOption = False,
+    cold: ColdOption = True,
     show_json: BenchJsonOption = False,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw run times of the largest batch (.png, .svg, .pdf).")
@@ -206,7 +205,7 @@ def bench_robots(
     from hingepair.bench import robots as bench
 
     chosen = [name.strip() for name in names.split(",")]
-    _run_benchmark(lambda: bench.measure_robots(chosen, _parse_sizes(sizes), repeats, cpp), show_json, plot)
+    _run_benchmark(lambda: bench.bench_robots(chosen, _parse_sizes(sizes), repeats, cpp, cold), show_json, plot)
 
 
 @bench_app.command("scale")
@@ -233,4 +232,4 @@ def bench_scale(
     """
     from hingepair.bench import scale as bench
 
-    _run_benchmark(lambda: bench.measure_scaling(samples, reduction_samples, workers, repeats), show_json)
+    _run_benchmark(lambda: bench.bench_scale(samples, reduction_samples, workers, repeats), show_json)

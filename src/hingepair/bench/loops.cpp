@@ -1,0 +1,138 @@
+// Pinocchio's C++ loops for `hingepair bench direct|dynamics|robots --cpp`: what the Python loops of engines.py do, from the
+// same inputs. Only headers are used: a library that was compiled for another instruction set aligns otherwise.
+// Pinocchio's variants of joints are longer than Boost's lists are by themselves.
+#define BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS
+#define BOOST_MPL_LIMIT_LIST_SIZE 30
+#define BOOST_MPL_LIMIT_VECTOR_SIZE 30
+#define BOOST_FUSION_INVOKE_MAX_ARITY 12
+#include <pinocchio/algorithm/aba.hpp>
+#include <pinocchio/algorithm/frames.hpp>
+#include <pinocchio/algorithm/jacobian.hpp>
+#include <pinocchio/algorithm/kinematics.hpp>
+#include <pinocchio/algorithm/rnea.hpp>
+#include <pinocchio/multibody.hpp>
+
+namespace pin = pinocchio;
+using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+using Constant = Eigen::Map<const Eigen::Vector3d>;
+using Row = Eigen::Map<const Eigen::VectorXd>;
+using Out = Eigen::Map<Eigen::Vector3d>;
+
+struct System
+{
+  pin::Model model;
+  pin::Data data;
+  pin::FrameIndex frame;
+};
+
+static pin::SE3 placement_of(const double * numbers) // a rotation row by row, then a translation
+{
+  const Eigen::Matrix3d S = Eigen::Map<const Matrix>(numbers);
+  return pin::SE3(S, Constant(numbers + 9));
+}
+
+// The order of `_JOINTS` in engines.py.
+static pin::JointModel joint_of(long kind, const Eigen::Vector3d & axis)
+{
+  switch (kind)
+  {
+  case 0: return pin::JointModelRX();
+  case 1: return pin::JointModelRY();
+  case 2: return pin::JointModelRZ();
+  case 3: return pin::JointModelRevoluteUnaligned(axis);
+  case 4: return pin::JointModelPX();
+  case 5: return pin::JointModelPY();
+  case 6: return pin::JointModelPZ();
+  case 7: return pin::JointModelPrismaticUnaligned(axis);
+  default: return pin::JointModelFreeFlyer();
+  }
+}
+
+// Of each joint its parent, its kind, its placement (12 numbers), its axis (3), and mass, centre (3) and inertia about it (9)
+// of its body; of the frame the joint that carries it and its placement.
+extern "C" System * system_new(
+  long joints, const long * parents, const long * kinds, const double * placements, const double * axes,
+  const double * masses, const double * centres, const double * inertias, long carrier, const double * frame)
+{
+  pin::Model model;
+  for (long i = 0; i < joints; ++i)
+  {
+    const Eigen::Matrix3d inertia = Eigen::Map<const Matrix>(inertias + 9 * i);
+    const auto joint = model.addJoint(
+      parents[i], joint_of(kinds[i], Eigen::Vector3d(Constant(axes + 3 * i))), placement_of(placements + 12 * i),
+      "joint" + std::to_string(i));
+    model.appendBodyToJoint(joint, pin::Inertia(masses[i], Constant(centres + 3 * i), inertia), pin::SE3::Identity());
+  }
+  const auto index = model.addFrame(pin::Frame("frame", carrier, placement_of(frame), pin::OP_FRAME));
+  return new System{model, pin::Data(model), index};
+}
+
+extern "C" void system_delete(System * system)
+{
+  delete system;
+}
+
+static void write_pose(System * system, double * out)
+{
+  const pin::SE3 & placement = pin::updateFramePlacement(system->model, system->data, system->frame);
+  Out{out} = placement.translation();
+  Eigen::Map<Matrix>(out + 3) = placement.rotation();
+}
+
+static void write_motion(const pin::Motion & motion, double * out)
+{
+  Out{out} = motion.linear();
+  Out(out + 3) = motion.angular();
+}
+
+// what: an index into `WORKLOADS` of engines.py. Inputs: rows of q, v and w (accelerations or efforts), null from the first
+// that is not needed on. Output: a row of `width` numbers for each state.
+extern "C" void system_run(
+  System * system, long what, long count, long width, const double * q, const double * v, const double * w, double * out)
+{
+  const pin::Model & model = system->model;
+  pin::Data & data = system->data;
+  const auto world = pin::LOCAL_WORLD_ALIGNED;
+  const long n = model.nv;
+  Eigen::VectorXd qi(model.nq), vi(n), wi(n);
+  pin::Data::Matrix6x J(6, n);
+  for (long i = 0; i < count; ++i, out += width)
+  {
+    qi = Row(q + model.nq * i, model.nq);
+    if (v)
+      vi = Row(v + n * i, n);
+    if (w)
+      wi = Row(w + n * i, n);
+    switch (what)
+    {
+    case 0: // pose
+      pin::forwardKinematics(model, data, qi);
+      write_pose(system, out);
+      break;
+    case 1: // velocity
+      pin::forwardKinematics(model, data, qi, vi);
+      write_pose(system, out);
+      write_motion(pin::getFrameVelocity(model, data, system->frame, world), out + 12);
+      break;
+    case 2: // acceleration
+      pin::forwardKinematics(model, data, qi, vi, wi);
+      write_pose(system, out);
+      write_motion(pin::getFrameVelocity(model, data, system->frame, world), out + 12);
+      write_motion(pin::getFrameClassicalAcceleration(model, data, system->frame, world), out + 18);
+      break;
+    case 3: // Jacobian
+      J.setZero();
+      pin::computeJointJacobians(model, data, qi);
+      pin::updateFramePlacement(model, data, system->frame);
+      pin::getFrameJacobian(model, data, system->frame, world, J);
+      Eigen::Map<Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor>>(out, 6, n) = J;
+      break;
+    case 4: // inverse dynamics
+      Eigen::Map<Eigen::VectorXd>(out, n) = pin::rnea(model, data, qi, vi, wi);
+      break;
+    case 5: // forward dynamics
+      Eigen::Map<Eigen::VectorXd>(out, n) = pin::aba(model, data, qi, vi, wi);
+      break;
+    }
+  }
+}
