@@ -111,5 +111,6 @@ def each_backend(request, monkeypatch):
     def forced(backend, workers):
         return execution_of(request.param if backend == "auto" else backend, workers)
 
-    monkeypatch.setattr(hingepair.pair.hinge_pair, "execution_of", forced)
+    for module in (hingepair.pair.hinge_pair, hingepair.pair.evaluate):
+        monkeypatch.setattr(module, "execution_of", forced)
     return request.param

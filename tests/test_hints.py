@@ -28,9 +28,12 @@ def test_coordinates_of_a_pair(q: object, text: str) -> None:
 def test_coordinates_of_a_robot() -> None:
     with pytest.raises(hp.ShapeError, match=r"got shape \(2, 100\) \(transpose it: \.T\)$"):
         ROBOT.forward_kinematics(np.zeros((2, 100)))
-    with pytest.raises(hp.ShapeError, match=r"that broadcast: a dict by the joints' names\), got a tuple"):
-        ROBOT.forward_kinematics((0, RAMP))
+    with pytest.raises(
+        hp.ShapeError, match=r"of the 2 joints first, second, got a list of numbers and arrays: make it"
+    ):
+        ROBOT.forward_kinematics([0, RAMP])
     assert ROBOT.forward_kinematics({"first": 0, "second": RAMP}).shape == (5,)
+    assert ROBOT.forward_kinematics((0, RAMP)).shape == (5,)
 
 
 def test_what_a_state_lists() -> None:

@@ -190,15 +190,28 @@ def test_derivatives_exist_at_every_angle(jax):
     assert np.isfinite(curved).all()
 
 
-def test_the_other_questions_are_answered_in_numpy(library):
-    """Jacobians, residuals and error bounds of such arrays: those of the same numbers."""
+def test_jacobians_are_arrays_of_the_library(library):
     pair, (q, qd, _) = some(10)
     body1, own = body1_of(library[0], 10), body1_of(np, 10)
     for ask in (
         lambda convert, _: pair.coordinate_jacobian(convert(q)),
+        lambda convert, _: pair.coordinate_jacobian_rate(convert(q), convert(qd)),
+        lambda convert, body: pair.jacobian(body, convert(q[:, 6])),
+        lambda convert, body: pair.sensitivities(body, convert(q[:, 6])).d_by_n,
+        lambda _, body: pair.constraint_jacobian(body, body),
+    ):
+        found = ask(library[0].asarray, body1)
+        assert type(found) is type(body1.S)
+        np.testing.assert_allclose(np.asarray(found), ask(np.asarray, own), rtol=0, atol=2e-15)
+
+
+def test_reports_about_such_arrays_are_in_numpy(library):
+    """Residuals and error bounds: those of the same numbers."""
+    pair, (q, qd, _) = some(10)
+    body1, own = body1_of(library[0], 10), body1_of(np, 10)
+    for ask in (
         lambda convert, _: pair.error_bounds(convert(q), convert(qd))["v2"],
         lambda convert, body: pair.error_bounds_from_body1(body, convert(q[:, 6]))["R2"],
-        lambda convert, body: pair.jacobian(body, convert(q[:, 6])),
         lambda _, body: pair.residuals(body, own).gap,
     ):
         found = ask(library[0].asarray, body1)

@@ -216,7 +216,7 @@ def test_pairs_of_their_own_and_other_dtypes():
         (lambda pair, body: pair.constraint_bias(body, body), "body1.omega: expected a value"),
         (
             lambda pair, body: pair.constraint_jacobian(body, hp.BodyMotion(R=np.zeros((3, 3)), S=np.eye(3))),
-            "body2: expected leading shape",
+            r"body2\.R: expected leading shape",
         ),
     ],
 )

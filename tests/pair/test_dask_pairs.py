@@ -342,7 +342,7 @@ def test_a_chunk_that_fails_names_itself():
     S[43] *= 1.1
     body = hp.BodyMotion(R=chunked(BODY.R), S=chunked(S))
     lazy = PAIR.forward_kinematics_from_body1(body, 0.5)
-    with pytest.raises(hp.RotationError, match=r"chunk \(2,\): S: expected rotations") as caught:
+    with pytest.raises(hp.RotationError, match=r"chunk \(2,\): body1\.S: expected rotations") as caught:
         computed(lazy.R2)
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 

@@ -161,7 +161,10 @@ def test_shapes_dtypes_and_samples_apart():
         (lambda pair, body1: pair.acceleration_bias(body1, 0.0, 0.0), "body1.omega: expected a value"),
         (lambda pair, _: pair.coordinate_jacobian(np.zeros(6)), "q: expected shape"),
         (lambda pair, _: pair.coordinate_jacobian(np.zeros(7), sequence="XXZ"), "sequence: expected one of"),
-        (lambda pair, _: pair.coordinate_jacobian_rate(np.zeros(7), None), "qd: expected the coordinates' rates"),
+        (
+            lambda pair, _: pair.coordinate_jacobian_rate(np.zeros(7), None),
+            "qd: expected a value, since output",
+        ),
     ],
 )
 def test_errors_name_the_argument(call, message):

@@ -404,10 +404,10 @@ def test_names_of_outputs_from_a_generator_are_not_kept():
     one = made(generator(1025))
     for _ in range(3):
         assert one.forward_kinematics(np.zeros(7), outputs=(name for name in ("R2", "d"))).outputs == ("R2", "d")
-    size = len(one.constants.prepared)
+    size = len(one.constants.cache.calls)
     for _ in range(20):
         one.forward_kinematics(np.zeros(7), outputs=(name for name in ("R2", "d")))
-    assert len(one.constants.prepared) == size
+    assert len(one.constants.cache.calls) == size
 
 
 CALLS = {

@@ -173,11 +173,13 @@ def test_an_argument_that_cannot_be_used_is_refused_by_name(make, argument, valu
     assert "\n" not in str(caught.value)
 
 
-def test_coordinates_by_name_are_told_the_order():
+def test_coordinates_by_name_are_complete():
     pair = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1))
-    with pytest.raises(
-        hp.DtypeError, match=r"q: expected seven coordinates in the order \(.*psi\), as an array or a"
-    ):
-        pair.forward_kinematics({"psi": 1})
-    with pytest.raises(hp.DtypeError, match=r"qd: expected four coordinates in the order \(x, y, phi, psi\)"):
-        hp.PlanarPair((1, 0), (0, 1)).forward_kinematics((0, 0, 0, 0), {"psi": 1})
+    names = dict.fromkeys(("x", "y", "z", "phi_x", "phi_y", "phi_z"), 0.0)
+    psi = np.linspace(0, 1, 3)
+    found = pair.forward_kinematics({**names, "psi": psi})
+    np.testing.assert_array_equal(found.R2, pair.forward_kinematics((0, 0, 0, 0, 0, 0, psi)).R2)
+    with pytest.raises(hp.ArgumentError, match=r"q\['psi'\]: expected a number or an array"):
+        pair.forward_kinematics(names)
+    with pytest.raises(hp.ArgumentError, match=r"qd: expected one of x, y, phi, psi"):
+        hp.PlanarPair((1, 0), (0, 1)).forward_kinematics((0, 0, 0, 0), {"theta": 1})

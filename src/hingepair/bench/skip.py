@@ -8,8 +8,8 @@ import numpy as np
 
 from hingepair.bench.direct import LEVELS, PAIR_ARGUMENTS
 from hingepair.bench.harness import Case, Job, Report, measure
-from hingepair.pair.evaluate import count_operations
-from hingepair.pair.forward_kinematics import plan_from_coordinates
+from hingepair.pair.evaluate import computation_of
+from hingepair.pair.forward_kinematics import read_rows
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
@@ -24,11 +24,10 @@ class Folding(NamedTuple):
 
     def operations(self) -> int:
         """Return the operations for each sample that folding leaves."""
-        q, qd = (*self.motion, None)[:2]
         is_planar = isinstance(self.pair, PlanarPair)
         kind, sequence = (PLANAR_MOTION_KIND, None) if is_planar else (SPATIAL_MOTION_KIND, "XYZ")
-        plan, arguments = plan_from_coordinates(kind, self.pair.constants, q, qd, None, self.outputs, None, sequence)
-        return count_operations(plan, self.pair.constants, arguments.parts).per_sample
+        computation = computation_of(kind, self.pair.constants, self.outputs, sequence)
+        return computation.count_operations(read_rows(kind, *self.motion).values).per_sample
 
     def job(self, backend: str) -> Job:
         """Return the job of the call, into existing arrays."""

@@ -123,7 +123,8 @@ def _derive_pair(
     """Return the formulas of the motion of a Scene as text, or of an arbitrary motion if `scene_or_pair` is a pair or
     a simulated Scene.
     """
-    from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, check_outputs, default_outputs
+    from hingepair.plans.arguments import check_outputs
+    from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, default_outputs
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 

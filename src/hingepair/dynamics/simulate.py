@@ -36,10 +36,10 @@ from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_pair, check_single_pair
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
-from hingepair.pair.forward_kinematics import Outputs
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
+from hingepair.plans.arguments import Outputs
 
 SIMULATION_BASE_NAMES: Final = ("free", "pinned", "fixed")
 """Names of the bases."""

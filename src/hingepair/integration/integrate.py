@@ -36,17 +36,16 @@ from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_la
 from hingepair.numeric.instants import instants_of, warn_of_measurements
 from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
-from hingepair.pair.evaluate import STATE_CLASS_BY_MOTION_KIND, compute_state
-from hingepair.pair.forward_kinematics import Outputs
+from hingepair.pair.evaluate import STATE_CLASS_BY_MOTION_KIND, computation_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.plans.arguments import Arguments, Outputs, check_outputs
 from hingepair.plans.plan import (
     ACCELERATION,
     PLANAR_MOTION_KIND,
     SPATIAL_MOTION_KIND,
     MotionKind,
     Plan,
-    check_outputs,
     default_outputs,
     make_plan,
 )
@@ -423,7 +422,8 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
         turned = S1 is not None and options.omega_in_body_axes and argument in {"omega1", "alpha1"}
         inputs[name] = rotate_to_world(S1, values) if turned and S1 is not None else values
     inputs = {name: inputs[name] for name in inputs.keys() & plan.inputs}
-    return compute_state(request.pair.constants, plan, inputs, {"t": psi.shape}, execution=options.execution)
+    computation = computation_of(plan.kind, request.pair.constants, plan.outputs)
+    return computation.run(Arguments(inputs, {"t": psi.shape}, None, {}), options.execution)
 
 
 def _integrate_lazily(

@@ -22,10 +22,10 @@ from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import Bounded, BoundedDouble, bounded_class, conversion_error
-from hingepair.pair import forward_kinematics as kinematics
-from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants
-from hingepair.plans.plan import MotionKind, Plan
+from hingepair.pair.evaluate import COORDINATES, INPUT_LABELS, check_inputs, computation_of
+from hingepair.plans.arguments import Outputs, read_arguments, requested_outputs
+from hingepair.plans.plan import MotionKind, Plan, default_outputs, make_plan
 
 
 class PromisedBound(NamedTuple):
@@ -261,32 +261,39 @@ _SOURCE_NAMES_BY_DERIVED_CONSTANT = {
 
 
 def error_bounds(
-    kind: MotionKind, pair: Constants, q: Any, qd: Any, qdd: Any, outputs: kinematics.Outputs, sequence: str | None
+    kind: MotionKind,
+    pair: Constants,
+    given: Mapping[str, Any],
+    level: int,
+    outputs: Outputs,
+    sequence: str | None = None,
 ) -> Bounds:
-    """Compute bounds on the rounding errors of the outputs of forward_kinematics for coordinates q, qd and qdd.
-    Return a dict of arrays of shape (...,) by output name. `kind` is the MotionKind, spatial or planar, `pair` holds
-    the Constants of the pair, and `sequence` is the Euler sequence (None for a planar pair). Raise ArgumentError for
-    unusable arguments.
+    """Compute bounds on the rounding errors of outputs of forward kinematics; return arrays (...,) by output name.
+
+    Args:
+        kind: motion in space or in a plane.
+        pair: constants of the pair.
+        given: the inputs by name, as users give them.
+        level: level of the default outputs (0 pose, 1 velocity, 2 acceleration).
+        outputs: names of the outputs.
+        sequence: Euler sequence of body 1; None if its attitude is given.
+
+    Raises:
+        ArgumentError: an argument cannot be used, or an output needs an input that is not given.
     """
-    plan, coordinates = kinematics.plan_from_coordinates(kind, pair, q, qd, qdd, outputs, None, sequence)
-    integers = {  # one row of them has been converted to floats
-        name: given
-        for name, given in (("q", q), ("qd", qd), ("qdd", qdd))
-        if isinstance(given, np.ndarray) and given.dtype.kind in "iu"
-    }
-    return _plan_error_bounds(pair, plan, {**coordinates.parts, **integers}, coordinates.shapes)
+    names = requested_outputs(outputs, None, kind.levels, default_outputs(level, kind))
+    check_inputs(computation_of(kind, pair, names, sequence), given)
+    arguments = read_arguments(given, kind.shapes, COORDINATES[kind], INPUT_LABELS)
+    values = {name: _without_library(value) for name, value in arguments.values.items()}
+    plan = make_plan(names, sequence, "home" in pair.values, kind=kind, given_names=tuple(values))
+    return _plan_error_bounds(pair, plan, values, arguments.shapes)
 
 
-def error_bounds_from_body1(
-    pair: Constants, body1: BodyMotion, psi: Any, psid: Any, psidd: Any, outputs: kinematics.Outputs
-) -> Bounds:
-    """Compute bounds on the rounding errors of the outputs of forward_kinematics_from_body1, for the Constants of a
-    pair, the BodyMotion of body 1 and the hinge angle with its derivatives. Return a dict of arrays of shape (...,)
-    by output name. Raise ArgumentError for unusable arguments.
-    """
-    plan, values, shapes = kinematics.plan_from_body1(pair, body1, psi, psid, psidd, outputs, None)
-    arrays = {name: np.asarray(value) if is_foreign(value) else value for name, value in values.items()}
-    return _plan_error_bounds(pair, plan, arrays, shapes)
+def _without_library(value: Any) -> Any:
+    """Return an array of another library, or a tuple of such components, as NumPy's."""
+    if isinstance(value, tuple):
+        return tuple(map(_without_library, value))
+    return np.asarray(value) if is_foreign(value) else value
 
 
 def _plan_error_bounds(

@@ -254,6 +254,22 @@ def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
     return value
 
 
+def motion_inputs(name: str, body: object) -> dict[str, Any]:
+    """Return the arrays of a BodyMotion by input name, such as S1 for S of the argument "body1".
+
+    Raises:
+        ArgumentError: the body is not a BodyMotion.
+    """
+    if not isinstance(body, BodyMotion):
+        raise ArgumentError(name, "a BodyMotion", quoted(body))
+    digit = name[-1]
+    return {
+        f"{letter}{digit}": array
+        for letter in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE
+        if (array := getattr(body, letter)) is not None
+    }
+
+
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
     """Return a dict of the requested arrays of the BodyMotion `body` as NumPy arrays. The further arguments are the
     letters of these arrays, such as "S". `name` is "body1" or "body2", and a key is the letter with the digit of

@@ -13,6 +13,7 @@ from hingepair.numeric.arrays import broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, Named, numbers
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_of_two, times_power_of_two
+from hingepair.plans.computation import Cache
 from hingepair.plans.steps import LEVER_CONSTANT_STEPS
 from hingepair.rotations.matrices import check_rotation
 
@@ -39,6 +40,10 @@ class Constants:
     shape: tuple[int, ...]
     axis: NDArray[np.float64] | None = None
     prepared: dict[Any, Any] = field(default_factory=dict, repr=False)
+    cache: Cache = field(default_factory=Cache, repr=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Constants, (self.values, self.arrays, self.shape, self.axis)
 
     @property
     def single(self) -> bool:

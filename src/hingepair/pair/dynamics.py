@@ -19,7 +19,7 @@ from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.pair.evaluate import cached_call, compute_arrays
-from hingepair.pair.forward_kinematics import read_component
+from hingepair.plans.arguments import read_component
 from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES, LOADS
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, make_plan
 

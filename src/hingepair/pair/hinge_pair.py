@@ -19,21 +19,23 @@ from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, derivatives, dynamics, residuals, tolerances
 from hingepair.pair import forward_kinematics as kinematics
 from hingepair.pair.body import Body
-from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
-from hingepair.pair.constants import Constants, check_single_pair, pair_constants
+from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_inputs
+from hingepair.pair.constants import Constants, check_single_pair, pair_constants, with_hinge_frames
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
+from hingepair.pair.evaluate import COORDINATES, compute
 from hingepair.pair.prepare import prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 from hingepair.pair.tolerances import PoseCovariance
+from hingepair.plans.arguments import Coordinates, Outputs
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 from hingepair.plans.prepared import Prepared
+from hingepair.rotations.sequences import find_sequence
 
 Returned = TypeVar("Returned")
 
-_SAMPLE_SHAPE_OR_SHAPES_BY_DASK_ARGUMENT: Final = {
+_DASK_SHAPES: Final = {
     **SPATIAL_MOTION_KIND.shapes,
     **dict.fromkeys(("body1", "body2"), SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE),
 }
@@ -162,14 +164,34 @@ class HingePair(Shown):
         """
         check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(
-            method, arguments, _SAMPLE_SHAPE_OR_SHAPES_BY_DASK_ARGUMENT, kinematics.spatial_columns
+            method,
+            arguments,
+            _DASK_SHAPES,
+            COORDINATES[SPATIAL_MOTION_KIND].table_columns,
         )
+
+    def _array(
+        self,
+        name: str,
+        given: Mapping[str, Any],
+        out: FloatArray | None,
+        workers: int,
+        backend: str,
+        sequence: str | None = None,
+    ) -> FloatArray:
+        """Compute one output as a bare array."""
+        constants = with_hinge_frames(self.constants) if "S2" in given else self.constants
+        array: FloatArray = compute(
+            SPATIAL_MOTION_KIND, constants, (name,), given,
+            out=out, sequence=sequence, backend=backend, workers=workers, bare=True,
+        )  # fmt: skip
+        return array
 
     def forward_kinematics(
         self,
-        q: CoordinateInput,
-        qd: CoordinateInput | None = None,
-        qdd: CoordinateInput | None = None,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        qdd: Coordinates | None = None,
         *,
         outputs: Outputs = None,
         out: Out = None,
@@ -217,12 +239,8 @@ class HingePair(Shown):
         >>> state.v2[0]
         array([ 1.,  4., -1.])
         """
-        if holds_dask(q, qd, qdd):
-            options = {"outputs": outputs, "out": out, "sequence": sequence, "workers": workers, "backend": backend}
-            return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
-        execution = execution_of(backend, workers)
         state: PairState = kinematics.from_coordinates(
-            SPATIAL_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, sequence, execution
+            SPATIAL_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, sequence, backend, workers
         )
         return state
 
@@ -348,19 +366,16 @@ class HingePair(Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        if holds_dask(body1, psi, psid, psidd):
-            motion = {"body1": body1, "psi": psi, "psid": psid, "psidd": psidd}
-            options = {"outputs": outputs, "out": out, "workers": workers, "backend": backend}
-            return self._lazily(self.forward_kinematics_from_body1, **motion, **options)
-        execution = execution_of(backend, workers)
-        state: PairState = kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, execution)
+        state: PairState = kinematics.from_body1(
+            self.constants, body1, psi, psid, psidd, outputs, out, backend, workers
+        )
         return state
 
     def error_bounds(
         self,
-        q: CoordinateInput,
-        qd: CoordinateInput | None = None,
-        qdd: CoordinateInput | None = None,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        qdd: Coordinates | None = None,
         outputs: Outputs = None,
         *,
         sequence: str = "XYZ",
@@ -396,7 +411,9 @@ class HingePair(Shown):
         """
         if holds_dask(q, qd, qdd):
             return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
-        return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, q, qd, qdd, outputs, sequence)
+        given = kinematics.coordinate_rows(q, qd, qdd)
+        find_sequence(sequence)
+        return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, len(given) - 1, outputs, sequence)
 
     def error_bounds_from_body1(
         self,
@@ -436,7 +453,9 @@ class HingePair(Shown):
             return self._lazily(
                 self.error_bounds_from_body1, body1=body1, psi=psi, psid=psid, psidd=psidd, outputs=outputs
             )
-        return accuracy.error_bounds_from_body1(self.constants, body1, psi, psid, psidd, outputs)
+        given = kinematics.body1_inputs(body1, psi, psid, psidd)
+        level = ("psid" in given) + ("psidd" in given)
+        return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, level, outputs)
 
     def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape
@@ -765,7 +784,15 @@ class HingePair(Shown):
         """
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
-    def jacobian(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
+    def jacobian(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        *,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
         """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), shape (..., 6, 7) (E8, E2). `body1` is
         the BodyMotion of body 1; only S is used.
 
@@ -774,6 +801,9 @@ class HingePair(Shown):
         Args:
             body1: the motion of body 1; only S is used.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            out: array into which the result is written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The Jacobian Jac, for velocities in world axes; shape (..., 6, 7).
@@ -784,11 +814,18 @@ class HingePair(Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        if holds_dask(body1, psi):
-            return self._lazily(self.jacobian, body1=body1, psi=psi)
-        return derivatives.jacobian(self.constants, body1, psi)
+        return self._array("jacobian", kinematics.body1_inputs(body1, psi), out, workers, backend)
 
-    def acceleration_bias(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> FloatArray:
+    def acceleration_bias(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike,
+        *,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
         """Compute the part of body 2's acceleration that velocities cause, shape (..., 6). This part is `bias` in
         (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9). `body1` is the BodyMotion of body 1; only S and omega
         are used.
@@ -800,6 +837,9 @@ class HingePair(Shown):
             body1: the motion of body 1; only S and omega are used.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
             psid: time derivative of psi [rad/s]; shape (...,).
+            out: array into which the result is written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The bias, world axes: three components of a2 [m/s^2], then three of alpha2 [rad/s^2]; shape (..., 6).
@@ -811,17 +851,26 @@ class HingePair(Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        if holds_dask(body1, psi, psid):
-            return self._lazily(self.acceleration_bias, body1=body1, psi=psi, psid=psid)
-        return derivatives.acceleration_bias(self.constants, body1, psi, psid)
+        return self._array("acceleration_bias", kinematics.body1_inputs(body1, psi, psid), out, workers, backend)
 
-    def coordinate_jacobian(self, q: CoordinateInput, *, sequence: str = "XYZ") -> FloatArray:
+    def coordinate_jacobian(
+        self,
+        q: Coordinates,
+        *,
+        sequence: str = "XYZ",
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
         """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, shape (..., 6, 7). qd is the vector of the time
         derivatives of the seven coordinates q (E8, E2, E4). `sequence` is the Euler sequence of body 1.
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
+            out: array into which the result is written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The Jacobian Jq; shape (..., 6, 7). Its first three rows give v2, and its last three rows give omega2, in
@@ -833,12 +882,19 @@ class HingePair(Shown):
         >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        if holds_dask(q):
-            return self._lazily(self.coordinate_jacobian, q=q, sequence=sequence)
-        return derivatives.coordinate_jacobian(self.constants, q, sequence)
+        find_sequence(sequence)
+        given = kinematics.coordinate_rows(q, None, None)
+        return self._array("coordinate_jacobian", given, out, workers, backend, sequence)
 
     def coordinate_jacobian_rate(
-        self, q: CoordinateInput, qd: CoordinateInput, *, sequence: str = "XYZ"
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        *,
+        sequence: str = "XYZ",
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> FloatArray:
         """Compute the time derivative Jq' of the Jacobian Jq that `coordinate_jacobian` returns, shape (..., 6, 7)
         (E9). The accelerations are (a2, alpha2) = Jq @ qdd + Jq' @ qd. `sequence` is the Euler sequence of body 1.
@@ -847,6 +903,9 @@ class HingePair(Shown):
             q: coordinates [m, rad], as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], as for `forward_kinematics`.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
+            out: array into which the result is written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The time derivative Jq'; shape (..., 6, 7). Its first three rows contribute to a2, and its last three rows
@@ -859,9 +918,9 @@ class HingePair(Shown):
         >>> pair.coordinate_jacobian_rate(np.zeros(7), qd) @ qd
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        if holds_dask(q, qd):
-            return self._lazily(self.coordinate_jacobian_rate, q=q, qd=qd, sequence=sequence)
-        return derivatives.coordinate_jacobian_rate(self.constants, q, qd, sequence)
+        find_sequence(sequence)
+        given = kinematics.coordinate_rows(q, qd, None)
+        return self._array("coordinate_jacobian_rate", given, out, workers, backend, sequence)
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
         """Compute the Sensitivities: the derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and
@@ -951,7 +1010,15 @@ class HingePair(Shown):
             return self._lazily(self.propagate_covariance, body1=body1, psi=psi, covariance=covariance, **std)
         return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
 
-    def constraint_jacobian(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+    def constraint_jacobian(
+        self,
+        body1: BodyMotion,
+        body2: BodyMotion,
+        *,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
         """Compute the Jacobian G of the five hinge constraints, shape (..., 5, 12). The time derivatives of the
         constraints are (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2). `body1` and `body2` are BodyMotions.
 
@@ -967,6 +1034,9 @@ class HingePair(Shown):
         Args:
             body1: the motion of body 1; only S is used.
             body2: the motion of body 2; only S is used.
+            out: array into which the result is written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The Jacobian G; shape (..., 5, 12). The first three rows of G give gap', and the last two rows give tilt'.
@@ -979,11 +1049,18 @@ class HingePair(Shown):
         >>> (pair.constraint_jacobian(body, body) @ (0, 0, 0, 0, 0, 1, 0, 4, 0, 0, 0, 3)).tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        if holds_dask(body1, body2):
-            return self._lazily(self.constraint_jacobian, body1=body1, body2=body2)
-        return derivatives.constraint_jacobian(self.constants, body1, body2)
+        given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
+        return self._array("constraint_jacobian", given, out, workers, backend)
 
-    def constraint_bias(self, body1: BodyMotion, body2: BodyMotion) -> FloatArray:
+    def constraint_bias(
+        self,
+        body1: BodyMotion,
+        body2: BodyMotion,
+        *,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
         """Compute the part of the constraints' second time derivatives that velocities cause, shape (..., 5). This
         part is `bias` in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2). `body1` and `body2` are
         BodyMotions.
@@ -995,6 +1072,9 @@ class HingePair(Shown):
         Args:
             body1: the motion of body 1; only S and omega are used.
             body2: the motion of body 2; only S and omega are used.
+            out: array into which the result is written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The bias: three components for gap'' in world axes [m/s^2], then two for tilt'' [1/s^2]; shape (..., 5).
@@ -1007,9 +1087,8 @@ class HingePair(Shown):
         >>> pair.constraint_bias(body1, body2).tolist()
         [-4.0, 0.0, 0.0, 0.0, 0.0]
         """
-        if holds_dask(body1, body2):
-            return self._lazily(self.constraint_bias, body1=body1, body2=body2)
-        return derivatives.constraint_bias(self.constants, body1, body2)
+        given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
+        return self._array("constraint_bias", given, out, workers, backend)
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:

@@ -22,11 +22,11 @@ from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
 from hingepair.pair.constants import Constants, check_single_pair
 from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.evaluate import compute_arrays
-from hingepair.pair.forward_kinematics import CoordinateInput, Outputs
+from hingepair.pair.evaluate import COORDINATES, compute_arrays
 from hingepair.pair.hinge_pair import HingePair, checked_mass_properties
 from hingepair.pair.prepare import prepare_planar
 from hingepair.pair.states import PlanarState
+from hingepair.plans.arguments import Coordinates, Outputs, read_component
 from hingepair.plans.plan import PLANAR_MOTION_KIND
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
@@ -37,7 +37,7 @@ DEFAULT_PLANAR_GRAVITY_VECTOR = (0.0, -9.81)
 Returned = TypeVar("Returned")
 
 # Shape of one sample of each argument that may be a Dask array.
-_SAMPLE_SHAPE_BY_PLANAR_DASK_ARGUMENT: Final = {
+_DASK_SHAPES: Final = {
     **PLANAR_MOTION_KIND.shapes,
     **dict.fromkeys(("force1", "force2"), (2,)),
     **dict.fromkeys(("torque1", "torque2"), ()),
@@ -117,13 +117,13 @@ class PlanarPair(Shown):
         axes.
         """
         check_single_pair(self, " if the arguments are Dask arrays")
-        return apply_to_chunks(method, arguments, _SAMPLE_SHAPE_BY_PLANAR_DASK_ARGUMENT, kinematics.planar_columns)
+        return apply_to_chunks(method, arguments, _DASK_SHAPES, COORDINATES[PLANAR_MOTION_KIND].table_columns)
 
     def forward_kinematics(
         self,
-        q: CoordinateInput,
-        qd: CoordinateInput | None = None,
-        qdd: CoordinateInput | None = None,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        qdd: Coordinates | None = None,
         *,
         outputs: Outputs = None,
         out: Out = None,
@@ -165,12 +165,8 @@ class PlanarPair(Shown):
         >>> state.v2[0], state.omega2[0]
         (array([1., 4.]), np.float64(2.0))
         """
-        if holds_dask(q, qd, qdd):
-            options = {"outputs": outputs, "out": out, "workers": workers, "backend": backend}
-            return self._lazily(self.forward_kinematics, q=q, qd=qd, qdd=qdd, **options)
-        execution = execution_of(backend, workers)
         state: PlanarState = kinematics.from_coordinates(
-            PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, None, execution
+            PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, None, backend, workers
         )
         return state
 
@@ -203,9 +199,9 @@ class PlanarPair(Shown):
 
     def error_bounds(
         self,
-        q: CoordinateInput,
-        qd: CoordinateInput | None = None,
-        qdd: CoordinateInput | None = None,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        qdd: Coordinates | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
         """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a dict
@@ -233,7 +229,8 @@ class PlanarPair(Shown):
         """
         if holds_dask(q, qd, qdd):
             return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
-        return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, None)
+        given = kinematics.coordinate_rows(q, qd, qdd)
+        return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, given, len(given) - 1, outputs)
 
     def to_spatial(self) -> HingePair:
         """Return this pair as a HingePair with n = (0, 0, 1). In the HingePair, the third component of u1 and u2 is
@@ -281,7 +278,7 @@ class PlanarPair(Shown):
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
-    def mass_matrix(self, q: CoordinateInput) -> FloatArray:
+    def mass_matrix(self, q: Coordinates) -> FloatArray:
         """Compute the mass matrix M, shape (..., 4, 4). It satisfies M @ (x'', y'', phi'', psi'') + bias = (force1,
         torque1, hinge_torque) (T4-T6). Raise ArgumentError if a body has no mass properties.
 
@@ -312,9 +309,9 @@ class PlanarPair(Shown):
 
     def inverse_dynamics(
         self,
-        q: CoordinateInput,
-        qd: CoordinateInput,
-        qdd: CoordinateInput,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
         *,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> Forces:
@@ -352,9 +349,9 @@ class PlanarPair(Shown):
 
     def hinge_wrench(
         self,
-        q: CoordinateInput,
-        qd: CoordinateInput,
-        qdd: CoordinateInput,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
         *,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> HingeWrench:
@@ -391,8 +388,8 @@ class PlanarPair(Shown):
 
     def forward_dynamics(
         self,
-        q: CoordinateInput,
-        qd: CoordinateInput,
+        q: Coordinates,
+        qd: Coordinates,
         *,
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0.0,
@@ -438,7 +435,7 @@ class PlanarPair(Shown):
         return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
 
     def energy(
-        self, q: CoordinateInput, qd: CoordinateInput, *, gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR
+        self, q: Coordinates, qd: Coordinates, *, gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). If body 1 has no mass
         properties, the energy is the energy of body 2 alone. Raise ArgumentError if body 2 has no mass properties.
@@ -465,7 +462,7 @@ class PlanarPair(Shown):
             return self._lazily(self.energy, q=q, qd=qd, gravity=gravity)
         return Energy(*self._compute_dynamics(dynamics.ENERGY, {"q": q, "qd": qd}, gravity))
 
-    def momentum(self, q: CoordinateInput, qd: CoordinateInput) -> Momentum:
+    def momentum(self, q: Coordinates, qd: Coordinates) -> Momentum:
         """Compute the Momentum of the pair: its linear momentum, and its angular momentum about the world's origin
         (T8). Raise ArgumentError if a body has no mass properties.
 
@@ -510,10 +507,10 @@ class PlanarPair(Shown):
                 )
         space, planar_coordinates = (
             self.massive(),
-            kinematics.read_pair_coordinates(PLANAR_MOTION_KIND, **{"qd": None, "qdd": None, **coordinates}),
+            kinematics.read_rows(PLANAR_MOTION_KIND, **coordinates),
         )
         values: dict[str, Any] = {"gravity": (*one_constant("gravity", gravity, 2).tolist(), 0.0)}
-        for name, part in planar_coordinates.parts.items():
+        for name, part in planar_coordinates.values.items():
             x, y, phi, psi = part if isinstance(part, tuple) else components_of(part)
             values[name] = x, y, 0.0, 0.0, 0.0, phi, psi
         shapes = dict(planar_coordinates.shapes)
@@ -540,18 +537,16 @@ def _body_in_plane(body: Body) -> Body:
     return replace(body, center_of_mass=np.array((x, y, 0.0)), inertia=inertia)
 
 
-def motion_in_space(
-    q: CoordinateInput, qd: CoordinateInput | None = None, qdd: CoordinateInput | None = None
-) -> tuple[Any, ...]:
+def motion_in_space(q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None) -> tuple[Any, ...]:
     """Return the planar coordinates q, qd and qdd as a spatial motion, the tuple (body1, psi, psid, psidd). `body1`
     is the BodyMotion of body 1; psid is absent if qd is None, and psidd if qdd is None.
     """
-    coordinates = kinematics.read_pair_coordinates(PLANAR_MOTION_KIND, q, qd, qdd)
+    coordinates = kinematics.read_rows(PLANAR_MOTION_KIND, q, qd, qdd)
     shape = broadcast_shape(coordinates.shapes)
     zero = np.zeros(shape)
     arrays: dict[str, NDArray[Any]] = {}
     hinge = []
-    for part, linear, angular in zip(coordinates.parts.values(), "Rva", ("S", "omega", "alpha"), strict=False):
+    for part, linear, angular in zip(coordinates.values.values(), "Rva", ("S", "omega", "alpha"), strict=False):
         columns = np.moveaxis(part, -1, 0) if isinstance(part, np.ndarray) else part
         x, y, phi, psi = (np.broadcast_to(c, shape) for c in columns)
         arrays |= {linear: np.stack([x, y, zero], axis=-1), angular: np.stack([zero, zero, phi], axis=-1)}
@@ -566,9 +561,9 @@ def _spatial_load(name: str, value: ArrayLike) -> Any:
     component. The number 0 is accepted for a force.
     """
     if name == "hinge_torque":
-        return kinematics.read_component(name, value)
+        return read_component(name, value)
     if name.startswith("torque"):
-        return 0.0, 0.0, kinematics.read_component(name, value)
+        return 0.0, 0.0, read_component(name, value)
     if is_zero(value):
         return 0.0, 0.0, 0.0
     return *components_of(vectors(name, value, 2)), 0.0

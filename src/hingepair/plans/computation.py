@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -14,8 +15,9 @@ from hingepair.engine.binding import ArrayShape, bind
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, OperationCounts
 from hingepair.engine.results import Results
-from hingepair.errors import ArgumentError, RotationError
-from hingepair.plans.arguments import Arguments, CoordinateNames, check_out
+from hingepair.errors import ArgumentError, RotationError, ShapeError
+from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
+from hingepair.plans.arguments import Arguments, CoordinateNames, check_out, read_arguments
 from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
 
@@ -33,6 +35,18 @@ class Cache:
     calls: dict[Any, Call] = field(default_factory=dict)  # of plain calls, by what is asked and given
     others: dict[Any, Any] = field(default_factory=dict)  # extended constants
     warned: bool = False  # of masses that are assumed or impossible
+
+    def again(self, key: Any, arguments: Iterable[Any], out: Any, workers: object) -> Any:
+        """Return the results of a call that differs from an earlier one by its arrays alone; None if there is none,
+        or it has to look at the arrays.
+        """
+        if type(workers) is not int or workers != 1:
+            return None
+        try:
+            call = self.calls[key]
+        except (KeyError, TypeError):  # another call, or a key that cannot be hashed
+            return None
+        return call.rows(*arguments) if out is None else call.rows(*arguments, out=out)
 
 
 class Computation:
@@ -75,6 +89,7 @@ class Computation:
         self._shared, self._operations = shared, operations
         self.constant_shapes = constant_shapes or {}
         self._calls: dict[Any, Call] = {}
+        self._sufficient: set[tuple[str, ...]] = set()  # names of arguments that suffice
 
     def call(
         self,
@@ -121,6 +136,64 @@ class Computation:
         """The computation whose derivatives by constants are taken."""
         return self
 
+    def missing(self, given: Collection[str]) -> tuple[str, str] | None:
+        """Return an output and an input that it needs but that is neither given nor known; None if all are."""
+        names = tuple(given)
+        if names not in self._sufficient:
+            for output in self.outputs:
+                for name, _ in self._loop((output,), names).inputs:
+                    if name not in given and name not in self.known and name != "gravity":
+                        return output, name
+            self._sufficient.add(names)
+        return None
+
+    def compute(
+        self,
+        given: Mapping[str, Any],
+        execution: Execution,
+        gravity: tuple[float, ...] | None = None,
+        out: Any = None,
+        *,
+        labels: Mapping[str, str] | None = None,
+        derivative: Derivative | None = None,
+        keep: tuple[Cache, Any] | None = None,
+        remade: Callable[[], Computation] | None = None,
+    ) -> Any:
+        """Compute a plain call with arguments of any form, Dask arrays among them.
+
+        Args:
+            given: the arguments by input name, as users give them.
+            execution: backend and number of threads.
+            gravity: acceleration of free fall [m/s^2], where outputs depend on it.
+            out: arrays to write into.
+            labels: names of inputs in messages, where they differ.
+            derivative: compute that in place of the outputs.
+            keep: cache and key by which `Cache.again` finds this call.
+            remade: function that can be pickled and makes this computation anew; without it, Dask arrays are refused.
+        """
+        call = self.call(tuple(given), execution.backend, gravity, derivative=derivative)
+        out = check_out(out, call.outputs)
+        result = call.rows(*given.values(), out=out, workers=execution.workers)
+        if result is not None:
+            if keep is not None:
+                keep[0].calls[keep[1]] = call
+            return result
+        labels = labels or {}
+        if holds_dask(given) and remade is not None:
+            if self._shape:
+                got = f"pairs of shape {self._shape}"
+                raise ShapeError(
+                    "pair", "one pair if the arguments are Dask arrays, such as HingePair(u1[i], ...)", got
+                )
+            method = functools.partial(_compute_chunk, remade, execution, gravity, labels)
+            named = {labels.get(name, name): value for name, value in given.items()}
+            shapes = {label: call.argument_shapes[name] for label, name in zip(named, given, strict=True)}
+            return apply_to_chunks(method, {**named, "out": out}, shapes, self.coordinates.table_columns)
+        arguments = read_arguments(given, call.argument_shapes, self.coordinates, labels)
+        if keep is not None and arguments.library is None:
+            keep[0].calls[keep[1]] = call
+        return self.run(arguments, execution, gravity, out, derivative=derivative)
+
     def run(
         self,
         arguments: Arguments,
@@ -147,8 +220,8 @@ class Computation:
         """Count the operations of a call in which numbers among these values are known, and where nothing is."""
         loop = self._loop(self.outputs, tuple(values))
         arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
-        known = {**self.known, "gravity": gravity, **values}
-        bound = bind(loop.inputs, {name: known[name] for name, _ in loop.inputs})
+        known = self.known if gravity is None else {**self.known, "gravity": gravity}
+        bound = bind(loop.inputs, {name: {**arrays, **known, **values}[name] for name, _ in loop.inputs})
         full = loop.program(bind(loop.inputs, arrays).pattern)
         return loop.program(bound.pattern).count_operations(full)
 
@@ -166,15 +239,31 @@ class Computation:
             raise ArgumentError("robot", "fewer joints, or derivatives by fewer arguments", got)
 
 
+def _compute_chunk(
+    remade: Callable[[], Computation],
+    execution: Execution,
+    gravity: tuple[float, ...] | None,
+    labels: Mapping[str, str],
+    *,
+    out: None,
+    **named: Any,
+) -> Any:
+    """Compute one chunk of Dask arrays, which come by the names that messages use."""
+    names = {label: name for name, label in labels.items()}
+    given = {names.get(label, label): value for label, value in named.items()}
+    _check_attitudes(given, labels)  # which BodyMotion does of arrays in memory
+    return remade().compute(given, execution, gravity, out, labels=labels)
+
+
 def _limits(name: str) -> Mapping[int, float]:
     """Return the limits of the check of an attitude, by the size of a number in bytes."""
     return {8: 1.0, 4: 1.0} if name in QUATERNIONS else MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE  # of a zero, 2
 
 
-def _check_attitudes(values: Mapping[str, Any]) -> None:
+def _check_attitudes(values: Mapping[str, Any], labels: Mapping[str, str] | None = None) -> None:
     """Raise a RotationError for a matrix that is no rotation, or a quaternion that is zero."""
     for name, value in values.items():
         if name in QUATERNIONS and (np.asarray(value) == 0).all(axis=-1).any():
             raise RotationError(name, "non-zero quaternions", "a zero quaternion")
         if name in ("S1", "S2"):
-            check_rotation(name, np.asarray(value))
+            check_rotation((labels or {}).get(name, name), np.asarray(value))

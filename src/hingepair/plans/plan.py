@@ -7,7 +7,7 @@ runs the steps of one plan, so the equations are put together here and nowhere e
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
@@ -15,7 +15,6 @@ from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
-from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.plans.dynamics_steps import (
     KNOWN_MOTION_DYNAMICS_STEPS,
@@ -90,23 +89,15 @@ _SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionKind:
-    """A kind of motion of a pair, in space or in a plane. `coordinates` are the names of the components of q. The
-    dictionary `parts` maps each of "q", "qd" and "qdd" to the names of its position, angles and hinge angle, `shapes`
-    maps the name of each quantity to the shape of one sample, and `levels` maps the name of each output to the level
-    from which it is a default output, or to None if it is never one.
+    """A kind of motion of a pair, in space or in a plane."""
 
-    Attributes:
-        coordinates: names of the components of q.
-        parts: names that a plan gives to the position, the angles and the hinge angle in q, qd and qdd.
-        shapes: shape of one sample of everything that can be given or computed, by name.
-        levels: level at which each quantity of the bodies is a default output; None if it is computed only when
-            named.
-    """
+    coordinates: tuple[str, ...]  # names of the components of q
+    parts: Mapping[str, tuple[str, ...]]  # names of position, angles and hinge angle in q, qd and qdd
+    shapes: Mapping[str, ArrayShape]  # of one sample of all that can be given or computed
+    levels: Mapping[str, int | None]  # from which an output is a default output; None if it never is one
 
-    coordinates: tuple[str, ...]
-    parts: Mapping[str, tuple[str, ...]]
-    shapes: Mapping[str, ArrayShape]
-    levels: Mapping[str, int | None]
+    def __reduce__(self) -> str:  # the two kinds are compared by identity
+        return "SPATIAL_MOTION_KIND" if len(self.coordinates) == 7 else "PLANAR_MOTION_KIND"
 
 
 # The level at which an output of body 2 is a default output.
@@ -246,25 +237,6 @@ def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION_KIND) -> tuple
     `MotionKind`, in space or in a plane.
     """
     return tuple(name for name, lowest in kind.levels.items() if lowest is not None and lowest <= level)
-
-
-def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
-    """Check the argument `outputs`, and return a tuple of its names without repetitions. Raise ArgumentError if it is
-    None, a string, empty or not a collection, or contains a name that is not among `known_names`.
-
-    Raises:
-        ArgumentError: not a collection of known names.
-    """
-    try:
-        names = () if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
-    except TypeError:
-        names = ()
-    if not names:
-        raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", quoted(outputs))
-    for name in names:
-        if name not in known_names:
-            raise ArgumentError("outputs", choices(tuple(known_names)), quoted(name))
-    return names
 
 
 @functools.lru_cache(maxsize=256)

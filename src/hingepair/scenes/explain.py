@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from hingepair.engine.loops import OperationCounts
-from hingepair.pair.evaluate import count_operations
+from hingepair.pair.evaluate import computation_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, all_steps, default_outputs, make_plan
@@ -87,7 +89,10 @@ def explain(
     form = motion.sequence, "home" in pair.constants.values
     plan, others = make_plan(names, *form, kind=kind), [step.result for step in all_steps(*form, kind=kind)]
     rows = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME, motion.derivatives, strict=False))
-    operations = count_operations(make_plan(names, *form, kind=kind, given_names=tuple(rows)), pair.constants, rows)
+    varying = {
+        name: tuple(np.empty(2) if isinstance(c, np.ndarray) else c for c in row) for name, row in rows.items()
+    }
+    operations = computation_of(kind, pair.constants, names, motion.sequence).count_operations(varying)
     still, computed = {*constant} | {"u1", "u2", "n", "home", "lever_fixed", "lever_cos", "lever_sin"}, []
     for step in plan.steps:
         once = still.issuperset(step.arguments)

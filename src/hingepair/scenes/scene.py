@@ -25,6 +25,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
+from hingepair.plans.arguments import check_outputs
 from hingepair.plans.plan import (
     ACCELERATION,
     PLANAR_MOTION_KIND,
@@ -32,7 +33,6 @@ from hingepair.plans.plan import (
     SPATIAL_MOTION_KIND,
     VELOCITY,
     MotionKind,
-    check_outputs,
 )
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.instants import Instants, Rows, SampledScene

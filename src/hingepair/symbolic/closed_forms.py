@@ -21,7 +21,8 @@ from hingepair.numeric.names import Names
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, check_outputs, make_plan
+from hingepair.plans.arguments import check_outputs
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, make_plan
 from hingepair.symbolic.exact_constants import MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT, exact
 from hingepair.symbolic.jets import SYMPY_ERROR_TYPES, DerivativeProgram, ValueAndDerivatives, time_symbol
 from hingepair.symbolic.kinks import Expr, real_symbol

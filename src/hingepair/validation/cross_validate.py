@@ -22,7 +22,7 @@ from hingepair.pair.accuracy import (
 )
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
-from hingepair.pair.forward_kinematics import read_pair_coordinates
+from hingepair.pair.forward_kinematics import read_rows
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import Coordinates
@@ -152,7 +152,7 @@ def cross_validate(
         space, kind, subject = pair, SPATIAL_MOTION_KIND, f"Euler sequence {sequence}"
         twin = to_pinocchio(space)
         state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    parts = read_pair_coordinates(kind, q, qd, qdd).parts
+    parts = read_rows(kind, q, qd, qdd).values
     flat, _ = finite_samples(parts, np.shape(state.R2)[:-1], {})
     planar = kind is PLANAR_MOTION_KIND
     rows = [np.insert(c, (2, 2, 2), 0.0, axis=1) if planar else c for c in flat.values()]

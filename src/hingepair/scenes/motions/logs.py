@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.engine.backend import execution_of
 from hingepair.errors import SceneError, choices, nearest
 from hingepair.integration.integrate import RATE_FRAME_NAMES
 from hingepair.integration.signals import SampledSignal
@@ -29,7 +30,6 @@ from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import percent
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.evaluate import DEFAULT_BACKEND_AND_WORKERS
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
@@ -529,8 +529,8 @@ def _integrate_rates(table: Table, log: Log) -> Motion:
     _velocity_frame(table, log)
     arrays = position | turning | hinge
     signals = (
-        SampledSignal(log.since, arrays["omega1"], DEFAULT_BACKEND_AND_WORKERS),
-        SampledSignal(log.since, arrays["psid"], DEFAULT_BACKEND_AND_WORKERS),
+        SampledSignal(log.since, arrays["omega1"], execution_of("auto", 1)),
+        SampledSignal(log.since, arrays["psid"], execution_of("auto", 1)),
     )
     notes = (*log.notes, *filter(None, [log.unknown_error_note()]))
     return replace(
