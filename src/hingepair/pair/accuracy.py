@@ -103,7 +103,7 @@ def euler_rate_sizes(
     W1 = np.abs(np.asarray(phid, dtype=np.float64)).sum(axis=-1)
     if phidd is None:
         return W1, None
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         return W1, np.abs(np.asarray(phidd, dtype=np.float64)).sum(axis=-1) + W1 * W1
 
 
@@ -161,7 +161,7 @@ def output_scales(
         name: None if value is None else np.abs(np.asarray(value, dtype=np.float64))
         for name, value in angular.items()
     }
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         scale_by_output = _scale_formulas(**sizes, pinocchio=pinocchio)
     return {
         name: np.asarray(scale_by_output[name])

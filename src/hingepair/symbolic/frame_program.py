@@ -200,7 +200,8 @@ class FrameProgram:
                 direction = group.to_group_axes([exact_entry(part) for part in joint.n.tolist()])
                 group.members.append(_GroupSlider(group.angle, direction, position, column, exact(ratio)))
                 continue
-            axis = joint.S @ joint.n
+            with np.errstate(under="ignore"):
+                axis = joint.S @ joint.n
             if sign := group.sign(axis):
                 group.angle += sign * position
                 group.members.append(_GroupHinge(column, sign * exact(ratio)))
