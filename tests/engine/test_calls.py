@@ -239,7 +239,7 @@ def test_constants_that_were_sorted_once_are_bound_as_they_are(value, moving):
     spec = (("k", (3,)), ("x", ()))
     once = bind_constant("k", (3,), value)
     x = np.ones(4)
-    plain, other = (bind(spec, {"k": k, "x": x}, keep_single_samples=moving) for k in (value, once))
+    plain, other = (bind(spec, {"k": k, "x": x}, single_samples_vary=moving) for k in (value, once))
     assert (plain.pattern, plain.constants) == (other.pattern, other.constants)
     assert len(plain.arrays) == len(other.arrays)
 

@@ -13,7 +13,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm_ir import LANE_COUNT
+from hingepair.engine.llvm_ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, default_outputs, make_plan, plan_loop
 from hingepair.rotations.sequences import SEQUENCE_NAMES
@@ -67,7 +67,7 @@ def test_every_output_alone(name):
     both(pair_of(rng), *coordinates(rng, 20), outputs=(name,))
 
 
-@pytest.mark.parametrize("count", sparse([LANE_COUNT + 1, 1, LANE_COUNT, LANE_COUNT - 1, 1000, 2, 3 * LANE_COUNT], 3))
+@pytest.mark.parametrize("count", sparse([LANES + 1, 1, LANES, LANES - 1, 1000, 2, 3 * LANES], 3))
 def test_every_count_around_the_block(count):
     rng = generator(62)
     one, motion = pair_of(rng), coordinates(rng, count)

@@ -9,9 +9,9 @@ import pytest
 
 from hingepair.engine import llvm_arithmetic, llvm_ir, slices
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm_arithmetic import MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS
-from hingepair.engine.llvm_builder import CACHE_LINE_BYTES
-from hingepair.engine.llvm_memory import MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES, WIDE_OUTPUT_COMPONENTS_PER_PANEL
+from hingepair.engine.llvm_arithmetic import MAX_NARROW
+from hingepair.engine.llvm_builder import CACHE_LINE
+from hingepair.engine.llvm_memory import MAX_STREAMED, PANEL
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 
@@ -22,21 +22,21 @@ FAST_WIDTHS = {
     1,
     3,
     8,
-    MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS,
-    MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS + 1,
+    MAX_NARROW,
+    MAX_NARROW + 1,
     24,
-    WIDE_OUTPUT_COMPONENTS_PER_PANEL + 3,
-    MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES + 1,
+    PANEL + 3,
+    MAX_STREAMED + 1,
 }
 WIDTHS = sorted(
     {
         *range(1, 41),
         *FAST_WIDTHS,
-        WIDE_OUTPUT_COMPONENTS_PER_PANEL - 1,
-        WIDE_OUTPUT_COMPONENTS_PER_PANEL,
-        2 * WIDE_OUTPUT_COMPONENTS_PER_PANEL + 5,
+        PANEL - 1,
+        PANEL,
+        2 * PANEL + 5,
         300,
-        MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES,
+        MAX_STREAMED,
         600,
     }
 )
@@ -45,7 +45,7 @@ SHIFTS = (0, 8, 16, 32, 56)
 
 @pytest.fixture(params=LEAST_BYTES)
 def stores(request, monkeypatch):
-    monkeypatch.setattr(llvm_ir, "MIN_OUTPUT_BYTES_ALONG_INNER_AXIS_FOR_STREAMING_STORES", LEAST_BYTES[request.param])
+    monkeypatch.setattr(llvm_ir, "MIN_STREAMED_BYTES", LEAST_BYTES[request.param])
     return request.param
 
 
@@ -56,9 +56,9 @@ def doubled(width, stores):  # noqa: ARG001 (each way to store has kernels of it
 
 def room_of(count, shift, dtype):
     """An array full of guards, and where in it lie `count` elements that start so many bytes behind a cache line."""
-    lines = CACHE_LINE_BYTES // dtype.itemsize
+    lines = CACHE_LINE // dtype.itemsize
     room = np.full(count + 3 * lines, GUARD, dtype)
-    start = (-room.ctypes.data % CACHE_LINE_BYTES + shift) // dtype.itemsize + lines
+    start = (-room.ctypes.data % CACHE_LINE + shift) // dtype.itemsize + lines
     return room, slice(start, start + count)
 
 
@@ -105,7 +105,7 @@ CUTS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cut", CUTS.values(), ids=CUTS)
-@pytest.mark.parametrize("width", [2, 36, 2 * MAX_OUTPUT_COMPONENTS_FOR_STREAMING_STORES + 20])
+@pytest.mark.parametrize("width", [2, 36, 2 * MAX_STREAMED + 20])
 def test_outputs_of_any_layout(cut, width, stores):
     for shift in (0, 16):
         shape = (3, 8, 17, width)
@@ -181,8 +181,8 @@ def long_function(v):
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)
 def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     """Also where sines are taken of them, and where they are components of a wide output."""
-    monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_COMPONENTS_OF_INPUT_STORED_AS_VECTORS", most)
-    count = MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS + 1
+    monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_VECTORS", most)
+    count = MAX_NARROW + 1
 
     def function(v):
         a, b, *c = v["c"]
@@ -217,8 +217,8 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     rng = np.random.default_rng(2)
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_OF_UNSPLIT_STEP", 0)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_OF_STEP_AFTER_SPLITTING", length)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_OPERATIONS_SINCE_LAST_USE_OF_VALUE_IN_REGISTER", distance)
+    monkeypatch.setattr(llvm_arithmetic, "_UNSPLIT", 0)
+    monkeypatch.setattr(llvm_arithmetic, "_SPLIT", length)
+    monkeypatch.setattr(llvm_arithmetic, "_MAX_AGE", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

@@ -82,17 +82,16 @@ def _core_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def kernel_pays(operations: int, samples: int, chain_length: int = 1) -> bool:
+def kernel_pays(operations: int, samples: int) -> bool:
     """Return whether one call would take so much longer by NumPy than by a kernel that the backend "auto" compiles
     one, whatever calls came before.
 
     Args:
         operations: operations of one sample.
         samples: samples of the call.
-        chain_length: samples of each chain of a scan, which NumPy computes one after the other.
 
     >>> kernel_pays(200, 100), kernel_pays(200, 100_000)
     (False, True)
     """
-    seconds = chain_length * _SECONDS_PER_OPERATION + samples * _SECONDS_PER_OPERATION_AND_SAMPLE
+    seconds = _SECONDS_PER_OPERATION + samples * _SECONDS_PER_OPERATION_AND_SAMPLE
     return operations * seconds >= _WORTH_A_KERNEL

@@ -14,111 +14,61 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
-from hingepair.engine.llvm_builder import LANE_COUNT, FunctionBuilder, hexadecimal
-from hingepair.engine.llvm_sines import DOUBLE_VECTOR_TYPE, SINE_OPERATION_NAMES
+from hingepair.engine.llvm_builder import LANES, NUMBER_BYTES, FunctionBuilder, hexadecimal
+from hingepair.engine.llvm_sines import DOUBLES, SINES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 
-MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS: Final = 16
-"""Largest number of components of an output array that is assembled in registers, and of those that are needed of an
-input array that is loaded into registers."""
-
-MAX_UNIFORM_COMPONENTS_OF_INPUT_STORED_AS_VECTORS: Final = 256
-"""Largest number of components shared by all samples that are each stored in the frame as a vector: 16 kB in all.
-
-More of them are stored as single numbers, so that they leave space in the first-level cache. Processors with few
-registers take longer to broadcast a number to a vector than to load a vector.
-"""
-
-_MAX_OPERATIONS_OF_UNSPLIT_STEP: Final = 1000
-"""Number of operations in a row up to which they are one step, so that fewer values pass through the frame."""
-
-_MAX_OPERATIONS_OF_STEP_AFTER_SPLITTING: Final = 300
-"""Number of operations of each step into which more operations are split: LLVM spills few registers then."""
-
-_MAX_OPERATIONS_SINCE_LAST_USE_OF_VALUE_IN_REGISTER: Final = 40
-"""A value that was last used more operations ago is loaded again from the frame, which lowers register pressure."""
-
-_LLVM_INSTRUCTION_NAME_BY_OPERATION_NAME: Final = {
-    "+": "fadd",
-    "-": "fsub",
-    "*": "fmul",
-    "/": "fdiv",
-    "negative": "fneg",
-}  # by the name of the traced operation
+MAX_NARROW: Final = 16  # components of an output assembled in registers, and needed ones of an input loaded there
+# Components shared by all samples that are stored in the frame as vectors, 16 kB in all; more of them are stored as
+# numbers, so that they leave space in the first-level cache. Processors with few registers take longer to broadcast
+# a number to a vector than to load a vector.
+MAX_UNIFORM_VECTORS: Final = 256
+_UNSPLIT: Final = 1000  # operations in a row that are one step, so that fewer values pass through the frame
+_SPLIT: Final = 300  # operations of the steps into which more are split: LLVM spills few registers then
+_MAX_AGE: Final = 40  # operations after which a value is loaded again, which lowers register pressure
+_INSTRUCTIONS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}
 
 
 class ComponentGroup(NamedTuple):
-    """The components of one input or output array, as traced values or numbers, which lie at one common stride in
-    memory. `varies` says whether they vary along the inner axis of samples.
+    """The components of one array, which lie at one common stride in memory."""
 
-    Attributes:
-        values: the traced inputs, or results, in the order of the components.
-        varies: whether they vary along the inner axis (in a scan: along the chain).
-    """
-
-    values: tuple[Operand, ...]
-    varies: bool = True
+    values: tuple[Operand, ...]  # traced inputs, or results
+    varies: bool = True  # from sample to sample
 
     @property
     def narrow(self) -> bool:
-        """Whether the group has few enough components to be assembled in registers. Wider outputs are copied from the
-        frame, the kernel's buffer of vectors.
-        """
-        return len(self.values) <= MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS
-
-
-class Carry(NamedTuple):
-    """The values that a scan carries from each sample to the next: `before` holds the traced inputs of a sample,
-    `after` the results that become these inputs at the next sample.
-
-    Attributes:
-        before: the traced inputs; their values at the first sample are inputs of the kernel.
-        after: the results that become `before` at the next sample.
-    """
-
-    before: tuple[TracedValue, ...]
-    after: tuple[Operand, ...]
+        """Whether an output is assembled in registers; wider ones are copied from the frame."""
+        return len(self.values) <= MAX_NARROW
 
 
 class KernelStep(NamedTuple):
-    """One LLVM function of a kernel's program: its `name`, the values to compute (`lines`), and the input components
-    to load (`loads`, a dictionary from the index of an input to the list of component indices). A step of sines has
-    no `lines`; it computes the sines of `angles` by a shared function.
+    """One step of a kernel: a function of its own, or sines."""
 
-    Attributes:
-        name: name of the LLVM function.
-        lines: the values to compute, in order; empty for a step of sines.
-        angles: the angles [rad] whose sines are computed; empty for a step of arithmetic.
-        loads: components of inputs to load, by the number of the input.
-    """
-
-    name: str
-    lines: list[TracedValue]
-    angles: list[TracedValue]
-    loads: dict[int, list[int]]
+    name: str  # of the function
+    lines: list[TracedValue]  # to compute, in order; none for sines
+    angles: list[TracedValue]  # [rad] whose sines are computed; none for arithmetic
+    loads: dict[int, list[int]]  # components to load, by the index of the input
 
 
 class Arithmetic:
-    """Builder of the LLVM functions (steps) that compute a kernel's values, and of the layout of the frame, the
-    memory through which the steps pass values. `step_functions` returns the code of the steps.
+    """The steps that compute a kernel's values, and the frame through which they pass values.
 
     Args:
         inputs: groups of input components.
         outputs: groups of output components.
-        carry: carried values of a scan, or None.
         float_type: LLVM's type of the numbers, "double" or "float".
         fuse: whether sums are fused with products (FMA).
 
     Attributes:
-        uniform_steps: steps that compute the values which do not vary along the inner axis.
-        varying_steps: steps that compute the values which vary along the inner axis.
+        uniform_steps: steps that compute the values which do not vary from sample to sample.
+        varying_steps: steps that compute those which do.
         slots: number of the frame's slot of each value that has one, by the identity of the value.
         frame_size: number of slots.
         register_inputs: indices of the inputs that steps load into registers; other inputs are gathered into the
             frame.
         input_slots: for each input, the components needed as vectors, and the first slot of the gathered ones.
-        input_scalars: for each input, the components needed as one number for all samples, and their first slot; such
-            a slot holds LANE_COUNT numbers.
+        input_scalars: for each input, the components needed as one number for all samples, and their first slot,
+            which holds eight of them.
         constant_slots: number of the slot of each constant in a wide output.
         word_offsets: for each input in registers, the index of its first word in the array `places`; last, the index
             of the outputs' first word. The words of an input are the address of its row, the offsets of seven further
@@ -129,30 +79,26 @@ class Arithmetic:
         self,
         inputs: Sequence[ComponentGroup],
         outputs: Sequence[ComponentGroup],
-        carry: Carry | None,
         float_type: str,
         fuse: bool,
     ) -> None:
-        self.inputs, self.outputs, self.carry = inputs, outputs, carry
+        self.inputs, self.outputs = inputs, outputs
         self.float_type, self.fuse = float_type, fuse
-        self.vector = f"<{LANE_COUNT} x {float_type}>"
-        self.number_bytes = 8 if float_type == "double" else 4
+        self.vector = f"<{LANES} x {float_type}>"
+        self.number_bytes = NUMBER_BYTES[float_type]
         results = [value for group in outputs for value in group.values]
-        results += list(carry.after) if carry else []
         lines = needed_values(results)
         self._operands = {id(line): self._operands_of(line) for line in lines}
         read = itertools.chain(results, *self._operands.values())
         self._read_values = {id(value) for value in read}
-        self._needed = {id(value) for value in (*lines, *(carry.before if carry else ()))}
+        self._needed = {id(value) for value in lines}
         self._sine_lines: defaultdict[int, list[TracedValue]] = defaultdict(list)
         self._declared: set[str] = set()
         self._lanewise: set[str] = set()
         self.uniform_steps = self._split_steps("once", (value for value in lines if not value.varies))
         self.varying_steps = self._split_steps("block", (value for value in lines if value.varies))
         used = [sum(id(value) in self._needed for value in group.values) for group in inputs]
-        self.register_inputs = {
-            g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_COMPONENTS_OF_ARRAY_IN_REGISTERS
-        }
+        self.register_inputs = {g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_NARROW}
         self._outputs_after_value = self._schedule_row_stores()
         self._schedule_loads()
         self._assign_slots()
@@ -160,10 +106,7 @@ class Arithmetic:
     # ---- the order of the operations
 
     def _fused_product(self, value: TracedValue) -> TracedValue | None:
-        """Return the product that is fused with a sum or difference, `value`, into one FMA instruction. Return None
-        if `value` is another operation or has no product, or if the code does not fuse. If both operands are
-        products, the second is fused.
-        """
+        """Return the product that is fused with a sum or difference (the second of two), or None."""
         if self.fuse and value.operation in {"+", "-"}:
             for one in reversed(value.operands):
                 if isinstance(one, TracedValue) and one.operation == "*":
@@ -171,11 +114,11 @@ class Arithmetic:
         return None
 
     def _operands_of(self, value: TracedValue) -> list[TracedValue]:
-        """Return the list of traced values that the code of an operation, `value`, reads. A fused product and the
-        comparison of a choice are replaced by their operands; sine, cosine and versine read their angle only.
+        """Return the traced values that the code of an operation reads: those of a fused product and of the
+        comparison of a choice in their place, and only the angle of sine, cosine and versine.
         """
         read = list(value.operands)
-        if value.operation in SINE_OPERATION_NAMES:
+        if value.operation in SINES:
             del read[1:]
         if value.operation == "where" and isinstance(read[0], TracedValue):
             read[:1] = read[0].operands
@@ -186,21 +129,18 @@ class Arithmetic:
             read += product.operands
         return [one for one in read if isinstance(one, TracedValue)]
 
-    def _split_steps(self, name_prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
-        """Split traced values into steps, and return the list of `KernelStep`, whose names are name_prefix ("once" or
-        "block") and a number. Steps of sines come as early as their angles allow; the list for "block" begins and
-        ends with a step of arithmetic. Also records which values are the sines of each angle.
-        """
+    def _split_steps(self, prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
+        """Return the steps that compute these values; sines come as early as their angles allow."""
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
-        while any(value.operation in SINE_OPERATION_NAMES for value in rest):
+        while any(value.operation in SINES for value in rest):
             late: set[int] = set()
             angles: dict[int, TracedValue] = {}
             for value in rest:
                 operands = self._operands[id(value)]
                 if any(id(one) in late for one in operands):
                     late.add(id(value))
-                elif value.operation in SINE_OPERATION_NAMES:
+                elif value.operation in SINES:
                     late.add(id(value))
                     angles[id(operands[0])] = operands[0]
                     self._sine_lines[id(operands[0])].append(value)
@@ -213,15 +153,14 @@ class Arithmetic:
             first.update(id(line) for angle in angles for line in self._sine_lines[angle])
             rest = [value for value in rest if id(value) not in first]
         parts += _split_lines(rest)
-        if name_prefix == "block":  # the first step loads inputs, the last step stores outputs
+        if prefix == "block":  # the first step loads inputs, the last step stores outputs
             parts = [([], []), *parts] if not parts or parts[0][1] else parts
             parts = [*parts, ([], [])] if parts[-1][1] else parts
-        return [KernelStep(f"{name_prefix}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
+        return [KernelStep(f"{prefix}{k}", *part, defaultdict(list)) for k, part in enumerate(parts)]
 
     def _schedule_row_stores(self) -> dict[int, list[int]]:
-        """Return a dictionary from the identity (`id`) of a value to the list of the indices of the outputs that are
-        stored right after the value is computed. Only outputs of few components (narrow ones) are included. The
-        outputs under the key 0 are stored at the end of the last step.
+        """Return the narrow outputs that are stored right after a value is computed, by the value's id; under 0 those
+        that are stored at the end of the last step.
         """
         position: dict[int, tuple[int, int]] = {}
         for step in self.varying_steps:
@@ -236,11 +175,8 @@ class Arithmetic:
         return finished
 
     def _schedule_loads(self) -> None:
-        """Choose, for each needed component of an input in registers, the step that loads the component, and append
-        the component to the `loads` of that step.
-
-        This is the first step that reads the component, but no step behind one that stores: an output may overlap an
-        input.
+        """Choose the step that loads each component of an input in registers: the first that reads it, but none
+        behind one that stores, since an output may overlap an input.
         """
         reads = [{id(value) for value in self._values_read_by(step)} for step in self.varying_steps]
         stores = [any(id(value) in self._outputs_after_value for value in step.lines) for step in self.varying_steps]
@@ -254,9 +190,7 @@ class Arithmetic:
                     self.varying_steps[s].loads[g].append(c)
 
     def _values_read_by(self, step: KernelStep) -> Iterator[TracedValue]:
-        """Yield the traced values that a step reads, including the values that it stores in outputs and, in a scan,
-        the values that it carries to the next sample.
-        """
+        """Yield the traced values that a step reads or stores in outputs."""
         yield from step.angles
         for value in step.lines:
             yield from self._operands[id(value)]
@@ -264,17 +198,12 @@ class Arithmetic:
         results = [self._outputs_after_value.get(id(value), ()) for value in step.lines]
         for g in itertools.chain(*results, self._outputs_after_value.get(0, ()) if last else ()):
             yield from (value for value in self.outputs[g].values if isinstance(value, TracedValue))
-        if self.carry and last:
-            yield from (value for value in self.carry.after if isinstance(value, TracedValue))
 
     # ---- the frame
 
     def _assign_slots(self) -> None:
-        """Assign a slot of the frame, the kernel's buffer of vectors, to each value that passes from one function of
-        the kernel to another; slots are reused. Sets the attributes that describe the frame, such as `slots` and
-        `frame_size`.
-
-        A slot is used again when its value is not needed any more.
+        """Assign a slot to each value that passes from one function to another; a slot is used again when its value
+        is not needed any more.
         """
         self.slots: dict[int, int] = {}
         self.input_slots: list[tuple[list[int], int]] = []
@@ -287,16 +216,11 @@ class Arithmetic:
         vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
         for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
-            many = (
-                len(used) > MAX_UNIFORM_COMPONENTS_OF_INPUT_STORED_AS_VECTORS
-                and not group.varies
-                and self.carry is None
-            )
-            shared = used if many else []
+            shared = used if len(used) > MAX_UNIFORM_VECTORS and not group.varies else []
             gathered = [c for c in used if id(group.values[c]) in vectors] if shared else used
             self.input_scalars.append((shared, size))
-            self._scalar_positions |= {id(group.values[c]): size * LANE_COUNT + k for k, c in enumerate(shared)}
-            size += -(-len(shared) // LANE_COUNT)
+            self._scalar_positions |= {id(group.values[c]): size * LANES + k for k, c in enumerate(shared)}
+            size += -(-len(shared) // LANES)
             self.input_slots.append((gathered, size))
             if g not in self.register_inputs:
                 self.slots |= {id(group.values[c]): size + k for k, c in enumerate(gathered)}
@@ -305,22 +229,22 @@ class Arithmetic:
             if not isinstance(value, TracedValue) and value not in self.constant_slots:
                 self.constant_slots[value] = size
                 size += 1
-        step_index_by_id: dict[int, int] = {}
+        makers: dict[int, int] = {}
         for s, step in enumerate(steps):
-            step_index_by_id |= {id(value): s for value in self._values_made_by(step)}
+            makers |= {id(value): s for value in self._values_made_by(step)}
             for angle in step.angles:
                 lines = self._sine_lines[id(angle)]
-                self.slots |= {id(line): size + SINE_OPERATION_NAMES.index(line.operation) for line in lines}
-                size += len(SINE_OPERATION_NAMES)
+                self.slots |= {id(line): size + SINES.index(line.operation) for line in lines}
+                size += len(SINES)
         last: dict[int, int] = {}
         for s, step in enumerate(steps):
-            last |= {id(value): s for value in self._values_read_by(step) if step_index_by_id.get(id(value), s) != s}
-        last |= {id(value): len(steps) for value in wide if id(value) in step_index_by_id}
+            last |= {id(value): s for value in self._values_read_by(step) if makers.get(id(value), s) != s}
+        last |= {id(value): len(steps) for value in wide if id(value) in makers}
         ending: defaultdict[int, list[int]] = defaultdict(list)
         for value, s in last.items():
             first_varying = len(self.uniform_steps)
             # Uniform values that varying steps read keep their slots for all blocks.
-            if s < first_varying or step_index_by_id[value] >= first_varying:
+            if s < first_varying or makers[value] >= first_varying:
                 ending[s].append(value)
         free: list[int] = []
         for s, step in enumerate(steps):
@@ -330,71 +254,56 @@ class Arithmetic:
                     size = max(size, self.slots[id(value)] + 1)
             free += [self.slots[value] for value in ending[s]]
         self.frame_size = size
-        words = (LANE_COUNT + 1 if g in self.register_inputs else 0 for g in range(len(self.inputs)))
+        words = (LANES + 1 if g in self.register_inputs else 0 for g in range(len(self.inputs)))
         self.word_offsets = list(itertools.accumulate(words, initial=0))
 
     def _values_made_by(self, step: KernelStep) -> list[TracedValue]:
-        """Return the list of values that a step loads from inputs or computes."""
+        """Return the values that a step loads or computes."""
         loaded = (self.inputs[g].values[c] for g, components in step.loads.items() for c in components)
         return [*(value for value in loaded if isinstance(value, TracedValue)), *step.lines]
 
     def slot_address(self, f: FunctionBuilder, slot_index: int) -> str:
-        """Append to the function `f` the computation of the address of a slot in the frame, the kernel's buffer of
-        vectors, and return the name of the address.
-        """
-        return f.pointer_at("%frame", slot_index * LANE_COUNT * self.number_bytes)
+        """Return the address of a slot of the frame."""
+        return f.pointer_at("%frame", slot_index * LANES * self.number_bytes)
 
     def store_slot(self, f: FunctionBuilder, slot_index: int, value: str) -> None:
-        """Append to the function `f` the store of a vector, whose name is `value`, into a slot of the frame."""
+        """Store a vector in the frame."""
         address = self.slot_address(f, slot_index)
-        f.do(f"store {self.vector} {value}, ptr {address}, align {LANE_COUNT * self.number_bytes}")
+        f.do(f"store {self.vector} {value}, ptr {address}, align {LANES * self.number_bytes}")
 
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
-        """Return a list with the byte offset in the frame of each component of `group`, a wide output, in tiles of
-        eight; the last tile may overlap the one before. If all components of a tile are one constant, the first
-        offset of the tile is stored as its bitwise complement (~) as a mark.
-
-        The shared function `rows` takes them.
+        """Return the byte offsets in the frame of the components of a wide output, as the function `rows` takes them:
+        in tiles of eight, of which the last may overlap the one before, and those of one constant are marked.
         """
         offsets: list[int] = []
-        for c in range(0, len(group.values), LANE_COUNT):
-            first = min(c, len(group.values) - LANE_COUNT)
-            values = group.values[first : first + LANE_COUNT]
+        for c in range(0, len(group.values), LANES):
+            first = min(c, len(group.values) - LANES)
+            values = group.values[first : first + LANES]
             slots = [self.slots[id(v)] if isinstance(v, TracedValue) else self.constant_slots[v] for v in values]
-            places = [slot * LANE_COUNT * self.number_bytes for slot in slots]
+            places = [slot * LANES * self.number_bytes for slot in slots]
             constant = len(set(slots)) == 1 and not isinstance(values[0], TracedValue)
             offsets += [~places[0], *places[1:]] if constant else places
         return offsets
 
     def sine_slots(self, step: KernelStep) -> tuple[list[int], int]:
-        """Return the pair of the list of the slot numbers that hold the angles of a step of sines, and the number of
-        the first slot of the results.
-        """
+        """Return the slots of the angles of a step of sines, and the first slot of the results."""
         line = self._sine_lines[id(step.angles[0])][0]
-        first = self.slots[id(line)] - SINE_OPERATION_NAMES.index(line.operation)
+        first = self.slots[id(line)] - SINES.index(line.operation)
         return [self.slots[id(angle)] for angle in step.angles], first
 
     # ---- the functions of the steps
 
     def step_functions(self) -> list[str]:
-        """Return a list of LLVM code: the declarations of intrinsics, then one function for each step of
-        arithmetic.
-        """
+        """Return the declarations of intrinsics, then one function for each step of arithmetic."""
         steps = [self._step_function(step) for step in (*self.uniform_steps, *self.varying_steps) if not step.angles]
         return [*sorted(self._declared), *steps]
 
     @property
     def lanewise_functions(self) -> list[str]:
-        """Sorted list of the names of the C library's functions that the steps call once for each lane. The list is
-        complete once `step_functions` has run.
-        """
+        """Functions of the C library that `step_functions` calls for each lane."""
         return sorted(self._lanewise)
 
     def _step_function(self, step: KernelStep) -> str:
-        """Return the LLVM function of a step of arithmetic, as text. The function reads and writes the frame, loads
-        inputs and stores narrow outputs; the intrinsics and C functions that it calls are recorded for the
-        declarations.
-        """
         self._f = f = FunctionBuilder(f"internal void @{step.name}(ptr noalias %frame, ptr noalias %places)")
         self._names: dict[int, tuple[str, int]] = {}
         self._position = 0
@@ -410,58 +319,44 @@ class Arithmetic:
         if step is self.varying_steps[-1]:
             for g in self._outputs_after_value.get(0, ()):
                 self._store_sample_rows(g)
-            if self.carry:
-                after = [self.operand(value) for value in self.carry.after]
-                for value, name in zip(self.carry.before, after, strict=True):
-                    self.store_slot(f, self.slots[id(value)], name)
         f.do("ret void")
         return f.text()
 
     def operand(self, value: Operand) -> str:
-        """Return the text that names an operand's vector in the function being built: the name of a value, or a
-        number repeated in all lanes. Appends a load from the frame if the value is not in a register, or was last
-        used many operations before.
-        """
+        """Return an operand's vector: a number in all lanes, a register, or a load from the frame."""
         if not isinstance(value, TracedValue):
             rounded = value if self.number_bytes == 8 else struct.unpack("f", struct.pack("f", value))[0]
             return f"splat ({self.float_type} {hexadecimal(rounded)})"
         name, position = self._names.get(id(value), ("", 0))
-        if not name or self._position - position > _MAX_OPERATIONS_SINCE_LAST_USE_OF_VALUE_IN_REGISTER:
+        if not name or self._position - position > _MAX_AGE:
             if id(value) in self._scalar_positions:
                 place = self._f.pointer_at("%frame", self._scalar_positions[id(value)] * self.number_bytes)
                 number = self._f.put(f"load {self.float_type}, ptr {place}, align {self.number_bytes}", value.name)
                 name = self._f.splat(self.vector, f"{self.float_type} {number}")
             elif id(value) in self.slots:
                 place = self.slot_address(self._f, self.slots[id(value)])
-                name = self._f.put(
-                    f"load {self.vector}, ptr {place}, align {LANE_COUNT * self.number_bytes}", value.name
-                )
+                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}", value.name)
         self._names[id(value)] = name, self._position
         return name
 
     def _write_operation(self, value: TracedValue) -> str:
-        """Append the instructions that compute a traced value to the function being built, and return the name of the
-        result.
-        """
         put, kind, note = self._f.put, self.vector, value.name
         if value.operation == "where":
             condition, *both = value.operands
             chosen = ", ".join(f"{kind} {self.operand(one)}" for one in both)
-            return put(f"select <{LANE_COUNT} x i1> {self._write_comparison(condition)}, {chosen}", note)
+            return put(f"select <{LANES} x i1> {self._write_comparison(condition)}, {chosen}", note)
         product = self._fused_product(value)
         if product is not None:
             return self._write_fma(product, value)
         parts = [self.operand(one) for one in value.operands]
-        if value.operation in _LLVM_INSTRUCTION_NAME_BY_OPERATION_NAME:
-            return put(f"{_LLVM_INSTRUCTION_NAME_BY_OPERATION_NAME[value.operation]} {kind} {', '.join(parts)}", note)
+        if value.operation in _INSTRUCTIONS:
+            return put(f"{_INSTRUCTIONS[value.operation]} {kind} {', '.join(parts)}", note)
         if value.operation == "sqrt":
             return self._call_intrinsic("sqrt", parts, note)
         return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
 
     def _write_comparison(self, condition: Operand) -> str:
-        """Return the name of the result of `condition`, a traced comparison a < b. If the function being built does
-        not contain the comparison yet, append it.
-        """
+        """Return the result of a comparison a < b, which a function makes once."""
         name, _ = self._names.get(id(condition), ("", 0))
         if not name and isinstance(condition, TracedValue):
             both = ", ".join(self.operand(one) for one in condition.operands)
@@ -470,9 +365,7 @@ class Arithmetic:
         return name
 
     def _write_fma(self, product: TracedValue, value: TracedValue) -> str:
-        """Append a fused multiply-add (FMA) that computes a sum or difference (`value`) together with its product,
-        and return the name of the result.
-        """
+        """Compute a sum or difference together with its product."""
         first, second = value.operands
         x, y = (self.operand(one) for one in product.operands)
         if second is product:
@@ -485,38 +378,27 @@ class Arithmetic:
         return self._call_intrinsic("fma", [x, y, rest], value.name)
 
     def _call_intrinsic(self, name: str, operands: Sequence[str], comment: str) -> str:
-        """Append a call of an LLVM intrinsic, such as "fma", on operands given as names of vectors, and return the
-        name of the result. Records the intrinsic's declaration; `comment` is written behind the instruction.
-        """
-        kind, full = self.vector, f"@llvm.{name}.v{LANE_COUNT}f{8 * self.number_bytes}"
+        kind, full = self.vector, f"@llvm.{name}.v{LANES}f{8 * self.number_bytes}"
         self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(operands))})")
         return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})", comment)
 
     def _call_lanewise(self, name: str, operands: Sequence[str], comment: str) -> str:
-        """Append a call that applies a function of the C library, in double precision, to each lane of operands given
-        as names of vectors, and return the name of the resulting vector. Records the function's name; `comment` is
-        written behind the instruction.
-        """
+        """Apply a function of the C library, which computes in double precision, to each lane."""
         self._lanewise.add(name)
         if self.number_bytes == 4:
-            operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLE_VECTOR_TYPE}") for operand in operands]
-        typed_operands = ", ".join(f"{DOUBLE_VECTOR_TYPE} {operand}" for operand in operands)
-        value = self._f.put(f"call {DOUBLE_VECTOR_TYPE} @lanes.{name}({typed_operands})", comment)
-        return (
-            value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLE_VECTOR_TYPE} {value} to {self.vector}")
-        )
+            operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLES}") for operand in operands]
+        typed_operands = ", ".join(f"{DOUBLES} {operand}" for operand in operands)
+        value = self._f.put(f"call {DOUBLES} @lanes.{name}({typed_operands})", comment)
+        return value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLES} {value} to {self.vector}")
 
     # ---- narrow inputs and outputs
 
     def _load_components(self, input_index: int, components: Sequence[int]) -> None:
-        """Append to the function being built instructions that load some components, given by their indices, of one
-        input for eight samples. The vectors are recorded as the components' values and stored in their slots of the
-        frame, if they have any.
-        """
+        """Load components of an input for eight samples."""
         f, word = self._f, 8 * self.word_offsets[input_index]
         group = self.inputs[input_index]
-        row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANE_COUNT)
-        offsets = [f.load_word("%places", word + 8 * k) for k in range(1, LANE_COUNT)]
+        row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANES)
+        offsets = [f.load_word("%places", word + 8 * k) for k in range(1, LANES)]
         starts = {c: f.pointer_at(row, f.multiply(step, c) if c else 0) for c in components}
 
         def load_vectors() -> list[str]:
@@ -532,7 +414,7 @@ class Arithmetic:
                 vectors.append(vector)
             return vectors
 
-        side_by_side = f.put(f"icmp eq i64 {offsets[-1]}, {(LANE_COUNT - 1) * self.number_bytes}")
+        side_by_side = f.put(f"icmp eq i64 {offsets[-1]}, {(LANES - 1) * self.number_bytes}")
         vectors = f.either(self.vector, side_by_side, load_vectors, load_numbers)
         for c, vector in zip(components, vectors, strict=True):
             value = group.values[c]
@@ -541,59 +423,43 @@ class Arithmetic:
                 self.store_slot(f, self.slots[id(value)], vector)
 
     def _store_sample_rows(self, output_index: int) -> None:
-        """Append to the function being built instructions that store eight samples of one output of few components
-        from vectors in registers. The rows follow each other in memory, from an address that the kernel has set.
+        """Store eight samples of a narrow output as rows that follow each other, from an address that the kernel has
+        set.
         """
         f = self._f
         parts = [self.operand(value) for value in self.outputs[output_index].values]
         to = f.load_word("%places", 8 * (self.word_offsets[-1] + output_index), "ptr")
-        blocked_count = len(parts) // LANE_COUNT * LANE_COUNT
-        blocks = [f.transpose(self.vector, parts[k : k + LANE_COUNT]) for k in range(0, blocked_count, LANE_COUNT)]
+        blocked_count = len(parts) // LANES * LANES
+        blocks = [f.transpose(self.vector, parts[k : k + LANES]) for k in range(0, blocked_count, LANES)]
         samples = [list(sample) for sample in zip(*blocks, strict=True)]
-        for first in range(0, LANE_COUNT * len(parts), LANE_COUNT):
+        for first in range(0, LANES * len(parts), LANES):
             piece = self._pack_numbers(samples, parts[blocked_count:], len(parts), first)
             f.do(f"store {self.vector} {piece}, ptr {f.pointer_at(to, self.number_bytes * first)}, align 1")
 
-    def _pack_numbers(
-        self, sample_vectors: list[list[str]], remaining_vectors: list[str], component_count: int, first_number: int
-    ) -> str:
-        """Append to the function being built the shuffles that collect eight consecutive numbers of an output's block
-        of rows, from number `first_number` on, and return the name of the vector. sample_vectors holds, for each
-        sample, vectors of eight of its components each. remaining_vectors holds one vector, over all samples, for
-        each of the last components.
+    def _pack_numbers(self, samples: list[list[str]], rest: list[str], count: int, first: int) -> str:
+        """Return a vector of eight consecutive numbers of a block of rows.
 
         Args:
-            sample_vectors: for each sample, vectors that hold eight of its components each.
-            remaining_vectors: vectors of the remaining components, each over all samples.
-            component_count: number of components.
-            first_number: index of the first number in the block, whose rows follow each other.
+            samples: for each sample, vectors of eight of its components each.
+            rest: vectors of the remaining components, each over all samples.
+            count: number of components.
+            first: index of the first number in the block.
         """
         picked = []
-        for sample, c in (divmod(j, component_count) for j in range(first_number, first_number + LANE_COUNT)):
-            block, lane = divmod(c, LANE_COUNT)
-            picked.append(
-                (sample_vectors[sample][block], lane)
-                if c < component_count - len(remaining_vectors)
-                else (remaining_vectors[lane], sample)
-            )
+        for sample, c in (divmod(j, count) for j in range(first, first + LANES)):
+            block, lane = divmod(c, LANES)
+            picked.append((samples[sample][block], lane) if c < count - len(rest) else (rest[lane], sample))
         vector, *others = dict.fromkeys(name for name, _ in picked)
         lanes = [lane if name == vector else -1 for name, lane in picked]
         for other in others or ["poison"]:
-            lanes = [LANE_COUNT + lane if name == other else k for (name, lane), k in zip(picked, lanes, strict=True)]
+            lanes = [LANES + lane if name == other else k for (name, lane), k in zip(picked, lanes, strict=True)]
             vector = self._f.shuffle(self.vector, vector, other, lanes)
             lanes = [m if k >= 0 else -1 for m, k in enumerate(lanes)]
         return vector
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Split a list of traced values into parts of about equal length, one for each step. A list that is short enough
-    for one step gives one part, and an empty list gives none. Return a list of pairs (part, empty list); the empty
-    list stands for the angles of a step.
-    """
-    count = (
-        -(-len(lines) // _MAX_OPERATIONS_OF_STEP_AFTER_SPLITTING)
-        if len(lines) > _MAX_OPERATIONS_OF_UNSPLIT_STEP
-        else min(len(lines), 1)
-    )
+    """Return parts of about equal length, one for each step, as pairs (lines, no angles)."""
+    count = -(-len(lines) // _SPLIT) if len(lines) > _UNSPLIT else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from hingepair.engine import images, object_cache
 from hingepair.engine.backend import compiler_lock
-from hingepair.engine.llvm_shared import shared_ir, shared_symbols
+from hingepair.engine.llvm_ir import shared_ir, shared_symbols
 from hingepair.errors import ArgumentError, CompilationError, MissingDependencyError
 
 

@@ -17,50 +17,36 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.engine.llvm_builder import FunctionBuilder
-from hingepair.engine.llvm_ir import INTEGERS_PER_KERNEL_TABLE_ROW
+from hingepair.engine.llvm_builder import NUMBER_BYTES, FunctionBuilder
+from hingepair.engine.llvm_ir import ROW_WORDS
 
-MAX_OPERANDS: Final = 64
-"""Number of arrays that a ufunc can take and return (NPY_MAXARGS)."""
+MAX_OPERANDS: Final = 64  # that a ufunc takes and returns (NPY_MAXARGS)
+FLOAT_TYPES: Final = {"d": "double", "f": "float"}  # LLVM's name of a type, by the character of the dtype
 
-_ROW_BYTES = 8 * INTEGERS_PER_KERNEL_TABLE_ROW
+_LOOP = "(ptr %args, ptr %dims, ptr %steps, ptr %data)"  # parameters of NumPy's inner loops
 _CREATE_UFUNC = 31  # entry of NumPy's table of functions, frozen in its ABI: PyUFunc_FromFuncAndDataAndSignature
-_TYPE_NUMBER = {"f": 11, "d": 12}  # NPY_FLOAT, NPY_DOUBLE
-_NUMBER_BYTES = {"float": 4, "double": 8}
+_TYPE_NUMBERS = {"f": 11, "d": 12}  # NPY_FLOAT, NPY_DOUBLE
 _DEFAULT_MXCSR = 0x1F80  # round to nearest, no traps, no flags
 
 
 class Operand(NamedTuple):
-    """An array that a ufunc takes or returns.
+    """An array that a ufunc takes or returns."""
 
-    Attributes:
-        sample_shape: shape of one sample: the ufunc's core dimensions.
-        used: whether the kernel has a row for it; NumPy broadcasts the others with it, but nothing reads them.
-        chained: whether it has an axis for the samples of a chain in front of those of one sample.
-    """
-
-    sample_shape: tuple[int, ...]
-    used: bool = True
-    chained: bool = False
-
-    @property
-    def core(self) -> str:
-        """Its part of the ufunc's signature."""
-        return f"({','.join([*(['n'] if self.chained else []), *map(str, self.sample_shape)])})"
+    sample_shape: tuple[int, ...]  # of one sample: the core dimensions
+    used: bool = True  # whether the kernel has a row for it; NumPy broadcasts the others, but nothing reads them
 
 
 class Layout(NamedTuple):
-    """The arrays that a ufunc takes and returns, in order.
-
-    Attributes:
-        inputs: the arguments.
-        outputs: the results.
-        constants: whether the kernel takes constants, from the ufunc's data, before all others.
-    """
+    """The arrays that a ufunc takes and returns, in order."""
 
     inputs: tuple[Operand, ...]
     outputs: tuple[Operand, ...]
-    constants: bool
+    constants: bool  # whether the kernel takes constants, from the ufunc's data, before all others
+
+    @property
+    def operands(self) -> tuple[Operand, ...]:
+        """Inputs, then outputs."""
+        return (*self.inputs, *self.outputs)
 
     @property
     def signature(self) -> str:
@@ -69,7 +55,14 @@ class Layout(NamedTuple):
         >>> Layout((Operand((7,)), Operand(())), (Operand((3, 3)),), False).signature
         '(7),()->(3,3)'
         """
-        return "->".join(",".join(one.core for one in group) for group in (self.inputs, self.outputs))
+        groups = ([f"({','.join(map(str, one.sample_shape))})" for one in g] for g in (self.inputs, self.outputs))
+        return "->".join(map(",".join, groups))
+
+    @property
+    def rows(self) -> dict[int, int]:
+        """Rows of the kernel's table, by the place of an operand that the kernel reads or writes."""
+        used = (k for k, one in enumerate(self.operands) if one.used)
+        return {k: row for row, k in enumerate(used, int(self.constants))}
 
     @property
     def packed(self) -> Layout:
@@ -85,61 +78,47 @@ class Layout(NamedTuple):
 
 
 def loop_ir(layout: Layout, float_type: str) -> str:
-    """Return the LLVM code of the inner loops `loop(args, dimensions, steps, data)` of a ufunc with this layout and
-    `packed` of its packed one, which call the function `kernel` of the same module.
+    """Return the LLVM code of `loop`, the inner loop of a ufunc with this layout, and of `packed`, that of its packed
+    layout, which call the function `kernel` of the same module.
 
     They compute with the default floating-point environment and restore that of the caller, flags included: a NaN
     stays in its sample in silence.
     """
-    operands = (*layout.inputs, *layout.outputs)
-    f = FunctionBuilder("void @loop(ptr %args, ptr %dims, ptr %steps, ptr %data)")
+    f = FunctionBuilder(f"void @loop{_LOOP}")
     declarations, restore = _default_float_environment(f)
     count = f.load_word("%dims", 0)
     _begin_table(f, layout, float_type)
-    dense = []
-    for k, row in _rows(layout).items():
-        dense += _store_operand(f, operands, k, row, float_type)
-    if any(one.chained for one in operands):
-        call = f"call void @kernel(ptr %table, i64 {count}, i64 {f.load_word('%dims', 8 * _chain_index(operands))})"
-    else:
-        call = f"call void @kernel(ptr %table, i64 1, i64 {count})"
-    parts = []
+    dense = [one for k, row in layout.rows.items() for one in _store_operand(f, layout, k, row, float_type)]
+    call = f"call void @kernel(ptr %table, i64 {count})"
+    copied = []
     if dense:
         with f.when_else(functools.reduce(lambda x, y: f.put(f"and i1 {x}, {y}"), dense)) as otherwise:
             f.do(call)
             otherwise()
             f.do(f"call void @copied(ptr %table, ptr %args, ptr %steps, i64 {count})")
-        parts = ["declare i64 @llvm.umin.i64(i64, i64)", _copied_ir(layout, float_type)]
+        copied = ["declare i64 @llvm.umin.i64(i64, i64)", _copied_ir(layout, float_type)]
     else:
         f.do(call)
     restore()
     f.do("ret void")
-    if not any(one.chained for one in operands):
-        parts.append(_packed_ir(layout, float_type))
-    return "\n\n".join([*declarations, *parts, f.text()]) + "\n"
+    return "\n\n".join([*declarations, *copied, f.text(), _packed_ir(layout, float_type)]) + "\n"
 
 
 def _packed_ir(layout: Layout, float_type: str) -> str:
-    """Return the LLVM code of the function `packed`, an inner loop that writes all outputs of a sample into one
-    contiguous array. It trusts that matrices are contiguous.
-    """
-    f, number_bytes = (
-        FunctionBuilder("void @packed(ptr %args, ptr %dims, ptr %steps, ptr %data)"),
-        _NUMBER_BYTES[float_type],
-    )
+    """Return the function `packed`, which trusts that matrices and the result are contiguous."""
+    f = FunctionBuilder(f"void @packed{_LOOP}")
     _, restore = _default_float_environment(f)
     _begin_table(f, layout, float_type)
-    packed, last = layout.packed, len(layout.inputs)
-    rows = _rows(layout)
-    for k, row in rows.items():
+    packed, last, number_bytes = layout.packed, len(layout.inputs), NUMBER_BYTES[float_type]
+    for k, row in layout.rows.items():
         if k < last:
-            _store_operand(f, (*packed.inputs, *packed.outputs), k, row, float_type)
+            _store_operand(f, packed, k, row, float_type)
     address, step, offset = f.load_word("%args", 8 * last), f.load_word("%steps", 8 * last), 0
     for k, one in enumerate(layout.outputs, last):
         place = f.put(f"add i64 {address}, {offset}") if offset else address
-        _store_row(f, rows[k], place, "0", step, str(number_bytes))
+        _store_row(f, layout.rows[k], place, step, str(number_bytes))
         offset += number_bytes * math.prod(one.sample_shape)
-    f.do(f"call void @kernel(ptr %table, i64 1, i64 {f.load_word('%dims', 0)})")
+    f.do(f"call void @kernel(ptr %table, i64 {f.load_word('%dims', 0)})")
     restore()
     f.do("ret void")
     return f.text()
@@ -147,46 +126,42 @@ def _packed_ir(layout: Layout, float_type: str) -> str:
 
 def _begin_table(f: FunctionBuilder, layout: Layout, float_type: str) -> None:
     """Make the kernel's table, and fill the row of the constants."""
-    count = len(_rows(layout)) + layout.constants
-    f.do(f"%table = alloca [{count * INTEGERS_PER_KERNEL_TABLE_ROW} x i64], align 64")
+    count = len(layout.rows) + layout.constants
+    f.do(f"%table = alloca [{count * ROW_WORDS} x i64], align 64")
     if layout.constants:
-        _store_row(f, 0, f.put("ptrtoint ptr %data to i64"), "0", "0", str(_NUMBER_BYTES[float_type]))
+        _store_row(f, 0, f.put("ptrtoint ptr %data to i64"), "0", str(NUMBER_BYTES[float_type]))
 
 
-def _store_operand(f: FunctionBuilder, operands: Sequence[Operand], k: int, row: int, float_type: str) -> list[str]:
-    """Fill the row of an operand, and return conditions under which the row says all of its strides."""
-    one, core = operands[k], _core_steps(f, operands, k)
-    axes = [(n, step) for n, step in zip(one.sample_shape, core[one.chained :], strict=True) if n > 1]
-    component = axes[-1][1] if axes else str(_NUMBER_BYTES[float_type])
-    outer = f.load_word("%steps", 8 * k)
-    samples = (outer, core[0]) if one.chained else ("0", outer)
-    _store_row(f, row, f.load_word("%args", 8 * k), *samples, component)
+def _store_operand(f: FunctionBuilder, layout: Layout, k: int, row: int, float_type: str) -> list[str]:
+    """Fill the row of an operand, and return the conditions under which the row says all of its strides."""
+    steps = zip(layout.operands[k].sample_shape, _core_steps(f, layout, k), strict=True)
+    axes = [(n, step) for n, step in steps if n > 1]
+    component = axes[-1][1] if axes else str(NUMBER_BYTES[float_type])
+    _store_row(f, row, f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k), component)
     return [
         f.put(f"icmp eq i64 {step}, {f.multiply(inner, n)}") for (_, step), (n, inner) in itertools.pairwise(axes)
     ]
 
 
 def _copied_ir(layout: Layout, float_type: str) -> str:
-    """Return the LLVM code of the function `copied`, which stands before the kernel where the strides of a matrix are
-    more than a row of the table can say, such as those of a transposed one: it copies matrices, some samples at a
-    time.
+    """Return the function `copied`, which stands before the kernel where the strides of a matrix are more than a row
+    of the table can say, such as those of a transposed one: it copies matrices, some samples at a time.
     """
-    operands, number_bytes = (*layout.inputs, *layout.outputs), _NUMBER_BYTES[float_type]
+    operands, rows, number_bytes = layout.operands, layout.rows, NUMBER_BYTES[float_type]
     f = FunctionBuilder("internal void @copied(ptr %table, ptr %args, ptr %steps, i64 %count)")
-    rows = _rows(layout)
     sizes = {k: math.prod(operands[k].sample_shape) for k in rows if len(operands[k].sample_shape) > 1}
-    most = 64 if max(sizes.values()) <= 64 else 8
+    most = 64 if max(sizes.values()) <= 64 else 8  # samples
     addresses = {k: (f.load_word("%args", 8 * k), f.load_word("%steps", 8 * k)) for k in rows}
-    cores = {k: _core_steps(f, operands, k) for k in sizes}
+    cores = {k: _core_steps(f, layout, k) for k in sizes}
     for k, size in sizes.items():
         f.do(f"%copy{k} = alloca [{most * size} x {float_type}], align 64")
         buffer = f.put(f"ptrtoint ptr %copy{k} to i64")
-        _store_row(f, rows[k], buffer, "0", str(size * number_bytes), str(number_bytes))
+        _store_row(f, rows[k], buffer, str(size * number_bytes), str(number_bytes))
     with f.loop("%count", step=str(most)) as first:
         left = f.put(f"call i64 @llvm.umin.i64(i64 {f.put(f'sub i64 %count, {first}')}, i64 {most})")
         starts = {k: f.put(f"add i64 {at}, {f.multiply(first, step)}") for k, (at, step) in addresses.items()}
         for k in rows.keys() - sizes.keys():
-            f.do(f"store i64 {starts[k]}, ptr {f.pointer_at('%table', rows[k] * _ROW_BYTES)}, align 8")
+            f.do(f"store i64 {starts[k]}, ptr {f.pointer_at('%table', 8 * ROW_WORDS * rows[k])}, align 8")
 
         def copy(k: int) -> None:
             """Copy an input into its buffer, or the buffer of an output to where it belongs."""
@@ -208,7 +183,7 @@ def _copied_ir(layout: Layout, float_type: str) -> str:
         for k in sizes:
             if k < len(layout.inputs):
                 copy(k)
-        f.do(f"call void @kernel(ptr %table, i64 1, i64 {left})")
+        f.do(f"call void @kernel(ptr %table, i64 {left})")
         for k in sizes:
             if k >= len(layout.inputs):
                 copy(k)
@@ -216,29 +191,17 @@ def _copied_ir(layout: Layout, float_type: str) -> str:
     return f.text()
 
 
-def _rows(layout: Layout) -> dict[int, int]:
-    """Return the rows of the kernel's table, by the place of an operand that the kernel reads or writes."""
-    used = [k for k, one in enumerate((*layout.inputs, *layout.outputs)) if one.used]
-    return dict(zip(used, range(int(layout.constants), len(used) + layout.constants), strict=True))
-
-
-def _core_steps(f: FunctionBuilder, operands: Sequence[Operand], k: int) -> list[str]:
-    """Load the strides of an operand's core dimensions, which follow those of the loop, and return their names."""
-    ranks = [one.chained + len(one.sample_shape) for one in operands]
-    first = len(operands) + sum(ranks[:k])
+def _core_steps(f: FunctionBuilder, layout: Layout, k: int) -> list[str]:
+    """Load the strides of an operand's core dimensions, which follow those of the loop."""
+    ranks = [len(one.sample_shape) for one in layout.operands]
+    first = len(ranks) + sum(ranks[:k])
     return [f.load_word("%steps", 8 * place) for place in range(first, first + ranks[k])]
 
 
-def _chain_index(operands: Sequence[Operand]) -> int:
-    """Return the place of the chain's length among the dimensions, which come in the order of their first use."""
-    names = dict.fromkeys(name for one in operands for name in one.core.strip("()").split(",") if name)
-    return [*names].index("n") + 1
-
-
 def _store_row(f: FunctionBuilder, row: int, *values: str) -> None:
-    """Store the four integers of a row of the kernel's table."""
+    """Store the integers of a row of the kernel's table."""
     for k, value in enumerate(values):
-        f.do(f"store i64 {value}, ptr {f.pointer_at('%table', row * _ROW_BYTES + 8 * k)}, align 8")
+        f.do(f"store i64 {value}, ptr {f.pointer_at('%table', 8 * (ROW_WORDS * row + k))}, align 8")
 
 
 def _default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[[], None]]:
@@ -262,14 +225,8 @@ def _default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[
             f.do(f"call void @llvm.aarch64.set.fpcr(i64 {control})")
             f.do(f"call void @llvm.aarch64.set.fpsr(i64 {status})")
 
-        return [
-            declared
-            for name in ("cr", "sr")
-            for declared in (
-                f"declare i64 @llvm.aarch64.get.fp{name}()",
-                f"declare void @llvm.aarch64.set.fp{name}(i64)",
-            )
-        ], restore
+        gets = [f"declare i64 @llvm.aarch64.get.fp{name}()" for name in ("cr", "sr")]
+        return [*gets, *(f"declare void @llvm.aarch64.set.fp{name}(i64)" for name in ("cr", "sr"))], restore
     return [], lambda: None
 
 
@@ -282,9 +239,6 @@ class Ufunc:
         loops: for each dtype, "d" first: its character, the address of the inner loop, and the constants.
         owners: objects that own the code.
         doc: documentation of the ufunc.
-
-    Attributes:
-        call: the ufunc.
     """
 
     def __init__(
@@ -295,10 +249,10 @@ class Ufunc:
         owners: Any,
         doc: str = "",
     ) -> None:
-        count, operand_count = len(loops), len(layout.inputs) + len(layout.outputs)
+        count = len(loops)
         functions = (ctypes.c_void_p * count)(*(address for _, address, _ in loops))
         data = (ctypes.c_void_p * count)(*(None if one is None else one.ctypes.data for _, _, one in loops))
-        numbers = bytes(_TYPE_NUMBER[char] for char, _, _ in loops for _ in range(operand_count))
+        numbers = bytes(_TYPE_NUMBERS[char] for char, _, _ in loops for _ in layout.operands)
         types = ctypes.create_string_buffer(numbers, len(numbers))
         texts = [text.encode() for text in (name, doc, layout.signature)]
         self._borrowed = functions, data, types, texts, [constants for _, _, constants in loops], owners

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.engine.backend import Execution
-from hingepair.engine.binding import ArrayShape, bind
+from hingepair.engine.binding import ArrayShape
 from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, OperationCounts
 from hingepair.engine.results import Results
@@ -221,9 +221,7 @@ class Computation:
         loop = self._loop(self.outputs, tuple(values))
         arrays = {name: np.empty((2, *tail)) for name, tail in loop.inputs}
         known = self.known if gravity is None else {**self.known, "gravity": gravity}
-        bound = bind(loop.inputs, {name: {**arrays, **known, **values}[name] for name, _ in loop.inputs})
-        full = loop.program(bind(loop.inputs, arrays).pattern)
-        return loop.program(bound.pattern).count_operations(full)
+        return loop.count_operations({**arrays, **known, **values})
 
     def check_differentiable(self, derivative: Derivative, given: tuple[str, ...]) -> None:
         """Refuse a derivative whose program would take too long to make.
