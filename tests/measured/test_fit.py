@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME
+from hingepair.measured.robust import LOSSES
 from support.recorded import HOME, N1, U1, U2, recording, truth, turns
 from support.sparse import sparse
 
@@ -42,7 +42,7 @@ def test_exact_motion_gives_the_hinge_to_rounding(gauge: str, turn: float) -> No
     assert max(found.rms_position, found.rms_angle) < 1e-14
 
 
-@pytest.mark.parametrize("loss", LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME)
+@pytest.mark.parametrize("loss", LOSSES)
 def test_exact_motion_comes_to_rest(loss: str) -> None:
     """Steps that rounding makes are none, though against noise of its size they are many standard deviations."""
     for count, turn in ((60, 1.0), (400, 8.0)):

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.measured.hinge import HINGE_POINT_GAUGE_NAMES, Hinge, frame, home_of, result_derivatives, sign_of
+from hingepair.measured.hinge import GAUGES, Hinge, frame, home_of, result_derivatives, sign_of
+from hingepair.measured.least_squares import neighbours_to_sum
 from hingepair.measured.likelihood import (
-    LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME,
     Noise,
     SampleResiduals,
     bias_of_hinge,
     evaluate_hinge,
     iterate_residuals,
     most_likely_hinge,
-    num_neighbours_to_sum_and_unresolved_lag,
 )
 from hingepair.measured.relative_poses import closed_form_hinge, compute_relative_poses
+from hingepair.measured.robust import LOSSES
 from hingepair.rotations.matrices import rotation_log
 from support.recorded import HOME, N1, U1, U2, recording
 
@@ -74,7 +74,7 @@ OPPOSITE = Hinge(N1, -np.array([0.9, 2.1, -0.4]) / np.linalg.norm([0.9, 2.1, -0.
 
 
 @pytest.mark.parametrize("true", [TRUE, OPPOSITE], ids=["short way", "nearly opposite axes"])
-@pytest.mark.parametrize("gauge", HINGE_POINT_GAUGE_NAMES)
+@pytest.mark.parametrize("gauge", GAUGES)
 def test_what_the_fit_returns_changes_as_its_derivatives_say(gauge: str, true: Hinge) -> None:
     hinge = true.in_gauge(gauge)
     columns = []
@@ -184,10 +184,10 @@ def scipy_loss(name: str, z: float) -> float:
     return 2 * float(least_squares(lambda x: np.sqrt([z]) + 0 * x, [0.0], loss=name).cost)
 
 
-@pytest.mark.parametrize("name", [name for name in LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME if name != "linear"])
+@pytest.mark.parametrize("name", [name for name in LOSSES if name != "linear"])
 def test_losses_are_those_of_scipy(name: str) -> None:
     """First and second derivative, against differences of order 4 of rho."""
-    loss = LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[name]
+    loss = LOSSES[name]
     assert loss is not None
     assert loss(np.array([0.0]))[0][0] == 1.0
     for z in (0.05, 0.3, 0.9, 1.1, 2.5, 10.0, 80.0):
@@ -216,7 +216,7 @@ def test_scores_are_added_up_over_more_than_they_are_correlated(
     memory: float, together: set[int], unresolved: bool
 ) -> None:
     """Over four times the lag, a power of two, at which less than a tenth is left; over N / 40 at most."""
-    count, lag = num_neighbours_to_sum_and_unresolved_lag(autoregressive(10_000, memory, 1))
+    count, lag = neighbours_to_sum(autoregressive(10_000, memory, 1))
     assert count in together
     assert (lag > 0) is unresolved
 
@@ -224,6 +224,6 @@ def test_scores_are_added_up_over_more_than_they_are_correlated(
 @pytest.mark.slow
 def test_few_scores_are_not_added_up() -> None:
     """Chance makes neighbours of a few samples alike; what is more than chance is said."""
-    assert num_neighbours_to_sum_and_unresolved_lag(autoregressive(30, 1e-3, 2)) == (1, 0)
-    assert num_neighbours_to_sum_and_unresolved_lag(autoregressive(100, 30.0, 2)) == (1, 1)
-    assert num_neighbours_to_sum_and_unresolved_lag(np.zeros((2, 500))) == (1, 0)
+    assert neighbours_to_sum(autoregressive(30, 1e-3, 2)) == (1, 0)
+    assert neighbours_to_sum(autoregressive(100, 30.0, 2)) == (1, 1)
+    assert neighbours_to_sum(np.zeros((2, 500))) == (1, 0)

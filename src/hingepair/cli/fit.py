@@ -23,9 +23,9 @@ from hingepair.cli.output import (
 )
 from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.recordings import read_recording
-from hingepair.measured.hinge import HINGE_POINT_GAUGE_NAMES, SIGN_AND_HOME_RULES_TEXT
+from hingepair.measured.hinge import GAUGES, RULES_OF_SIGN
 from hingepair.measured.hinge_fit import HingeFit, fit
-from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME
+from hingepair.measured.robust import LOSSES
 from hingepair.numeric.instants import checked_gaps
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
@@ -41,15 +41,12 @@ def fit_command(
     ],
     loss: Annotated[
         str,
-        typer.Option(
-            help=f"Loss function: {', '.join(LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME)}. "
-            "Choose cauchy if there may be outliers."
-        ),
+        typer.Option(help=f"Loss function: {', '.join(LOSSES)}. Choose cauchy if there may be outliers."),
     ] = "linear",
     gauge: Annotated[
         str,
-        typer.Option(help=f"Point of the hinge axis that u1 and u2 lead to: {', '.join(HINGE_POINT_GAUGE_NAMES)}."),
-    ] = HINGE_POINT_GAUGE_NAMES[0],
+        typer.Option(help=f"Point of the hinge axis that u1 and u2 lead to: {', '.join(GAUGES)}."),
+    ] = GAUGES[0],
     ignore: Annotated[
         list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
     ] = None,
@@ -286,7 +283,7 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
         "",
         f"u1 and u2 lead to the point on the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion "
         "determines only their difference. home is a rotation vector in the axes of body 1. Each number is followed "
-        f"by its standard deviation. {SIGN_AND_HOME_RULES_TEXT}",
+        f"by its standard deviation. {RULES_OF_SIGN}",
         "",
         "## Residuals",
         "",

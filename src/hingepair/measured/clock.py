@@ -14,19 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.measured.hinge import Hinge
-from hingepair.measured.likelihood import Loss, iterate_residuals
+from hingepair.measured.likelihood import iterate_residuals
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
+from hingepair.measured.robust import Loss
 from hingepair.measured.samples import Samples
 from hingepair.measured.smooth import smoothed_arrays
-from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE
+from hingepair.measured.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.instants import split_at_gaps
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 
 # Longest time over which a sample is moved along the smoothed motion.
-_MAX_TIME_SHIFT_OF_BODY2_SAMPLE_IN_MEDIAN_TIME_STEPS = 0.75
-_MAX_BRIDGED_GAP_OF_BODY2_IN_SECONDS = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
+_MAX_SHIFT = 0.75
+_MAX_GAP = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
 _MAX_THINNED_SAMPLES_PER_CLOCK_OFFSET_TRIAL = 256  # samples that offsets are tried with
 _CLOCK_OFFSET_SCAN_STEP_TO_BODY2_TIME_SCALE = 0.1  # of body 2's motion
 _MAX_CLOCK_OFFSET_TRIALS_PER_SIDE_OF_ZERO = 60  # offsets that are tried, on either side of 0
@@ -49,7 +50,7 @@ class ClockedPoses:
         hidden = ~known2
         R2, S2 = (array.astype(np.float64) for array in (samples.R2, samples.S2))
         R2[hidden], S2[hidden] = np.nan, np.nan
-        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_BRIDGED_GAP_OF_BODY2_IN_SECONDS, loss)
+        arrays, parts = smoothed_arrays(t, R2, S2, None, _MAX_GAP, loss)
         self._rates = np.stack([np.nan_to_num(arrays[name]) for name in ("v", "omega", "a", "alpha")])
         self._smooth: NDArray[np.bool_] = np.asarray(np.isfinite(arrays["a"] + arrays["alpha"]).all(axis=1))
         self._rate_noise = parts["R"].median_deviations[1], parts["S"].median_deviations[1]
@@ -58,7 +59,7 @@ class ClockedPoses:
     @staticmethod
     def has_enough_samples(t: Float64Array, known2: NDArray[np.bool_]) -> bool:
         """Return whether body 2 has enough samples in a row to be smoothed."""
-        return bool(split_at_gaps(t, known2, _MAX_BRIDGED_GAP_OF_BODY2_IN_SECONDS, MIN_SAMPLES_PER_SMOOTHED_PIECE))
+        return bool(split_at_gaps(t, known2, _MAX_GAP, MIN_PIECE))
 
     def body1_rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
         """Return the indices of the recorded samples of body 1 that have a sample of body 2 near enough in time at a
@@ -80,9 +81,7 @@ class ClockedPoses:
         after = np.clip(np.searchsorted(self._t, instants), 1, self._t.size - 1)
         near = after - (instants - self._t[after - 1] < self._t[after] - instants)
         shift = instants - self._t[near]
-        movable = self._smooth[near] & (
-            np.abs(shift) <= _MAX_TIME_SHIFT_OF_BODY2_SAMPLE_IN_MEDIAN_TIME_STEPS * self._step
-        )
+        movable = self._smooth[near] & (np.abs(shift) <= _MAX_SHIFT * self._step)
         is_usable = self._samples.known2[near] & (movable | (shift == 0))
         return rows[is_usable], near[is_usable], shift[is_usable]
 
@@ -184,9 +183,7 @@ class ClockedPoses:
         )
         offsets = np.linspace(-span, span, 2 * count + 1)
         trials = [self.poses_at(offset, _MAX_THINNED_SAMPLES_PER_CLOCK_OFFSET_TRIAL) for offset in offsets]
-        costs = np.array(
-            [np.inf if poses.samples < MIN_SAMPLES_PER_SMOOTHED_PIECE else misfit(poses) for poses in trials]
-        )
+        costs = np.array([np.inf if poses.samples < MIN_PIECE else misfit(poses) for poses in trials])
         place = count
         while True:
             near = [k for k in (place - 1, place, place + 1) if 0 <= k < costs.size]

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
+from hingepair.measured.findings import RANDOM
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.numeric.tables import percent
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
 _MAX_MARKER_PLACE_REFINEMENT_ROUNDS = 60  # each fits the poses to the places, then the places to the poses
 # Markers in a sample from which it has an attitude.
-_MIN_MARKERS_TO_DETERMINE_ATTITUDE = 3
-_MIN_MARKER_CLUSTER_WIDTH_TO_LENGTH = 0.02  # below, the markers are on a line, which shows no attitude
+_MIN_MARKERS = 3
+_MIN_WIDTH = 0.02  # below, the markers are on a line, which shows no attitude
 # Of the fits with and without a marker, from which the marker is said to have moved.
 _MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER = 3.0
 _MIN_OUTLIER_SQUARE = 50.0  # of the residuals of a sample, to the median
@@ -93,10 +93,10 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
     (True, True)
     """
     places = real_array("markers", markers).astype(np.float64)
-    if places.ndim != 3 or places.shape[2] != 3 or places.shape[1] < _MIN_MARKERS_TO_DETERMINE_ATTITUDE:
+    if places.ndim != 3 or places.shape[2] != 3 or places.shape[1] < _MIN_MARKERS:
         raise ShapeError("markers", "shape (N, M, 3) with three markers or more", f"shape {places.shape}")
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(places).all(axis=-1))
-    if not (seen.sum(axis=1) >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE).any():
+    if not (seen.sum(axis=1) >= _MIN_MARKERS).any():
         raise FitError("markers", "samples with three markers", "none")
     is_used = _markers_determine_attitude(np.where(seen[..., None], places, 0.0), seen.astype(np.float64))
     if not is_used.any():
@@ -216,8 +216,8 @@ def _markers_determine_attitude(places: Float64Array, is_seen: Float64Array) -> 
     middle = np.einsum("nm,nmi->ni", is_seen, places) / np.maximum(count, 1.0)[:, None]
     centred = is_seen[..., None] * (places - middle[:, None])
     squared_widths = np.linalg.eigvalsh(np.einsum("nmi,nmj->nij", centred, centred))
-    is_on_line = squared_widths[:, 1] <= _MIN_MARKER_CLUSTER_WIDTH_TO_LENGTH**2 * squared_widths[:, 2]
-    return np.asarray((count >= _MIN_MARKERS_TO_DETERMINE_ATTITUDE) & ~is_on_line)
+    is_on_line = squared_widths[:, 1] <= _MIN_WIDTH**2 * squared_widths[:, 2]
+    return np.asarray((count >= _MIN_MARKERS) & ~is_on_line)
 
 
 def _check_not_on_line(cluster: Float64Array) -> None:
@@ -225,7 +225,7 @@ def _check_not_on_line(cluster: Float64Array) -> None:
     not be determined.
     """
     widths = np.linalg.svd(cluster - cluster.mean(axis=0), compute_uv=False)
-    if widths[1] <= _MIN_MARKER_CLUSTER_WIDTH_TO_LENGTH * widths[0]:
+    if widths[1] <= _MIN_WIDTH * widths[0]:
         raise FitError("markers", "markers that are not on a line", f"a cluster {widths[1]:.2g} m wide")
 
 
@@ -291,7 +291,7 @@ def _moved_marker_sentences(
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if rms <= _ROUNDING * cluster_size:
         return []
-    if cluster.shape[0] <= _MIN_MARKERS_TO_DETERMINE_ATTITUDE:
+    if cluster.shape[0] <= _MIN_MARKERS:
         return _triangle_sentences(places, is_seen, cluster_size)
     every = slice(None, None, -(-places.shape[0] // _MAX_MOVED_MARKER_SAMPLES))
     places, is_seen, distances = places[every], is_seen[every], distances[every]
@@ -334,9 +334,7 @@ def _triangle_sentences(places: Float64Array, is_seen: Float64Array, cluster_siz
     power = np.maximum((off * off).sum(axis=0), 1e-300)
     correlations = (off[1:] * off[:-1]).sum(axis=0) / power
     rms = np.sqrt(power / whole.shape[0])
-    is_moved = (correlations > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS) & (
-        rms > _MAX_RIGID_CHANGE * cluster_size
-    )
+    is_moved = (correlations > RANDOM) & (rms > _MAX_RIGID_CHANGE * cluster_size)
     if not is_moved.any():
         return []
     worst = float(rms[is_moved].max())

@@ -9,45 +9,32 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.measured.findings import (
-    MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS,
-    MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL,
-    Finding,
-)
+from hingepair.measured.findings import RANDOM, Finding
 from hingepair.measured.hinge import Hinge
+from hingepair.measured.least_squares import neighbour_correlation, score_scatter
 from hingepair.measured.likelihood import (
-    CHI2_MEDIAN_BY_DOF,
     EncoderLine,
     HingeResiduals,
     Noise,
     attitude_noise_share,
     iterate_residuals,
-    score_scatter,
 )
 from hingepair.measured.relative_poses import RelativePoses
+from hingepair.measured.robust import OUTLIER, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import percent
-
-_MIN_OUTLIER_READING = 5.0  # in standard deviations of what is left
-_MAX_NOISE = 0.3  # of an encoder, in parts of the scatter of psi
-_MAX_SCALE_STD = 0.1  # in parts of the scale
-_MIN_DELAY_IN_STDS = 4.0
-_MIN_DELAY_EFFECT = 0.2  # of a delay on the residuals, in parts of their rms
-_MAX_SYSTEMATIC = 0.1, 0.03  # residuals not at random, in parts of the scatter of psi: reliable, not mentioned
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EncoderFit:
-    """The fitted relation between the hinge angle and the reading of an encoder, psi = zero + scale * reading, with
-    the noise of the encoder and the standard deviations of zero and scale.
+    """The fitted line psi = zero + scale * reading of an encoder.
 
     Attributes:
         zero: hinge angle psi at which the encoder reads 0, in [-pi, pi] [rad].
-        scale: change of psi per unit of the reading [rad per unit]. It is close to 1 for an encoder in radians whose
-            reading grows with psi, and close to -1 for one whose reading falls as psi grows.
-        noise: standard deviation of the encoder's measurement noise, converted to a hinge angle [rad]. It is
-            inaccurate if it is smaller than the noise of the attitudes, `HingeFit.noise_angle`.
-        std: dict of standard deviations with the keys "zero" [rad] and "scale" [rad per unit].
+        scale: change of psi per unit of the reading [rad per unit].
+        noise: standard deviation of a reading, as a hinge angle [rad]; inaccurate if it is smaller than the noise of
+            the attitudes, `HingeFit.noise_angle`.
+        std: standard deviations of "zero" [rad] and "scale" [rad per unit].
     """
 
     zero: float
@@ -72,14 +59,13 @@ def fuse(
     if line is None or poses.encoder is None:
         return Fused(residuals.psi, np.zeros(poses.samples, dtype=bool))
     turn, is_read = residuals.turn, np.isfinite(poses.encoder)
-    variance = max(float(np.median(turn[is_read] ** 2)) / CHI2_MEDIAN_BY_DOF[1], 1e-24)
-    is_rejected = is_read & (turn**2 > _MIN_OUTLIER_READING**2 * variance)
+    variance = max(median_variance(turn[is_read] ** 2, 1), 1e-24)
+    is_rejected = is_read & (turn**2 > 25.0 * variance)  # five standard deviations
     share = np.array(attitude_noise_share(poses, noise, line))
     if is_rejected.any():
         seen = iterate_residuals(poses._replace(encoder=None), hinge)
         squares = np.concatenate([each.whitened_squares(noise) for _, each in seen])
-        limit = MIN_OUTLIER_WHITENED_SQUARED_RESIDUAL * float(np.median(squares)) / CHI2_MEDIAN_BY_DOF[5]
-        is_wrong_pose = is_rejected & (squares > limit)
+        is_wrong_pose = is_rejected & (squares > OUTLIER * median_variance(squares, 5))
         share[is_rejected], is_rejected = 0.0, is_rejected & ~is_wrong_pose
         share[is_wrong_pose] = 1.0
     return Fused(residuals.psi - share * turn, is_rejected)
@@ -94,8 +80,8 @@ def encoder_findings(
     line: EncoderFit | None,
     t: Float64Array | None,
 ) -> list[Finding]:
-    """Return a list of findings on an encoder: outliers, readings that do not follow the hinge, that are late, or
-    that are off in a systematic way. `psi` (N,) are angles without jumps, `t` (N,) instants [s] or None.
+    """Return findings on an encoder: outliers, readings that do not follow the hinge, are late, or off not at random.
+    `psi` (N,) are angles without jumps.
     """
     if poses.encoder is None or line is None:
         return []
@@ -103,29 +89,26 @@ def encoder_findings(
     findings = []
     if is_rejected.any():
         share = percent(is_rejected.sum() / np.isfinite(poses.encoder).sum())
-        findings.append(Finding(f"{share} of the encoder's readings are outliers; psi leaves them out.", True))
+        findings.append(
+            Finding(f"{share} of the encoder's readings are outliers; psi leaves them out.", harmless=True)
+        )
     turn, angle = residuals.turn[good], psi[good]
     scatter, rms = float(np.std(angle)), float(np.sqrt(np.mean(turn**2)))
     size = f"it is off by {rms:.2g} rad rms, and the hinge turns by {scatter:.2g} rad rms"
-    if np.sqrt(noise.encoder) > _MAX_NOISE * scatter or line.std["scale"] > _MAX_SCALE_STD * abs(line.scale):
-        return [Finding(f"The encoder hardly follows the hinge: {size}.", False), *findings]
-    # psi' times the delay is what a late reading leaves
+    if np.sqrt(noise.encoder) > 0.3 * scatter or line.std["scale"] > 0.1 * abs(line.scale):
+        return [Finding(f"The encoder hardly follows the hinge: {size}."), *findings]
+    # Psi' times the delay is what a late reading leaves.
     x = np.arange(poses.samples, dtype=np.float64)[good] if t is None else t[good]
     rate = np.gradient(angle, x) if x.size > 2 else np.zeros_like(angle)
     power = max(float(rate @ rate), 1e-300)
     delay = float(rate @ turn) / power
     scatter_of_scores, _ = score_scatter((rate * (turn - delay * rate))[None])
     std = float(np.sqrt(scatter_of_scores[0, 0])) / power
-    if abs(delay) > _MIN_DELAY_IN_STDS * std and abs(delay) * np.sqrt(power / angle.size) > max(
-        _MIN_DELAY_EFFECT * rms, 1e-12
-    ):
+    if abs(delay) > 4.0 * std and abs(delay) * np.sqrt(power / angle.size) > max(0.2 * rms, 1e-12):
         how = f"{abs(delay):.2g} samples" if t is None else f"{1e3 * abs(delay):.3g} ms"
         word = "late" if delay > 0 else "early"
-        return [Finding(f"The encoder is read {how} {word}: {size}.", False), *findings]
-    most, least = _MAX_SYSTEMATIC
-    neighbours = float(turn[1:] @ turn[:-1]) / max(float(turn @ turn), 1e-300)
-    if neighbours > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS and rms > max(least * scatter, 1e-9):
-        findings.append(
-            Finding(f"The encoder is off the hinge angle, and not at random: {size}.", rms < most * scatter)
-        )
+        return [Finding(f"The encoder is read {how} {word}: {size}."), *findings]
+    if neighbour_correlation(turn) > RANDOM and rms > max(0.03 * scatter, 1e-9):
+        text = f"The encoder is off the hinge angle, and not at random: {size}."
+        findings.append(Finding(text, harmless=rms < 0.1 * scatter))
     return findings

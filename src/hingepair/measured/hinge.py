@@ -14,18 +14,18 @@ from numpy.typing import ArrayLike
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import skew
 
-HINGE_POINT_GAUGE_NAMES: Final = ("closest_to_R1", "closest_to_R2")
+GAUGES: Final = ("closest_to_R1", "closest_to_R2")
 """Rules that place the hinge point along the axis: next to the reference point of body 1 or of body 2."""
-SIGN_AND_HOME_RULES_TEXT: Final = (
+RULES_OF_SIGN: Final = (
     "The first component of n that is at least 0.45 times as large as the largest one is positive. home, the "
     "rotation of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that aligns the hinge "
     "axis in body 2 with the hinge axis in body 1, unless both axes are nearly opposite."
 )
 """The rules for the sign of n and for psi = 0, for readers of a fit."""
-_MIN_SIGN_DECIDING_AXIS_COMPONENT_TO_LARGEST = 0.45
+_DECIDING = 0.45
 """The first component of n of at least this size decides the sign. No ratio of two small numbers, so that
 noise does not decide for an axis such as (-1, 2, 0)."""
-_MIN_COSINE_OF_HINGE_AXES_FOR_SHORTEST_TURN = -0.9
+_NEARLY_OPPOSITE = -0.9
 """Cosine of the angle between m and n down to which home is the rotation by the least angle."""
 
 
@@ -74,9 +74,7 @@ def sign_of(n: Float64Array) -> float:
     """Return the sign (1.0 or -1.0) of the first component of n whose absolute value is at least 0.45 times the
     largest absolute value.
     """
-    return (
-        1.0 if n[np.argmax(np.abs(n) >= _MIN_SIGN_DECIDING_AXIS_COMPONENT_TO_LARGEST * np.abs(n).max())] > 0 else -1.0
-    )
+    return 1.0 if n[np.argmax(np.abs(n) >= _DECIDING * np.abs(n).max())] > 0 else -1.0
 
 
 def frame(axis: Float64Array) -> Float64Array:
@@ -128,7 +126,7 @@ def _half_turn_before(hinge: Hinge) -> Float64Array:
     """Return the rotation matrix (3, 3) of a half turn about a coordinate axis of body 2 if the axes m and n of the
     hinge are nearly opposite; otherwise return the identity. `home` begins with this rotation.
     """
-    if hinge.n @ hinge.m > _MIN_COSINE_OF_HINGE_AXES_FOR_SHORTEST_TURN:
+    if hinge.n @ hinge.m > _NEARLY_OPPOSITE:
         return np.eye(3)
     turn = -np.eye(3)
     across = first_axis_across(hinge.n)

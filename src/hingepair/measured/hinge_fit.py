@@ -21,23 +21,22 @@ from hingepair.measured.findings import (
     judge_hinge,
     probable_mistakes,
     split_findings,
+    verdict,
 )
 from hingepair.measured.hinge import (
-    HINGE_POINT_GAUGE_NAMES,
-    SIGN_AND_HOME_RULES_TEXT,
+    GAUGES,
+    RULES_OF_SIGN,
     Hinge,
     home_angle,
     home_of,
     result_derivatives,
 )
 from hingepair.measured.likelihood import (
-    LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME,
-    MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT,
-    NUM_HINGE_PARAMETERS,
+    PARAMETERS,
+    SHIFT_SAMPLES,
     EncoderLine,
     Estimate,
     HingeResiduals,
-    Loss,
     Noise,
     bias_of_hinge,
     evaluate_hinge,
@@ -48,8 +47,9 @@ from hingepair.measured.likelihood import (
     shows_offset,
 )
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
+from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.samples import Samples, checked_samples
-from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE
+from hingepair.measured.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import Sheet, Shown, cell_text, unit_of
@@ -64,12 +64,12 @@ if TYPE_CHECKING:
 
 
 _RESIDUAL_TOLERANCE_TO_RMS_RESIDUAL = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
-_MIN_ROBUST_WEIGHT_OF_INLIER = 0.1  # below, a robust loss has made the sample an outlier
+_INLIER = 0.1  # below, a robust loss has made the sample an outlier
 # Samples for the start in closed form, and for the check that the motion determines the clock offset.
-_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK = 65536
-_MIN_MENTIONED_CLOCK_OFFSET_IN_STDS = 4.0  # of a clock offset that a finding mentions
+_SOME = 65536
+_MENTIONED = 4.0  # of a clock offset that a finding mentions
 # [rad], step of central differences of the encoder's zero.
-_AXIS_TURN_STEP_FOR_ENCODER_ZERO_DERIVATIVES_IN_RADIANS = 1e-5
+_STEP = 1e-5
 _MIN_SAMPLES_FOR_RELIABLE_STD = 10  # below, standard deviations are no more than a hint
 
 
@@ -242,7 +242,7 @@ class HingeFit(Shown):
             lines.append(f"psi = ({zero}) rad + ({scale}) * encoder, whose noise is {self.encoder.noise:.2g} rad")
         lines.append(
             f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
-            f"determines only their difference. {SIGN_AND_HOME_RULES_TEXT}"
+            f"determines only their difference. {RULES_OF_SIGN}"
         )
         return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT RELIABLE"))
 
@@ -389,13 +389,13 @@ def fit(
     >>> fit.ok, fit.pair.n.round(12) + 0.0, fit.pair.u1.round(12)
     (True, array([0., 1., 0.]), array([0.5, 0. , 0.1]))
     """
-    check_choice("loss", loss, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME)
-    check_choice("gauge", gauge, HINGE_POINT_GAUGE_NAMES)
+    check_choice("loss", loss, LOSSES)
+    check_choice("gauge", gauge, GAUGES)
     samples = checked_samples(body1, body2, t, weights, clock_offset, encoder, noise1, noise2)
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
-    penalty = LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss]
+    penalty = LOSSES[loss]
     if samples.is_point:
         return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
     estimate, clock, poses, used = _estimate_hinge(samples, used, penalty, clock_offset)
@@ -408,16 +408,14 @@ def fit(
         residuals = _with_unknown_split(poses, hinge, noise, line, residuals)
     derivatives_of_results = result_derivatives(hinge, gauge)
     random_covariance, covariance = (
-        derivatives_of_results
-        @ each.covariance[:NUM_HINGE_PARAMETERS, :NUM_HINGE_PARAMETERS]
-        @ derivatives_of_results.T
+        derivatives_of_results @ each.covariance[:PARAMETERS, :PARAMETERS] @ derivatives_of_results.T
         for each in (random_part, residuals)
     )
     std: dict[str, Any] = dict(
         zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True)
     )
     is_outlier = find_outliers(residuals, poses)
-    good = ~is_outlier & (residuals.weights >= _MIN_ROBUST_WEIGHT_OF_INLIER)
+    good = ~is_outlier & (residuals.weights >= _INLIER)
     fused = fuse(poses, hinge, noise, residuals, line)
     psi = _unwrap_angles(fused.psi - home_angle(hinge, home), good)
     encoder_fit = None if line is None else _encoder_fit(line, poses, hinge, residuals, noise)
@@ -427,14 +425,14 @@ def fit(
         *split_findings(random_covariance, covariance, "divides between the bodies: noise1 and noise2 tell"),
         *encoder_findings(psi, residuals, poses, noise, fused.is_rejected, encoder_fit, instants),
     ]
-    texts = [finding.text for finding in listed_findings]
-    ok = all(finding.harmless for finding in listed_findings)
+    ok, sentences = verdict(listed_findings)
+    texts = list(sentences)
     std = {name: read_only(value) for name, value in std.items()} | noise_standard_deviations(
         poses, hinge, noise, penalty
     )
     if samples.t is not None:
         std["clock_offset"] = _clock_offset_std(poses, residuals, clock_offset)
-    if clock is not None and abs(estimate.offset) > _MIN_MENTIONED_CLOCK_OFFSET_IN_STDS * std["clock_offset"] > 0:
+    if clock is not None and abs(estimate.offset) > _MENTIONED * std["clock_offset"] > 0:
         texts += clock.clock_offset_sentences(estimate.offset)
     if not ok:
         texts += probable_mistakes(
@@ -483,7 +481,7 @@ def _without_bias(poses: RelativePoses, estimate: Estimate, gauge: str) -> tuple
     """Return the Hinge, with the hinge point that `gauge` names, and the EncoderLine, both without their bias."""
     line = estimate.line
     bias = bias_of_hinge(poses, estimate.hinge, estimate.noise, line)
-    hinge = estimate.hinge.moved(-bias[:NUM_HINGE_PARAMETERS]).balanced().signed().in_gauge(gauge)
+    hinge = estimate.hinge.moved(-bias[:PARAMETERS]).balanced().signed().in_gauge(gauge)
     if line is not None:
         line = line._replace(slope=line.slope - float(bias[-1]))
     return hinge, fit_encoder_line(poses, hinge, line)
@@ -498,7 +496,7 @@ def _with_unknown_split(
     from_body1, from_body2 = (bias_of_hinge(poses, hinge, noise, line, share) for share in (1.0, 0.0))
     size = residuals.covariance.shape[0]
     spread = np.zeros(size)
-    spread[np.r_[:NUM_HINGE_PARAMETERS, size - 2 * (line is not None) : size]] = from_body1 - from_body2
+    spread[np.r_[:PARAMETERS, size - 2 * (line is not None) : size]] = from_body1 - from_body2
     # the variance of a number between 0 and 1 is 1/12
     return residuals._replace(covariance=residuals.covariance + np.outer(spread, spread) / 12)
 
@@ -513,7 +511,7 @@ def _fit_of_point(
     for name, value in (("encoder", samples.encoder), ("noise1", samples.mean_noise)):
         if value is not None:
             raise ArgumentError(name, "None, since body 2 has no attitudes", "values")
-    fitted, clock = _fit_circle_of_point(samples, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss], gauge, clock_offset)
+    fitted, clock = _fit_circle_of_point(samples, LOSSES[loss], gauge, clock_offset)
     poses, used, moved = fitted.poses, samples.known1 & samples.known2, body2
     if clock is not None:
         used = np.zeros_like(used)
@@ -527,12 +525,13 @@ def _fit_of_point(
     if samples.t is not None:
         unknown = clock is None and clock_offset is None
         std["clock_offset"] = np.float64(np.inf if unknown else fitted.offset_std)
-    good = (fitted.outliers == 0) & (fitted.weights >= _MIN_ROBUST_WEIGHT_OF_INLIER * poses.weights)
+    good = ~fitted.is_outlier & (fitted.weights >= _INLIER * poses.weights)
     psi = _unwrap_angles(fitted.circle.angles(poses.p.T), good)
     counted = psi[good] if good.any() else psi
     gaps = np.linalg.norm(fitted.residuals, axis=1)
-    texts = [finding.text for finding in fitted.findings]
-    if clock is not None and abs(fitted.offset) > _MIN_MENTIONED_CLOCK_OFFSET_IN_STDS * fitted.offset_std > 0:
+    ok, sentences = verdict(fitted.findings)
+    texts = list(sentences)
+    if clock is not None and abs(fitted.offset) > _MENTIONED * fitted.offset_std > 0:
         texts += clock.clock_offset_sentences(fitted.offset)
     texts += _missing_sample_sentences(used, clock)
     if samples.t is not None:
@@ -550,7 +549,7 @@ def _fit_of_point(
         noise_angle=np.nan,
         clock_offset=None if samples.t is None else fitted.offset,
         encoder=None,
-        ok=all(finding.harmless for finding in fitted.findings),
+        ok=ok,
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,
@@ -577,7 +576,7 @@ def _fit_circle_of_point(
         there = _poses_at_known_offset(clock, clock_offset)
         return fit_circle(there, loss, gauge, is_body1_exact=exact)._replace(offset=clock_offset), clock
     poses = samples.poses(samples.known1 & samples.known2)
-    if clock is not None and poses.samples >= MIN_SAMPLES_PER_SMOOTHED_PIECE:
+    if clock is not None and poses.samples >= MIN_PIECE:
         near = clock.most_likely_offset(circle_misfit)
         fitted = fit_circle(poses, loss, gauge, clock.poses_at, near, is_body1_exact=exact)
         if fitted.shows_offset(clock.noise_poses_at(fitted.offset)):
@@ -595,7 +594,7 @@ def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | No
     if ClockedPoses.has_enough_samples(samples.t, samples.known2):
         return ClockedPoses(samples, loss)
     if clock_offset is not None:
-        samples_text = f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} samples without a gap"
+        samples_text = f"at least {MIN_PIECE} samples without a gap"
         expected = f"0, or a body 2 with {samples_text}, to be moved in time"
         raise ArgumentError("clock_offset", expected, clock_offset)
     return None
@@ -658,25 +657,18 @@ def _most_likely_estimate(
         there = _poses_at_known_offset(clock, clock_offset)
         estimate = most_likely_hinge(
             there,
-            start or closed_form_hinge(there.thinned(_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK)),
+            start or closed_form_hinge(there.thinned(_SOME)),
             loss,
         )
         return estimate._replace(offset=clock_offset), clock
     if clock is not None:
         near = clock.most_likely_offset(functools.partial(negative_log_likelihood_per_sample, known_hinge=start))
-        first = start or closed_form_hinge(
-            clock.poses_at(near, _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK)
-        )
+        first = start or closed_form_hinge(clock.poses_at(near, _SOME))
         estimate = most_likely_hinge(poses, first, loss, clock.poses_at, near)
-        real, noisy = (
-            at(estimate.offset, _MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK)
-            for at in (clock.poses_at, clock.noise_poses_at)
-        )
+        real, noisy = (at(estimate.offset, _SOME) for at in (clock.poses_at, clock.noise_poses_at))
         if estimate.has_converged and shows_offset(real, noisy, estimate, loss):
             return estimate, clock
-    return most_likely_hinge(
-        poses, start or closed_form_hinge(poses.thinned(_MAX_THINNED_SAMPLES_FOR_CLOSED_FORM_AND_OFFSET_CHECK)), loss
-    ), None
+    return most_likely_hinge(poses, start or closed_form_hinge(poses.thinned(_SOME)), loss), None
 
 
 def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
@@ -686,7 +678,7 @@ def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_off
     """
     if poses.offset_derivatives is None:
         return np.float64(np.inf if clock_offset is None else 0.0)
-    return np.float64(np.sqrt(residuals.covariance[NUM_HINGE_PARAMETERS, NUM_HINGE_PARAMETERS]))
+    return np.float64(np.sqrt(residuals.covariance[PARAMETERS, PARAMETERS]))
 
 
 def _encoder_fit(
@@ -718,15 +710,15 @@ def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Arra
     differences at a Hinge and its relative poses. The zero depends on the axes n and m because they determine where
     psi = 0 is.
     """
-    some = poses.thinned(MAX_THINNED_SAMPLES_FOR_PSI_ZERO_SHIFT)
+    some = poses.thinned(SHIFT_SAMPLES)
     changes = []
-    for step in _AXIS_TURN_STEP_FOR_ENCODER_ZERO_DERIVATIVES_IN_RADIANS * np.eye(NUM_HINGE_PARAMETERS)[:4]:
+    for step in _STEP * np.eye(PARAMETERS)[:4]:
         ends = []
         for moved in (hinge.moved(step), hinge.moved(-step)):
             turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
             turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
             ends.append(frame_turn_angle(some, hinge, moved) - turn)
-        changes.append((ends[0] - ends[1]) / (2 * _AXIS_TURN_STEP_FOR_ENCODER_ZERO_DERIVATIVES_IN_RADIANS))
+        changes.append((ends[0] - ends[1]) / (2 * _STEP))
     return np.array(changes)
 
 

@@ -24,13 +24,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import (
-    MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS,
-    MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH,
+    RANDOM,
+    RELIABLE_POINT,
     Finding,
 )
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
-from hingepair.measured.likelihood import score_scatter
-from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, smooth_columns
+from hingepair.measured.least_squares import (
+    score_scatter,
+)
+from hingepair.measured.spline import MIN_PIECE, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, split_at_gaps
 from hingepair.numeric.suspicions import suspicions
@@ -40,7 +42,7 @@ from hingepair.rotations.matrices import skew
 Linearise = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 Move = Callable[[Float64Array, Float64Array], Float64Array]
 
-_MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL = 400  # samples that starts are tried with
+_START_SAMPLES = 400  # samples that starts are tried with
 _MIN_OFFSET, _MIN_OFFSET_IN_STDS = 0.02, 4.0  # of clocks, in samples; smaller ones are not told
 _MIN_OFFSET_EFFECT = 0.5  # on an axis, in standard deviations
 _MIN_OFFSET_GAIN = 1.1
@@ -49,13 +51,13 @@ _MIN_LAG_SIGNAL = 3.0  # of the derivatives, to what noise makes of them
 _SLOPE_WEIGHTS = 28  # sum of the squares of -3 ... 3
 _LAG_STEPS = 12
 _MAX_LAG_SAMPLES = 4000
-_NUM_SENSOR_BIAS_FIT_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
-_MAX_ROUNDING_RESIDUAL_NORM_TO_SENSOR_READINGS_NORM = 1e-13  # residuals that rounding explains
+_BIAS_ROUNDS = 3  # of fits with biases, each with the noise that the last one left
+_ROUNDING = 1e-13  # residuals that rounding explains
 # [rad]: an axis that is known less well is not to be relied on.
 _MAX_RELIABLE_INERTIAL_AXIS_STD_IN_RADIANS = np.radians(5.0)
 _MIN_REFERENCE_LEVER_LENGTH_IN_METRES = 0.1  # [m]: shorter levers are judged as if they had this length
 _MAX_HARMLESS_RATE_RESIDUAL_TO_RMS_RATE = 0.3  # of the rates across the axis
-_MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE = 0.05
+_SYSTEMATIC_RATE = 0.05
 """Residuals that are not noise: the axis is still reliable below this."""
 _MAX_HARMLESS_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE = 0.07
 """Residuals that are not noise, over the difference between the sizes of both forces: the point is still reliable
@@ -213,10 +215,7 @@ def fit_axis(omega1_b1: ArrayLike, omega2_b2: ArrayLike, gyroscope_bias: float =
         if s > _MAX_RELIABLE_INERTIAL_AXIS_STD_IN_RADIANS
     ]
     rms = float(np.sqrt(np.mean(found.residuals**2)))
-    if (
-        rms > _MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * found.rms_rate
-        and _neighbour_correlation(found.residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
-    ):
+    if rms > _SYSTEMATIC_RATE * found.rms_rate and _neighbour_correlation(found.residuals) > RANDOM:
         text = (
             f"The two rates across the axis differ by {rms:.2g} rad/s rms, and not at random: they do not turn about "
             "one axis, or the clocks of the sensors differ."
@@ -301,11 +300,11 @@ def solve_axes(omega1: Float64Array, omega2: Float64Array, bias: float, start: F
     """
     known = np.isfinite(omega1).all(axis=-1) & np.isfinite(omega2).all(axis=-1)
     size = float(np.sqrt((omega1[known] ** 2).sum() + (omega2[known] ** 2).sum()))
-    if known.sum() < MIN_SAMPLES_PER_SMOOTHED_PIECE or size == 0:
-        expected = f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples of bodies that turn"
+    if known.sum() < MIN_PIECE or size == 0:
+        expected = f"at least {MIN_PIECE} finite samples of bodies that turn"
         raise FitError("omega1_b1, omega2_b2", expected, int(known.sum()))
     w1, w2 = omega1[known], omega2[known]
-    step = -(-w1.shape[0] // _MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL)
+    step = -(-w1.shape[0] // _START_SAMPLES)
     thin1, thin2 = w1[::step], w2[::step]
     axes, residuals = _fit_from_starts(
         _rate_residual_function(thin1, thin2),
@@ -314,8 +313,8 @@ def solve_axes(omega1: Float64Array, omega2: Float64Array, bias: float, start: F
         _axis_starts(thin1, thin2) if start is None else [start],
     )
     unknowns, prior = np.concatenate((axes, np.zeros((2, 3)))), np.zeros(6)
-    if bias > 0 and residuals @ residuals > (_MAX_ROUNDING_RESIDUAL_NORM_TO_SENSOR_READINGS_NORM * size) ** 2:
-        for _ in range(_NUM_SENSOR_BIAS_FIT_ROUNDS):
+    if bias > 0 and residuals @ residuals > (_ROUNDING * size) ** 2:
+        for _ in range(_BIAS_ROUNDS):
             prior = np.full(6, np.sqrt(residuals @ residuals / residuals.size) / bias)
             unknowns, all_residuals = _levenberg_marquardt(
                 _rate_residual_function(w1, w2, prior), _step_axes_and_biases, unknowns
@@ -340,9 +339,8 @@ def solve_axes(omega1: Float64Array, omega2: Float64Array, bias: float, start: F
         prior_derivatives,
     )
     is_systematic = (
-        np.sqrt(np.mean(residuals**2))
-        > _MAX_HARMLESS_SYSTEMATIC_RATE_RESIDUAL_TO_RMS_RATE * size / np.sqrt(2 * w1.shape[0])
-        and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
+        np.sqrt(np.mean(residuals**2)) > _SYSTEMATIC_RATE * size / np.sqrt(2 * w1.shape[0])
+        and _neighbour_correlation(residuals) > RANDOM
     )
     lag, lag_std, moved, least = _fit_lag(omega1, omega2, unknowns, prior, is_systematic)
     across = np.where(unseen, 0.0, np.diagonal(covariance))
@@ -414,7 +412,7 @@ def _lag_from(
         inside = (place >= 0) & (place < omega2.shape[0])
         w1, w2, d = omega1[rows[inside]], omega2[place[inside]], change[place[inside]]
         known = np.isfinite(w1 + w2 + d).all(axis=1)
-        if known.sum() < 4 * MIN_SAMPLES_PER_SMOOTHED_PIECE:
+        if known.sum() < 4 * MIN_PIECE:
             return start, np.inf, unknowns, np.inf
         w1, w2, d = w1[known], w2[known] + (lag - np.rint(lag)) * d[known], d[known]
         x = unknowns if has_biases else unknowns[:2]
@@ -503,11 +501,11 @@ def fit_anchor(
         )
     omega1, force1, omega2, force2 = columns
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
-    pieces = split_at_gaps(time, known, checked_gaps(gaps), MIN_SAMPLES_PER_SMOOTHED_PIECE)
+    pieces = split_at_gaps(time, known, checked_gaps(gaps), MIN_PIECE)
     if not pieces:
         raise FitError(
             ", ".join(named_vectors),
-            f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples without a gap",
+            f"at least {MIN_PIECE} finite samples without a gap",
             int(known.sum()),
         )
     used = np.concatenate(pieces)
@@ -628,14 +626,14 @@ def _point_sentences(std: float, u: Float64Array, residuals: Float64Array, force
     lengths = np.linalg.norm(u.reshape(2, 3), axis=1)
     lever_length = max(float(lengths.max()), _MIN_REFERENCE_LEVER_LENGTH_IN_METRES)
     findings = []
-    if not std <= MAX_RELIABLE_HINGE_POINT_STD_TO_LEVER_LENGTH * lever_length:
+    if not std <= RELIABLE_POINT * lever_length:
         how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
         findings.append(f"The hinge point {how}: let both bodies turn faster, about more than one direction.")
     rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.linalg.norm(forces[0], axis=1) - np.linalg.norm(forces[1], axis=1)
     if (
         rms > _MAX_HARMLESS_SYSTEMATIC_FORCE_RESIDUAL_TO_RMS_FORCE_DIFFERENCE * np.sqrt(np.mean(apart**2))
-        and _neighbour_correlation(residuals) > MAX_NEIGHBOUR_CORRELATION_OF_RANDOM_RESIDUALS
+        and _neighbour_correlation(residuals) > RANDOM
     ):
         findings.append(
             f"The forces at the hinge point differ by {rms:.2g} m/s^2 rms, and not at random: no point is in both "
@@ -694,7 +692,7 @@ def _point_and_biases(
     count = rates[0].shape[0]
     rng = np.random.default_rng(0)
     starts = [np.zeros(6), *rng.normal(scale=0.3, size=(5, 6))]
-    some = slice(None, None, -(-count // _MAX_THINNED_SAMPLES_PER_FIT_START_TRIAL))
+    some = slice(None, None, -(-count // _START_SAMPLES))
     thin1, thin2, thin3 = ([each[some] for each in parts] for parts in (forces, rates, rate_derivatives))
     u, residuals = _fit_from_starts(
         _force_residual_function(thin1, thin2, thin3),
@@ -703,10 +701,10 @@ def _point_and_biases(
         starts,
     )
     unknowns, prior = np.concatenate((u, np.zeros(12))), np.zeros(12)
-    if bias_stds.any() and residuals @ residuals > _MAX_ROUNDING_RESIDUAL_NORM_TO_SENSOR_READINGS_NORM**2 * sum(
+    if bias_stds.any() and residuals @ residuals > _ROUNDING**2 * sum(
         float((force * force).sum()) for force in forces
     ):
-        for _ in range(_NUM_SENSOR_BIAS_FIT_ROUNDS):
+        for _ in range(_BIAS_ROUNDS):
             noise = np.sqrt(residuals @ residuals / residuals.size)
             prior = noise / np.where(bias_stds > 0, bias_stds, 1e-9)  # 0: known to be without bias
             unknowns, all_residuals = _levenberg_marquardt(

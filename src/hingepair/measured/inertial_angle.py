@@ -24,8 +24,8 @@ from hingepair.measured.inertial import (
     sign_correlation,
     solve_axes,
 )
-from hingepair.measured.likelihood import score_scatter
-from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, inverse_bands, smooth_columns
+from hingepair.measured.least_squares import score_scatter
+from hingepair.measured.spline import MIN_PIECE, inverse_bands, smooth_columns
 from hingepair.numeric.arrays import Float64Array, constant, number_not_below_0, read_only
 from hingepair.numeric.instants import checked_gaps, split_at_gaps
 from hingepair.numeric.tables import percent
@@ -48,7 +48,7 @@ _AXIS_PRIOR, _LEVER_PRIOR = 0.05, 0.1  # [rad], [m]: how far given axes and leve
 _MIN_DIRECTION_NOISE_STD_IN_RADIANS = 1e-9  # [rad]
 _MIN_HINGE_RATE_BIAS_STD_IN_RADIANS_PER_SECOND = 1e-9  # [rad/s]
 # [rad], of an angle, or a change over a gap, that nothing measures.
-_PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS = 1e6
+_UNMEASURED = 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -170,11 +170,11 @@ def fit_angle(
     tilting = number_not_below_0("accelerometer_bias", accelerometer_bias)
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(np.concatenate(columns, axis=-1)).all(axis=-1))
-    where = split_at_gaps(time, known, checked_gaps(gaps), MIN_SAMPLES_PER_SMOOTHED_PIECE)
+    where = split_at_gaps(time, known, checked_gaps(gaps), MIN_PIECE)
     if not where:
         raise FitError(
             ", ".join(named_vectors),
-            f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples without a gap",
+            f"at least {MIN_PIECE} finite samples without a gap",
             int(known.sum()),
         )
     used = np.concatenate(where)
@@ -401,7 +401,7 @@ def _most_likely_angle(
     steps_of_angle = (rate[1:] + rate[:-1]) / 2 * dt
     step_weights = 1 / (rate_noise * dt) ** 2
     steps_of_angle[piece_starts - 1] = 0.0  # nothing is known of a gap
-    step_weights[piece_starts - 1] = 1 / _PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS**2
+    step_weights[piece_starts - 1] = 1 / _UNMEASURED**2
     precision = 1 / variances
     psi = _unwrapped_start(np.concatenate(([0.0], np.cumsum(steps_of_angle))), angles, precision)
     weights = precision
@@ -414,7 +414,7 @@ def _most_likely_angle(
     rows = [((psi - one) * np.sqrt(weight))[weight > 0] for one, weight in zip(near, weights, strict=True)]
     excess, memory, lag = 0.0, 1.0, 0
     for row in rows:
-        if row.size > MIN_SAMPLES_PER_SMOOTHED_PIECE:
+        if row.size > MIN_PIECE:
             excess = max(excess, float(np.sqrt(np.mean(row * row))))
             scatter, unresolved_lag = score_scatter(row[None])
             memory, lag = max(memory, float(scatter[0, 0] / max(row @ row, 1e-300))), max(lag, unresolved_lag)
@@ -477,7 +477,7 @@ class _Smoother:
         matrix[0, 1:] = -step_weights
         matrix[1, 1:] += step_weights
         matrix[1, :-1] += step_weights
-        matrix[1] += angle_weights.sum(axis=0) + 1 / _PRIOR_STD_OF_UNMEASURED_HINGE_ANGLE_IN_RADIANS**2
+        matrix[1] += angle_weights.sum(axis=0) + 1 / _UNMEASURED**2
         matrix[1] += 1e-13 * matrix[1].max()  # rounding must not make it indefinite
         self._matrix, self._factor, self._border = matrix, cholesky_banded(matrix), border
         self._y = self._solved(border)

@@ -17,19 +17,12 @@ from hingepair.measured.hinge import Hinge
 from hingepair.numeric.arrays import Float64Array, FloatArray
 from hingepair.rotations.matrices import rotation_vector
 
-# Samples of poses that are computed at a time, which limits the memory.
-_NUM_SAMPLES_PER_POSE_BLOCK = 4096
-_NUM_RANDOM_SAMPLE_PAIRS_FOR_HINGE_CANDIDATES = 200  # each pair of samples gives a hinge
-MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING = 300  # samples that tell which of several candidates is best
-_MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES_IN_RADIANS = 0.017  # [rad] between the samples of a pair
+JUDGES = 300  # samples that tell which of several candidates is best
+_BLOCK = 4096  # samples that are computed at a time
 
 
 class RelativePoses(NamedTuple):
-    """Attitudes (Q) and positions (p) of body 2 relative to body 1 over N samples, with the largest coordinate of
-    either body (`size`) and, if known, the derivatives with respect to the clock offset (`offset_derivatives`), how
-    the noise differs between samples and bodies (`relative_noise`), and encoder readings. Samples are on the last
-    axis.
-    """
+    """Poses of body 2 relative to body 1 over N samples, which are on the last axis."""
 
     Q: Float64Array  # S1^T S2, row by row; shape (9, N)
     p: Float64Array  # S1^T (R2 - R1) [m]; shape (3, N)
@@ -40,16 +33,16 @@ class RelativePoses(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """Return the number of samples."""
+        """Number of samples."""
         return int(self.p.shape[1])
 
     @property
     def weights(self) -> Float64Array:
-        """Return the inverse variances of the positions, divided by their mean size; shape (N,)."""
+        """Inverse variances of the positions, divided by their mean size; (N,)."""
         return np.ones(self.samples) if self.relative_noise is None else 1 / self.relative_noise[0]
 
     def thinned(self, max_samples: int) -> RelativePoses:
-        """Return the relative poses of every k-th sample, with the smallest k that leaves at most `max_samples`."""
+        """Return every k-th sample, with the smallest k that leaves at most `max_samples`."""
         step = -(-self.samples // max_samples)
         if step == 1:
             return self
@@ -60,13 +53,11 @@ class RelativePoses(NamedTuple):
 
 
 def compute_relative_poses(R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: FloatArray) -> RelativePoses:
-    """Return the poses of body 2 relative to body 1 as RelativePoses, computed from poses in the world, positions R1
-    and R2 (N, 3) and rotation matrices S1 and S2 (N, 3, 3), all finite.
-    """
+    """Return the poses of body 2 relative to body 1 from poses in the world, all finite."""
     count = R1.shape[0]
     Q, p, size = np.empty((9, count)), np.empty((3, count)), 0.0
-    for start in range(0, count, _NUM_SAMPLES_PER_POSE_BLOCK):
-        block = slice(start, start + _NUM_SAMPLES_PER_POSE_BLOCK)
+    for start in range(0, count, _BLOCK):
+        block = slice(start, start + _BLOCK)
         first, second = (S[block].reshape(-1, 9).T.astype(np.float64, order="C") for S in (S1, S2))
         place1, place2 = (R[block].T.astype(np.float64, order="C") for R in (R1, R2))
         size = max(size, float(np.abs(place1).max()), float(np.abs(place2).max()))
@@ -81,9 +72,8 @@ def compute_relative_poses(R1: FloatArray, S1: FloatArray, R2: FloatArray, S2: F
 
 
 def closed_form_hinge(poses: RelativePoses) -> Hinge:
-    """Return the least-squares Hinge of relative poses in closed form: the axes n and m that minimise the differences
-    between n and m turned by the relative attitudes, and for n and m the levers that minimise the gaps at the hinge
-    point (E1). The hinge point is equally far along the axis from both bodies' reference points.
+    """Return the least-squares hinge in closed form: the axes for which `Q m - n` is least, and for them the levers
+    with the least gaps (E1). The hinge point is equally far along the axis from both bodies' reference points.
     """
     weights = poses.weights / poses.weights.sum()
     Q = (poses.Q @ weights).reshape(3, 3)
@@ -91,22 +81,19 @@ def closed_form_hinge(poses: RelativePoses) -> Hinge:
     place2 = np.array([(poses.Q[j::3] * poses.p).sum(axis=0) @ weights for j in range(3)])
     left, _, right = np.linalg.svd(Q)
     n, m = left[:, 0], right[0]
-    # (1 - Q^T Q) u2 = Q^T p - mean(Q^T p), across m: along it u2 is free
+    # (1 - Q^T Q) u2 = Q^T p - mean(Q^T p), across m: along it u2 is free.
     across = right[1:].T
     u2 = across @ np.linalg.lstsq(across.T @ (across - Q.T @ (Q @ across)), across.T @ (Q.T @ p - place2))[0]
     return Hinge(n, m, p + Q @ u2, u2).balanced()
 
 
 def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
-    """Return the Hinge with the smallest median residuals among candidates (Rousseeuw 1984). The candidates are the
-    closed-form hinge of the relative poses and the hinges of random pairs of samples (fixed seed). Up to half of the
-    samples may be outliers.
-
-    Two samples make a hinge: the screw that takes one relative pose to the other. Of many such pairs, and of the
-    closed form of all, that is kept whose medians of tilt and gap have the least product.
+    """Return the hinge whose medians of tilt and gap have the least product (Rousseeuw 1984), among the closed form
+    of all samples and the hinges of random pairs (fixed seed): the screw that takes one relative pose to the other.
+    Up to half of the samples may be outliers.
     """
-    judges = poses.thinned(MAX_THINNED_SAMPLES_FOR_CANDIDATE_RANKING)
-    first, second = np.random.default_rng(0).choice(poses.samples, (2, _NUM_RANDOM_SAMPLE_PAIRS_FOR_HINGE_CANDIDATES))
+    judges = poses.thinned(JUDGES)
+    first, second = np.random.default_rng(0).choice(poses.samples, (2, 200))
     n, m, u1, u2 = (
         np.concatenate(vectors)[:, :, None]
         for vectors in zip(
@@ -128,14 +115,13 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
 def _hinges_of_sample_pairs(
     poses: RelativePoses, first_indices: NDArray[np.intp], second_indices: NDArray[np.intp]
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Return a tuple of arrays n, m, u1 and u2, each (k, 3), of the hinges that pairs of samples of relative poses
-    determine. `first_indices` and `second_indices` are the indices of the samples of each pair. Pairs between which
-    body 2 turns by less than a degree are left out.
+    """Return n, m, u1 and u2, each (k, 3), of the hinges that pairs of samples determine between which body 2 turns
+    by a degree or more.
     """
     Q, Q_second = (poses.Q.T[rows].reshape(-1, 3, 3) for rows in (first_indices, second_indices))
     turn = rotation_vector(Q_second @ np.swapaxes(Q, -1, -2))
     angle = np.linalg.norm(turn, axis=-1)
-    is_turned = angle > _MIN_TURN_ANGLE_BETWEEN_PAIRED_SAMPLES_IN_RADIANS
+    is_turned = angle > 0.017
     Q, angle = Q[is_turned], angle[is_turned]
     n = turn[is_turned] / angle[:, None]
     p = poses.p.T[first_indices[is_turned]]

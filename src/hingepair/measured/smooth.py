@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.measured.likelihood import LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME, Loss
 from hingepair.measured.resample import interpolated
-from hingepair.measured.spline import MIN_SAMPLES_PER_SMOOTHED_PIECE, SmoothedColumns, smooth_columns
+from hingepair.measured.robust import LOSSES, Loss
+from hingepair.measured.spline import MIN_PIECE, SmoothedColumns, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import (
     checked_gaps,
@@ -38,7 +38,7 @@ _NUM_ATTITUDE_SMOOTHING_ROUNDS = 2  # of smoothing attitudes; the second starts 
 # Of the differences that make omega and alpha of smooth attitudes.
 _ACCURACY_ORDER_OF_ANGULAR_VELOCITY_DIFFERENCES = 6
 # Names of a smoothed quantity and its derivatives.
-_QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
+_QUANTITIES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
 _NAME_IN_MESSAGES_BY_POSE_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
 # Above, a warning says so.
 _MAX_UNREPORTED_NEIGHBOUR_CORRELATION_OF_RESIDUALS = 0.2
@@ -85,8 +85,8 @@ class SmoothedMotion(BodyMotion):
         noise: dict[str, float] = {}
         std: dict[str, Float64Array] = {}
         for names, letter in (
-            (_QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER["R"], "R"),
-            (_QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER["S"], "S"),
+            (_QUANTITIES["R"], "R"),
+            (_QUANTITIES["S"], "S"),
         ):
             noise |= _noise_by_name(names, parts[letter])
             for name, deviations in zip(names, parts[letter].deviations, strict=True):
@@ -208,7 +208,7 @@ def smooth(
     """
     time, _ = increasing_seconds("t", t)
     longest = checked_gaps(gaps)
-    check_choice("loss", loss, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME)
+    check_choice("loss", loss, LOSSES)
     if bandwidth is not None and finite_number("bandwidth", bandwidth) <= 0:
         raise ArgumentError("bandwidth", "a positive frequency [Hz]", bandwidth)
     recording = body if isinstance(body, BodyMotion) else real_array("body", body)
@@ -216,13 +216,13 @@ def smooth(
         raise ShapeError("body", f"a BodyMotion or angles of shape {time.shape}, as t", f"shape {recording.shape}")
     warn_of_measurements([*suspicions("instants", "t", time), *jitter_suspicions("t", time)])
     if isinstance(recording, BodyMotion):
-        return _smooth_body(time, recording, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss])
+        return _smooth_body(time, recording, bandwidth, longest, LOSSES[loss])
     angles = recording.astype(np.float64)
     if is_wrapped(angles, 360.0):
         raise ArgumentError("body", "angles in radians: numpy.radians(body)", "jumps by nearly 360, as of degrees")
     if not is_wrapped(angles):
         warn_of_measurements(suspicions("angle", "body", angles))
-    return _smooth_angle(time, angles, bandwidth, longest, LOSS_DERIVATIVE_FUNCTION_OR_NONE_BY_NAME[loss])
+    return _smooth_angle(time, angles, bandwidth, longest, LOSSES[loss])
 
 
 def _smooth_body(
@@ -244,7 +244,7 @@ def _smooth_body(
     for letter, samples in (("R", R), ("S", S)):
         if not _noise_is_rounding(samples, parts[letter]):
             sentences += _residual_suspicions(_NAME_IN_MESSAGES_BY_POSE_LETTER[letter], samples, parts[letter], loss)
-            rates += _QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER[letter][1:]
+            rates += _QUANTITIES[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion
 
@@ -267,7 +267,7 @@ def smoothed_arrays(
     places = smooth_columns(t, R - origin, position_pieces, bandwidth, loss)
     arrays = dict(
         zip(
-            _QUANTITY_AND_DERIVATIVE_NAMES_BY_POSE_LETTER["R"],
+            _QUANTITIES["R"],
             (places.values[0] + origin, *places.values[1:]),
             strict=True,
         )
@@ -394,9 +394,9 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
     argument `name`, if no piece remains.
     """
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
-    pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_SAMPLES_PER_SMOOTHED_PIECE)
+    pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_PIECE)
     if not pieces_of_samples:
-        expected = f"at least {MIN_SAMPLES_PER_SMOOTHED_PIECE} finite samples without a gap"
+        expected = f"at least {MIN_PIECE} finite samples without a gap"
         raise ArgumentError(name, expected, f"{int(is_known.sum())} finite samples, none so many together")
     return pieces_of_samples
 

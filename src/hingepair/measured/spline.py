@@ -32,27 +32,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError
-from hingepair.measured.likelihood import CHI2_MEDIAN_BY_DOF, Loss
 from hingepair.measured.resample import interpolated, lagrange_weights
+from hingepair.measured.robust import OUTLIER, Loss, loss_weights, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 
-MIN_SAMPLES_PER_SMOOTHED_PIECE = 8
+MIN_PIECE = 8
 """Samples of a piece that is smoothed."""
-_SPLINE_DEGREE = 7  # of the B-splines
-_PENALISED_DERIVATIVE_ORDER = 5  # of the derivative whose square is penalised
+_DEGREE = 7  # of the B-splines
+_PENALISED = 5  # of the derivative whose square is penalised
 _SPLINE_KNOTS_PER_BANDWIDTH_PERIOD = 4.0  # in a period of the bandwidth
 # How often generalised cross validation counts each degree of freedom.
 _CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM = 1.4
 _RATIO_OF_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH = 1.1
 """Factor on the bandwidth of the least cross-validation score: derivatives near the ends gain more by it than those
 in the middle lose."""
-_CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES = np.concatenate(
-    (np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97))
-)  # of neighbouring samples
+_CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # of neighbouring samples
 # In the logarithm of the likelihood, from which noise is taken for correlated.
 _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE = 5.0
-_MIN_FREQUENCY_INDEX_OF_NOISE_SPECTRUM = 4  # of a tapered spectrum: slower ones are of the taper itself
+_FIRST_FREQUENCY = 4  # of a tapered spectrum: slower ones are of the taper itself
 _MIN_SAMPLES_PER_NOISE_SPECTRUM = 128  # samples of a piece whose spectrum is taken
 # Blackman and Harris's: little of slow motion leaks into fast noise.
 _BLACKMAN_HARRIS_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
@@ -60,17 +58,17 @@ _INDEPENDENT_FRACTION_OF_TAPERED_SPECTRUM_TERMS = 0.5  # of the terms of a taper
 # Of samples that the curve replaces, where the correlation of noise is sought.
 _MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE = 0.3
 # Longest time step over which neighbours' noise is correlated.
-_MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_USUAL_TIME_STEP = 1.5
+_MAX_STEP = 1.5
 _NUM_ROBUST_REWEIGHTING_ROUNDS = 6  # of samples, by a loss
 # Above, a sample has the least weight in losses other than "linear".
 _MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES = 100.0
 _MIN_OUTLIER_SQUARED_RESIDUAL_IN_NOISE_VARIANCES = 50.0  # above, a sample is counted as an outlier
 # Squares, in variances, at which losses bend: 95 % of good samples are below.
 _LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 2: 5.99, 3: 7.81}
-_MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING = 1e-6  # of a sample that is far off
+_LEAST_WEIGHT = 1e-6  # of a sample that is far off
 _NUM_PROBE_VECTORS_FOR_DEGREES_OF_FREEDOM = 16  # vectors of signs that the degrees of freedom are estimated with
-_NUM_SAMPLES_PER_STRETCH_OF_LONG_RECORD = 4096  # of a long record
-_NUM_STRETCHES_OF_LONG_RECORD = 8
+_STRETCH = 4096  # of a long record
+_STRETCHES = 8
 """Of long records the bandwidth is chosen on so many stretches."""
 
 
@@ -119,7 +117,7 @@ def smooth_columns(
     sample have the same weight. Raise MissingDependencyError if SciPy is not installed, and ArgumentError for a
     bandwidth far from all frequencies that the samples can show.
 
-    A piece has at least MIN_SAMPLES_PER_SMOOTHED_PIECE samples, all of them finite.
+    A piece has at least MIN_PIECE samples, all of them finite.
     """
     try:
         import scipy.linalg  # noqa: F401
@@ -131,7 +129,7 @@ def smooth_columns(
     if loss is not None:  # a curve that begins by following an outlier never leaves it
         starts = [_deviations_of_isolated_outliers(t[piece], columns[piece]) for piece in pieces]
         residuals = np.concatenate(starts)
-        weights[residuals.any(axis=1)] = _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING
+        weights[residuals.any(axis=1)] = _LEAST_WEIGHT
     for iteration in range(1 if loss is None else _NUM_ROBUST_REWEIGHTING_ROUNDS):
         if iteration < 2:
             clean, is_winsorised = columns.copy(), weights < _MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE
@@ -155,15 +153,10 @@ def smooth_columns(
             variance = float((white * white).sum() / (directions * freedom))
         else:
             white = spline.uncorrelated(residuals)
-            typical = float(np.median((white * white).sum(axis=1)))
-            variance = typical / CHI2_MEDIAN_BY_DOF[directions] * used.size / freedom
-            sizes = squares / max(variance, 1e-300)
-            weights = np.where(
-                sizes > _MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES,
-                0.0,
-                loss(sizes / _LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT[directions])[0],
-            )
-            weights = np.maximum(weights, _MIN_SAMPLE_WEIGHT_AFTER_REWEIGHTING)
+            variance = median_variance((white * white).sum(axis=1), directions) * used.size / freedom
+            # A curve follows outliers more readily than a hinge: they lose their weight earlier.
+            weights, _ = loss_weights(loss, squares / max(variance, 1e-300), directions, 100.0)
+            weights = np.maximum(weights, _LEAST_WEIGHT)
     white = spline.whitened(residuals)
     values, deviations = np.full((3, t.size, columns.shape[1]), np.nan), np.full((3, t.size), np.nan)
     for i, piece in enumerate(pieces):
@@ -230,8 +223,7 @@ def _outlier_share(squares: Float64Array, column_count: int) -> float:
     parts = np.array_split(squares, min(16, max(1, squares.size // 16)))
     if min(float(np.median(part)) for part in parts) < typical / 30:
         return 0.0
-    variance = max(typical / CHI2_MEDIAN_BY_DOF[column_count], 1e-300)
-    return float(np.mean(squares > _MIN_OUTLIER_SQUARED_RESIDUAL_IN_NOISE_VARIANCES * variance))
+    return float(np.mean(squares > OUTLIER * max(median_variance(squares, column_count), 1e-300)))
 
 
 def _choose_model(
@@ -249,7 +241,7 @@ def _choose_model(
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
-    if sum(piece.size for piece in pieces) > _NUM_SAMPLES_PER_STRETCH_OF_LONG_RECORD * _NUM_STRETCHES_OF_LONG_RECORD:
+    if sum(piece.size for piece in pieces) > _STRETCH * _STRETCHES:
         pieces = _representative_stretches(pieces)
     times = [t[piece] - t[piece[0]] for piece in pieces]
     used = np.concatenate(pieces)
@@ -310,9 +302,7 @@ def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp
     index arrays of its parts. Samples within a part have nearly even time steps, as a spectrum needs.
     """
     steps = np.diff(t[piece])
-    return np.split(
-        piece, np.flatnonzero(steps > _MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_USUAL_TIME_STEP * np.median(steps)) + 1
-    )
+    return np.split(piece, np.flatnonzero(steps > _MAX_STEP * np.median(steps)) + 1)
 
 
 def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
@@ -332,8 +322,8 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
         line = np.polynomial.polynomial.polyfit(place / count, values, 1)
         level = values - np.polynomial.polynomial.polyval(place / count, line).T
         power = (np.abs(np.fft.rfft(level * taper[:, None], axis=0)) ** 2).sum(axis=1) / (taper @ taper)
-        frequencies.append(np.arange(_MIN_FREQUENCY_INDEX_OF_NOISE_SPECTRUM, power.size - 1) / count)
-        powers.append(power[_MIN_FREQUENCY_INDEX_OF_NOISE_SPECTRUM : power.size - 1])
+        frequencies.append(np.arange(_FIRST_FREQUENCY, power.size - 1) / count)
+        powers.append(power[_FIRST_FREQUENCY : power.size - 1])
     if not powers:
         return 0.0
     f, power = np.concatenate(frequencies), np.concatenate(powers)
@@ -341,10 +331,10 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
         return 0.0
     power = np.maximum(power / power.max(), 1e-300)
     corners = np.exp(np.arange(np.log(f.min()), np.log(0.4), np.log(2) / 4))
-    motion = (corners[:, None] / f) ** (2 * _PENALISED_DERIVATIVE_ORDER)
+    motion = (corners[:, None] / f) ** (2 * _PENALISED)
     cosine = np.cos(2 * np.pi * f)
     costs = []
-    for correlation in _CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES:
+    for correlation in _CORRELATIONS:
         noise = (1 - correlation**2) / (1 + correlation**2 - 2 * correlation * cosine)
         shape = noise + motion * (1 + correlation) / (1 - correlation)
         costs.append(float((np.log(shape).sum(axis=1) + f.size * np.log((power / shape).mean(axis=1))).min()))
@@ -353,11 +343,7 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
     )
     best = int(np.argmin(costs))
     gain = _INDEPENDENT_FRACTION_OF_TAPERED_SPECTRUM_TERMS * columns * (costs[0] - costs[best])
-    return (
-        float(_CANDIDATE_NOISE_CORRELATIONS_OF_NEIGHBOURING_SAMPLES[best])
-        if gain > _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE
-        else 0.0
-    )
+    return float(_CORRELATIONS[best]) if gain > _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE else 0.0
 
 
 def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
@@ -367,13 +353,11 @@ def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArra
     all_rows = np.concatenate(pieces)
     owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
     stretches = []
-    length = _NUM_SAMPLES_PER_STRETCH_OF_LONG_RECORD
-    for start in np.linspace(0, all_rows.size - length, _NUM_STRETCHES_OF_LONG_RECORD).astype(np.intp):
+    length = _STRETCH
+    for start in np.linspace(0, all_rows.size - length, _STRETCHES).astype(np.intp):
         stretch, owner = all_rows[start : start + length], owners[start : start + length]
         stretches += [
-            part
-            for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1)
-            if part.size >= MIN_SAMPLES_PER_SMOOTHED_PIECE
+            part for part in np.split(stretch, np.flatnonzero(np.diff(owner)) + 1) if part.size >= MIN_PIECE
         ]
     return stretches
 
@@ -395,17 +379,17 @@ class SmoothingSpline:
         widest = max(1 / (_SPLINE_KNOTS_PER_BANDWIDTH_PERIOD * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
         self.knots = [_extended_knots(piece_knots) for piece_knots in inner]
-        self.ends = np.cumsum([piece_knots.size - _SPLINE_DEGREE - 1 for piece_knots in self.knots])
+        self.ends = np.cumsum([piece_knots.size - _DEGREE - 1 for piece_knots in self.knots])
         self.basis = block_diag(
             [
-                BSpline.design_matrix(time, piece_knots, _SPLINE_DEGREE)
+                BSpline.design_matrix(time, piece_knots, _DEGREE)
                 for time, piece_knots in zip(times, self.knots, strict=True)
             ],
             "csr",
         )
         self.whitener = _whitener(times, model.correlation, step, weights)
         self.correlator = _whitener(times, model.correlation, step, None)
-        rows, bands = self.basis, _SPLINE_DEGREE
+        rows, bands = self.basis, _DEGREE
         if self.whitener is not None:
             rows = self.whitener @ self.basis
             bands += 2  # neighbours that are correlated reach further
@@ -413,10 +397,10 @@ class SmoothingSpline:
         penalty = np.concatenate(
             [_penalty_bands(piece_knots.size - 1, piece_knots[1] - piece_knots[0]) for piece_knots in inner], axis=1
         )
-        weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALISED_DERIVATIVE_ORDER) / step
+        weight = (2 * np.pi * model.bandwidth) ** (-2 * _PENALISED) / step
         weight *= (1 - model.correlation) / (1 + model.correlation)  # what whitening leaves of slow changes
         matrix = np.zeros((bands + 1, penalty.shape[1]))
-        matrix[bands - _SPLINE_DEGREE :] = weight * penalty
+        matrix[bands - _DEGREE :] = weight * penalty
         for k in range(min(bands + 1, penalty.shape[1])):
             matrix[bands - k, k:] += self.normal.diagonal(k)
         self.factor = cholesky_banded(matrix, check_finite=False)
@@ -454,17 +438,15 @@ class SmoothingSpline:
         """
         from scipy.interpolate import BSpline
 
-        piece_coefficients = coefficients[
-            self.ends[piece] - self.knots[piece].size + _SPLINE_DEGREE + 1 : self.ends[piece]
-        ]
-        return np.asarray(BSpline(self.knots[piece], piece_coefficients, _SPLINE_DEGREE)(t, nu=order))
+        piece_coefficients = coefficients[self.ends[piece] - self.knots[piece].size + _DEGREE + 1 : self.ends[piece]]
+        return np.asarray(BSpline(self.knots[piece], piece_coefficients, _DEGREE)(t, nu=order))
 
     @lock_free_cached_property
     def covariances(self) -> Float64Array:
         """Return the upper bands of the inverse of the matrix that is solved; cached. Entry [d, j] of the array is
         entry (j, j + d) of the inverse.
         """
-        return inverse_bands(self._matrix, _SPLINE_DEGREE + 1)
+        return inverse_bands(self._matrix, _DEGREE + 1)
 
     def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
         """Return the variances (N,) of the values (order 0) or of the derivatives of the given `order` of the curve
@@ -474,15 +456,15 @@ class SmoothingSpline:
         from scipy.interpolate import BSpline
 
         knots = self.knots[piece]
-        width, first = knots[1] - knots[0], self.ends[piece] - knots.size + _SPLINE_DEGREE + 1
-        place = (t - knots[_SPLINE_DEGREE]) / width
-        start = np.clip(np.floor(place), 0, knots.size - 2 * _SPLINE_DEGREE - 2).astype(np.intp)
-        element = BSpline.basis_element(np.arange(_SPLINE_DEGREE + 2.0), extrapolate=False)
+        width, first = knots[1] - knots[0], self.ends[piece] - knots.size + _DEGREE + 1
+        place = (t - knots[_DEGREE]) / width
+        start = np.clip(np.floor(place), 0, knots.size - 2 * _DEGREE - 2).astype(np.intp)
+        element = BSpline.basis_element(np.arange(_DEGREE + 2.0), extrapolate=False)
         element = element.derivative(order) if order else element
         inside = np.clip(place - start, 0.0, 1.0 - 1e-15)
-        values = np.nan_to_num([element(inside + _SPLINE_DEGREE - k) for k in range(_SPLINE_DEGREE + 1)])
+        values = np.nan_to_num([element(inside + _DEGREE - k) for k in range(_DEGREE + 1)])
         total = np.zeros(t.size)
-        for i, j in itertools.combinations_with_replacement(range(_SPLINE_DEGREE + 1), 2):
+        for i, j in itertools.combinations_with_replacement(range(_DEGREE + 1), 2):
             share = values[i] * values[j] * self.covariances[j - i, first + start + i]
             total += share if i == j else 2 * share
         return np.asarray(np.maximum(total, 0.0) / width ** (2 * order))
@@ -517,7 +499,7 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
         start += time.size
     with np.errstate(divide="ignore"):
         neighbour_correlations = np.where(
-            between > _MAX_TIME_STEP_OF_CORRELATED_NOISE_TO_USUAL_TIME_STEP * step,
+            between > _MAX_STEP * step,
             0.0,
             correlation ** np.minimum(between / step, 1e3),
         )
@@ -577,7 +559,7 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
 
 def _extended_knots(knots: Float64Array) -> Float64Array:
     """Return uniform knots extended at both ends by as many knots as the spline degree."""
-    more = (knots[1] - knots[0]) * np.arange(1, _SPLINE_DEGREE + 1)
+    more = (knots[1] - knots[0]) * np.arange(1, _DEGREE + 1)
     return np.concatenate([knots[0] - more[::-1], knots, knots[-1] + more])
 
 
@@ -588,11 +570,11 @@ def _penalty_bands(intervals: int, width: float) -> Float64Array:
     """
     from scipy.interpolate import BSpline
 
-    nodes, weights = np.polynomial.legendre.leggauss(_SPLINE_DEGREE - _PENALISED_DERIVATIVE_ORDER + 1)
-    bend = BSpline.basis_element(np.arange(_SPLINE_DEGREE + 2.0)).derivative(_PENALISED_DERIVATIVE_ORDER)
-    bends = bend((nodes + 1) / 2 + np.arange(_SPLINE_DEGREE, -1, -1)[:, None])
-    products = (bends * (weights / 2)) @ bends.T * width ** (1 - 2 * _PENALISED_DERIVATIVE_ORDER)
-    bands = np.zeros((_SPLINE_DEGREE + 1, intervals + _SPLINE_DEGREE))
-    for i, j in itertools.combinations_with_replacement(range(_SPLINE_DEGREE + 1), 2):
-        bands[_SPLINE_DEGREE - (j - i), j : j + intervals] += products[i, j]
+    nodes, weights = np.polynomial.legendre.leggauss(_DEGREE - _PENALISED + 1)
+    bend = BSpline.basis_element(np.arange(_DEGREE + 2.0)).derivative(_PENALISED)
+    bends = bend((nodes + 1) / 2 + np.arange(_DEGREE, -1, -1)[:, None])
+    products = (bends * (weights / 2)) @ bends.T * width ** (1 - 2 * _PENALISED)
+    bands = np.zeros((_DEGREE + 1, intervals + _DEGREE))
+    for i, j in itertools.combinations_with_replacement(range(_DEGREE + 1), 2):
+        bands[_DEGREE - (j - i), j : j + intervals] += products[i, j]
     return bands

@@ -1,0 +1,133 @@
+"""Least squares on tangent spaces, and covariances that hold where the noise is not as the weights suppose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from hingepair.numeric.arrays import Float64Array
+
+State = TypeVar("State")
+
+_SUMS = 40  # of neighbouring scores that a covariance is taken from, at least
+
+
+class Equations(NamedTuple):
+    """The normal equations of a Gauss-Newton step."""
+
+    normal: Float64Array  # (k, k)
+    gradient: Float64Array  # (k,)
+    cost: float = 0.0  # sum of squares
+
+
+def least_squares(
+    start: State,
+    equations: Callable[[State], Equations],
+    move: Callable[[State, Float64Array], tuple[State, Float64Array]],
+    at_rest: Callable[[Float64Array, Equations, State], bool],
+    max_steps: int,
+    *,
+    damped: bool = False,
+) -> tuple[State, bool]:
+    """Return the state of least squares that steps reach from `start`, and whether they came to rest.
+
+    Args:
+        start: the first state, a point of a manifold with whatever belongs to it (noise, samples).
+        equations: returns the normal equations at a state, in its tangent space.
+        move: returns the state after a step, and the step, which it may have shortened.
+        at_rest: takes a step, the equations before it and the state after it.
+        max_steps: largest number of steps.
+        damped: whether the cost is comparable from state to state; steps that raise it are then shortened
+            (Levenberg, Marquardt).
+    """
+    state, here, damping = start, equations(start), 1e-3 if damped else 0.0
+    for _ in range(max_steps):
+        # Gauss-Newton step; damping turns it towards the gradient.
+        step = -solve_semidefinite(here.normal + damping * np.diag(np.diagonal(here.normal)), here.gradient)
+        moved, step = move(state, step)
+        there = equations(moved) if damped else None
+        # Uphill: a shorter step.
+        if there is not None and not there.cost <= here.cost:
+            damping *= 10
+            if damping > 1e12:
+                break
+            continue
+        # At rest, or nothing gained?
+        if at_rest(step, here, moved) or (there is not None and here.cost - there.cost < 1e-15 * here.cost):
+            return moved, True
+        state, damping, here = moved, damping / 10, there or equations(moved)
+    return state, False
+
+
+def solve_semidefinite(matrix: Float64Array, right_hand_side: Float64Array) -> Float64Array:
+    """Return the solution of a linear system with a symmetric positive semidefinite matrix and one or more columns on
+    the right-hand side. Components that a singular matrix does not determine are 0.
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    solution = np.linalg.lstsq(matrix * scale * scale[:, None], (right_hand_side.T * scale).T, rcond=1e-13)[0]
+    return np.asarray((solution.T * scale).T)
+
+
+def sandwich(
+    inverse: Float64Array, scores: Float64Array, components: int = 1, prior: Float64Array | float = 0.0
+) -> tuple[Float64Array, int]:
+    """Return the covariance A^-1 B A^-T of parameters (Huber, Robust Statistics, 1981, 6.3), and the lag of
+    `score_scatter`.
+
+    Args:
+        inverse: A^-1, of the derivative of the sum of scores; (k, k).
+        scores: of the samples, whose scatter is B; (k, N).
+        components: residuals of a sample.
+        prior: scatter that priors add to B.
+    """
+    scatter, lag = score_scatter(scores)
+    # A sample tells less of itself than of others, by its part of the parameters.
+    count = components * scores.shape[1]
+    free = count / max(count - scores.shape[0], 1)
+    return free * inverse @ (scatter + prior) @ inverse.T, lag
+
+
+def neighbour_correlation(rows: Float64Array, lag: int = 1) -> float:
+    """Return the correlation of entries with those `lag` places later, the largest over all rows (k, N); 0 if the
+    rows are zero or too short.
+    """
+    rows = np.atleast_2d(rows)
+    power = (rows * rows).sum(axis=1)
+    known = power > 0
+    if not known.any() or rows.shape[1] <= lag:
+        return 0.0
+    products = (rows[:, lag:] * rows[:, :-lag]).sum(axis=1)
+    return float((products[known] / power[known]).max())
+
+
+def score_scatter(scores: Float64Array) -> tuple[Float64Array, int]:
+    """Return the covariance (k, k) of the sum of scores (k, N), and the lag over which scores are correlated too long
+    for the recording, or 0. Scores of neighbours that are correlated are added up before they are squared.
+
+    >>> score_scatter(np.array([[1.0, -1.0, -1.0, 1.0]]))[0]
+    array([[4.]])
+    """
+    together, unresolved_lag = neighbours_to_sum(scores)
+    added = np.add.reduceat(scores, np.arange(0, scores.shape[1], together), axis=1)
+    scatter = np.asarray(added @ added.T)
+    if together > 1 or unresolved_lag:
+        # A sum of L samples of a first-order autoregression has the variance L (1 + r) / (1 - r) less this.
+        r = min(neighbour_correlation(scores), 0.98)
+        whole = together * (1 + r) / (1 - r)
+        scatter = scatter * whole / (whole - 2 * r * (1 - r**together) / (1 - r) ** 2)
+    return scatter, unresolved_lag
+
+
+def neighbours_to_sum(scores: Float64Array) -> tuple[int, int]:
+    """Return how many neighbouring scores must be added up for the sums to be uncorrelated: four times the lag at
+    which scores hardly are. Also return that lag if the recording is too short for so long sums, otherwise 0.
+    """
+    count, lag = scores.shape[1], 1
+    uncorrelated = max(0.1, 3 / np.sqrt(count))
+    while 4 * lag * _SUMS <= count and neighbour_correlation(scores, lag) > uncorrelated:
+        lag *= 2
+    together = 1 if lag == 1 else min(4 * lag, count // _SUMS)
+    unresolved = 4 * lag * _SUMS > count and neighbour_correlation(scores, lag) > uncorrelated
+    return together, lag if unresolved else 0
