@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from hingepair.formats.urdf_reader import from_urdf
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
+    from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
     from hingepair.measured.clusters import ClusterFit, fit_cluster
     from hingepair.measured.encoder import EncoderFit
     from hingepair.measured.hinge_fit import HingeFit, fit
@@ -57,10 +58,10 @@ if TYPE_CHECKING:
     from hingepair.measured.inertial_angle import AngleFit, fit_angle
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
-    from hingepair.mechanism.inverse_kinematics import InverseKinematics
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.slider import Slider
     from hingepair.mechanism.states import (
+        JointWrenches,
         MechanismAccelerations,
         MechanismDerivatives,
         MechanismForces,
@@ -111,6 +112,8 @@ __all__ = [
     "ImuFit",
     "ImuRecording",
     "InverseKinematics",
+    "InverseKinematicsPath",
+    "JointWrenches",
     "MeasurementWarning",
     "Mechanism",
     "MechanismAccelerations",
@@ -191,10 +194,11 @@ _LAZY_MODULE_BY_NAME = {
         "measured.resample": "resample",
         "measured.smooth": "SmoothedAngle SmoothedMotion smooth",
         "numeric.instants": "MeasurementWarning",
-        "mechanism.inverse_kinematics": "InverseKinematics",
+        "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
         "mechanism.mechanism": "Mechanism",
         "mechanism.slider": "Slider",
-        "mechanism.states": "MechanismAccelerations MechanismDerivatives MechanismForces MechanismState",
+        "mechanism.states": "JointWrenches MechanismAccelerations MechanismDerivatives MechanismForces "
+        "MechanismState",
         "pair.body": "Body Box Cylinder Sphere",
         "pair.tolerances": "sample_pairs",
         "pictures.page": "view",

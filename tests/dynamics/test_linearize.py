@@ -35,7 +35,16 @@ def test_a_pendulum_swings_and_fades_as_textbooks_say(damping):
         spread = np.sqrt(ratio**2 - 1)
         np.testing.assert_allclose(small.poles, natural * np.array([spread - ratio, -spread - ratio]), rtol=1e-9)
     assert small.names == ("psi", "psid")
+    assert small.equilibrium
+    assert "equilibrium" not in str(small)
     assert "natural frequency" in str(small)
+
+
+def test_a_state_that_is_no_equilibrium_says_so():
+    small = hp.linearize(rod(), STILL, 0.4, base="fixed")
+    assert not small.equilibrium
+    assert "psi = 0.4 rad, which is no equilibrium: psid' = 6.02" in str(small)
+    assert not hp.linearize(rod(), STILL, np.pi / 2, 0.1, base="fixed").equilibrium
 
 
 def test_a_rod_that_stands_falls():

@@ -126,6 +126,61 @@ def test_forces_are_those_of_pinocchio(model):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("mode", ["fixed", "free"])
+def test_joints_transmit_what_pinocchio_says(model, mode):
+    """Its data.f: what acts on each joint's body, in the axes of the body."""
+    rng, q, qd, qdd, _ = samples(model)
+    robot, base = Robot(record_of(model), mode), base_motion(rng, (SAMPLES,))
+    flying = on_free_base(model)
+    data = flying.createData()
+    found = robot.joint_wrenches(q, qd, qdd, base_motion=base)
+    outputs = ("tau", "force1", "torque1")
+    scale = sum(robot.error_bounds(q, qd, qdd, outputs=outputs, base_motion=base).values())
+    assert found.names == tuple(flying.names)[2:]
+    for k in range(SAMPLES):
+        one = hp.BodyMotion(**{x: getattr(base, x)[k] for x in ("R", "S", "v", "omega", "a", "alpha")})
+        x, v, a = pinocchio_state(one, q[k], qd[k], qdd[k])
+        pin.rnea(flying, data, x, v, a)
+        pin.forwardKinematics(flying, data, x)
+        for j, name in enumerate(found.names):
+            S, exact = data.oMi[j + 2].rotation, data.f[j + 2]
+            check(found[name].force[k], S @ exact.linear, scale[k])
+            check(found.torque[k, j], S @ exact.angular, scale[k])
+
+
+@pytest.mark.parametrize("mode", ["fixed", "free"])
+def test_wrenches_of_joints_in_every_form(mode):
+    """Against the forces of inverse dynamics; prepared, in batches, loaded, with mimic joints."""
+    tree = with_mimics(record_of(random_model(3, 8)), {"joint_3": ("joint_6", -0.5, 0.25)})
+    robot, rng = Robot(tree, mode), np.random.default_rng(6)
+    q, qd, qdd = rng.uniform(-1, 1, (3, 2, SAMPLES, len(robot.names)))
+    link = robot.tree.tips[0]
+    loads = {link: tuple(rng.normal(size=(2, 3)))}
+    found = robot.joint_wrenches(q, qd, qdd, wrenches=loads)
+    assert found.force.shape == (2, SAMPLES, 8, 3)
+    forces = robot.inverse_dynamics(q, qd, qdd, wrenches=loads)
+    poses = robot.forward_kinematics(q, frames=found.names)
+    first = [k for k, joint in enumerate(tree.joints) if joint.parent == 0]
+    if mode == "fixed":
+        near = 1e-13 * np.abs(forces.torque1).max()
+        np.testing.assert_allclose(found.force[..., first, :].sum(axis=-2), forces.force1, rtol=0, atol=near)
+        about = (found.torque + np.cross(poses.d, found.force))[..., first, :].sum(axis=-2)
+        np.testing.assert_allclose(about, forces.torque1, rtol=0, atol=near)
+    last = found.names[-1]
+    axis = poses[last].S @ tree.joints[-1].n
+    along = (axis * (found[last].torque if tree.joints[-1].kind == "hinge" else found[last].force)).sum(axis=-1)
+    np.testing.assert_allclose(along, forces.tau[..., -1], rtol=0, atol=1e-13 * np.abs(forces.tau).max())
+    prepared = robot.prepare("joint_wrenches")
+    plain = robot.joint_wrenches(q, qd, qdd)
+    np.testing.assert_allclose(prepared(q, qd, qdd).torque, plain.torque, rtol=0, atol=1e-13)
+    one = prepared(q[0, 0], qd[0, 0], qdd[0, 0])
+    np.testing.assert_allclose(one[last].force, plain[last].force[0, 0], rtol=0, atol=1e-13)
+    assert robot.joint_wrenches(q[0], qd[0], qdd[0]).to_dataframe().shape == (SAMPLES, 48)
+    with pytest.raises(hp.ArgumentError, match=r"^joint: expected .* \(nearest: joint_3\)"):
+        found["joint3"]
+
+
+@pytest.mark.slow
 def test_centre_of_mass_energy_and_momentum_are_those_of_pinocchio(model):
     _, q, qd, _, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()

@@ -96,3 +96,11 @@ def test_its_energy_and_momentum_are_those_of_the_pair(pair, robot):
     ):
         for part, same in zip(found, expected, strict=True):
             close(part, same)
+
+
+def test_its_joint_transmits_what_the_hinge_does(pair, robot):
+    base, psi, psid, psidd = moving(6)
+    found = robot.joint_wrenches(psi[:, None], psid[:, None], psidd[:, None], base_motion=base)["hinge"]
+    expected = pair.hinge_wrench(base, psi, psid, psidd)
+    close(found.force, expected.force)
+    close(found.torque, expected.torque)

@@ -23,14 +23,12 @@ from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_plain_hinge_loa
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 
-# Of the size of each component of the state, for differences of order 4.
-_DIFFERENCE_STEP_TO_STATE_COMPONENT_SIZE_RATIO: Final = 1e-5
-# Of the largest pole: smaller ones count as 0, drifts of the whole pair without restoring load.
-_MIN_NONZERO_POLE_TO_LARGEST_POLE_RATIO: Final = 1e-5
+_STEP: Final = 1e-5  # of differences of order 4, in sizes of the state's components
+_DRIFT: Final = 1e-5  # of the largest pole: smaller ones are drifts of the whole pair, without restoring load
 _MAX_CHANGE = 0.3  # rad: of an angle in one iteration towards an equilibrium
 
 # Components of the state of a free or pinned pair; a carried pair has the last two.
-_STATE_COMPONENT_NAMES: Final = (
+_NAMES: Final = (
     *(f"{vector}_{axis}" for vector in ("R", "P", "L", "phi") for axis in "xyz"),
     "psi",
     "psid",
@@ -39,43 +37,38 @@ _STATE_COMPONENT_NAMES: Final = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
-    """Linearized motion of a pair, x' = A x + B hinge_torque for small changes x of the state: matrices A and B,
-    `names` of the components of x, hinge angle psi, motion `body1`, `rates` of the state, and poles with natural
-    frequencies and damping ratios. The built-in `print` shows the poles.
-
-    Attributes:
-        A: derivatives of the state's rates with respect to the state; shape (k, k).
-        B: derivatives of the state's rates with respect to a torque at the hinge; shape (k,).
-        names: names of the components of the state: psi and psid; for a free or pinned base, before them the common
-            centre of mass R (for a pinned base R1), momentum P, angular momentum L about that point, and small
-            rotations phi of body 1, all along world axes.
-        psi: hinge angle [rad].
-        body1: motion of body 1 at this state; None for a base that moves as given.
-        rates: derivatives of the state; 0 at an equilibrium; shape (k,).
-        poles: eigenvalues of A that are not 0 [1/s], sorted by magnitude. Of each complex conjugate pair only the
-            eigenvalue with positive imaginary part is listed.
-        natural_frequencies: absolute values of the poles [rad/s].
-        damping_ratios: of each pole: 0 without damping, 1 for real poles (no oscillation), below 0 if it grows.
+    """Linearized motion of a pair, x' = rates + A x + B hinge_torque for small changes x of the state. `print` shows
+    the poles.
     """
 
+    #: derivatives of the state's rates with respect to the state; shape (k, k)
     A: Array
+    #: derivatives of the state's rates with respect to a torque at the hinge; shape (k,)
     B: Array
+    #: names of the components of the state: psi and psid; for a free or pinned base, before them the common centre of
+    #: mass R (for a pinned base R1), momentum P, angular momentum L about that point, and small rotations phi of body
+    #: 1, all along world axes
     names: tuple[str, ...]
+    #: hinge angle [rad]
     psi: float
+    #: motion of body 1 at this state; None for a base that moves as given
     body1: BodyMotion | None
+    #: derivatives of the state; 0 at an equilibrium; shape (k,)
     rates: Array
+    #: eigenvalues of A that are not 0 [1/s], sorted by magnitude, of each conjugate pair the one with a positive
+    #: imaginary part
     poles: NDArray[np.complex128]
+    #: whether the state is an equilibrium; if not, the poles are those of this instant alone
+    equilibrium: bool
 
     @property
     def natural_frequencies(self) -> Array:
-        """Absolute values of the poles [rad/s], an array with one frequency for each pole."""
+        """Absolute values of the poles [rad/s]."""
         return np.abs(self.poles)
 
     @property
     def damping_ratios(self) -> Array:
-        """Cosines of the angles between the poles and the negative real axis, an array with one ratio for each pole;
-        below 0 if the motion grows.
-        """
+        """Damping ratio of each pole: 0 without damping, 1 for real poles, below 0 if the motion grows."""
         return np.asarray(-self.poles.real / np.abs(self.poles), np.float64)
 
     def __str__(self) -> str:
@@ -84,6 +77,9 @@ class Linearization:
             for pole, size, ratio in zip(self.poles, self.natural_frequencies, self.damping_ratios, strict=True)
         ]
         head = f"small motions about psi = {self.psi:.6g} rad"
+        if not self.equilibrium:
+            fastest = int(np.argmax(np.abs(self.rates)))
+            head += f", which is no equilibrium: {self.names[fastest]}' = {self.rates[fastest]:.3g}"
         table = ruled_table([("pole [1/s]", "natural frequency [rad/s]", "[Hz]", "damping ratio"), *rows])
         return "\n".join([head, *table])
 
@@ -108,12 +104,10 @@ def linearize(
     backend: str = "auto",
 ) -> Linearization:
     """Linearize the motion of a pair under loads about the state (body1, psi_0, psid_0) at the instant t, or with
-    `equilibrium` about the stable equilibrium near this state. Return a `Linearization` with matrices, poles, natural
-    frequencies and damping ratios. The loads and `base` are as for `simulate`. Raise an ArgumentError if friction or
-    a stop holds the hinge, or if no equilibrium is found.
+    `equilibrium` about the stable equilibrium near this state.
 
-    The arguments of the same names have the same meaning and the same defaults as for `simulate`, but they describe
-    one instant. Derivatives are computed by finite differences of order 4.
+    Arguments that `simulate` has too mean the same here, at one instant. Derivatives are finite differences of order
+    4.
 
     Args:
         pair: a pair whose moving bodies have mass properties: body 2, and also body 1 if `base` is "free" or
@@ -137,13 +131,10 @@ def linearize(
         backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
     Returns:
-        A `Linearization` with the matrices `.A` (k, k) and `.B` (k,) of x' = A x + B u. Here x is the deviation of
-        the state, and u is the deviation of the torque at the hinge [N m]. `.names` lists the names of the k
-        components of the state. For a base that is "fixed" or a callable, k is 2 (psi and psi'). For a free or pinned
-        base, k is 14: position, momentum, angular momentum and small rotations, each with three components, then psi
-        and psi'. `.psi` is the hinge angle about which the motion is linearized [rad]. The array `.poles` [1/s] holds
-        the eigenvalues of A that are not 0, but only one eigenvalue of each complex conjugate pair. The arrays
-        `.natural_frequencies` [rad/s] and `.damping_ratios` have one value for each element of `.poles`.
+        The Linearization x' = rates + A x + B u, where x is the deviation of the state and u that of the torque at
+        the hinge [N m]. `.poles` [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios` describe the motion near
+        an equilibrium; `.equilibrium` says whether the state is one. The state has 2 components if the base is
+        "fixed" or a callable, and 14 if it is free or pinned; `.names` names them.
 
     Raises:
         ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the
@@ -185,9 +176,7 @@ def linearize(
     B = np.zeros(len(state))
     B[-1] = motion.hinge_response(instant, state)
     poles = np.linalg.eigvals(A)
-    poles = poles[
-        (np.abs(poles) > _MIN_NONZERO_POLE_TO_LARGEST_POLE_RATIO * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)
-    ]
+    poles = poles[(np.abs(poles) > _DRIFT * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
     motion_now = motion.motion_at(np.full(1, instant), state[None])
     body1_motion = (
         None
@@ -197,33 +186,32 @@ def linearize(
     return Linearization(
         read_only(A),
         read_only(B),
-        _STATE_COMPONENT_NAMES[-len(state) :],
+        _NAMES[-len(state) :],
         float(state[motion.psi_index]),
         body1_motion,
         read_only(rates),
         read_only(poles[np.argsort(np.abs(poles))].astype(np.complex128)),
+        bool(np.abs(rates / motion.sizes).max() <= 1e-9 * max(1.0, np.abs(A).max())),
     )
 
 
 def _state_derivatives(
-    motion: PairMotion, t: float, state: Array, component_indices: NDArray[np.intp]
+    motion: PairMotion, t: float, state: Array, components: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Return two arrays: the derivatives of the state's rates with respect to the components of the state with the
-    indices `component_indices`, (k, m), and the rates, (k,). The derivatives are finite differences of order 4.
-    """
-    steps = (_DIFFERENCE_STEP_TO_STATE_COMPONENT_SIZE_RATIO * motion.sizes)[component_indices]
-    increments = np.zeros((len(component_indices), len(state)))
-    increments[np.arange(len(component_indices)), component_indices] = steps
+    """Return the derivatives of the state's rates by these components of the state, (k, m), and the rates, (k,)."""
+    steps = (_STEP * motion.sizes)[components]
+    increments = np.zeros((len(components), len(state)))
+    increments[np.arange(len(components)), components] = steps
     states = np.concatenate([state + share * increments for share in (-2, -1, 1, 2)] + [state[None]])
     rates = motion.rates(np.full(len(states), t), states)
-    before2, before, after, after2 = rates[:-1].reshape(4, len(component_indices), -1)
+    before2, before, after, after2 = rates[:-1].reshape(4, len(components), -1)
     derivatives = (8 * (after - before) - (after2 - before2)) / (12 * steps)[:, None]
     return derivatives.T, rates[-1]
 
 
 def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: bool) -> Array:
-    """Return the state of the stable equilibrium near a state at rest, and leave the motion on the branch of the
-    hinge torque there. Newton's method; where it heads for an unstable equilibrium, it is sent the other way.
+    """Return the state of the stable equilibrium near a state at rest, by Newton's method. The motion is left on the
+    branch of the hinge torque there.
     """
     rotations = {1: [], 13: [11] if is_planar else [9, 10, 11]}[len(state) - 1]
     coordinates = np.array([*rotations, motion.psi_index])
@@ -231,11 +219,13 @@ def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: 
     scales = motion.sizes[rate_indices]
     start = float(state[motion.psi_index])
     for _ in range(200):
+        # Between the rigid stops.
         psi = float(np.clip(state[motion.psi_index], *motion.loads.rigid_range))
         at_rigid_stop = psi != state[motion.psi_index] or psi in motion.loads.rigid_range
         state = state.copy()
         state[motion.psi_index] = psi
         motion.side = (psi, 0.0)  # a stop acts if psi is beyond it, and only there
+        # Newton's step, by least squares where the whole pair may drift.
         derivatives, rates = _state_derivatives(motion, t, state, coordinates)
         residual = rates[rate_indices] / scales
         torques = rates[[*(column - 3 for column in rotations), motion.psi_index + 1]]  # about each coordinate
@@ -244,6 +234,7 @@ def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: 
         matrix = derivatives[rate_indices] / scales[:, None]
         change = np.linalg.lstsq(matrix, -residual, rcond=1e-9)[0]
         size = float(np.abs(change).max())
+        # At rest, and stable?
         if size <= 1e-13 and np.abs(residual).max() <= 1e-9 * max(1.0, float(np.abs(matrix).max())):
             growth = _growing_direction(motion, t, state)
             if growth is None:

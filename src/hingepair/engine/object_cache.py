@@ -23,7 +23,7 @@ MAX_BYTES: Final = 256 * 2**20
 MAX_FILES: Final = 8192
 """Size of the folder; past it the files that were not used for the longest time are deleted."""
 
-TRACED_PACKAGES: Final = ("engine", "equations", "numeric", "plans", "rotations")
+TRACED_PACKAGES: Final = ("engine", "equations", "inverse_kinematics", "numeric", "plans", "rotations")
 """Packages whose code writes programs; they import no others."""
 
 _SHARE_AFTER_TRIM: Final = 0.75

@@ -48,6 +48,7 @@ class RobotConstants:
             small.
         base_pivot_thresholds: the same for the six pivots of a free base; shape (6,). 0 for any other base.
         axes: for each body, the base first, the rotation from the program's axes to the body's own axes.
+        whole: whether all matter counts with its own body, as wrenches of joints need it (T9).
         cache: objects made once for the robot, by key.
     """
 
@@ -59,6 +60,7 @@ class RobotConstants:
     pivot_thresholds: NDArray[np.float64]
     base_pivot_thresholds: NDArray[np.float64]
     axes: tuple[NDArray[np.float64], ...]
+    whole: bool = False
     cache: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
@@ -72,18 +74,17 @@ class RobotConstants:
         return not all(map(math.isfinite, self.numbers))
 
 
-def robot_constants(tree: Tree, free: bool, regrouped: bool = True) -> RobotConstants:
+def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstants:
     """Compute the constants of a robot's generated programs from its Tree, and return them as RobotConstants. The
-    mass of the base counts only if `free` is True, that is, if the base is free. Unless they are `regrouped` (T9),
-    each body keeps its own masses.
+    mass of the base counts only if `free` is True, that is, if the base is free. With `whole`, no matter counts with
+    the parent's body.
     """
     with np.errstate(all="ignore"):  # what overflows is refused where masses are used
         axes = _axes_of_bodies(tree)
         poses = _poses_in_program_axes(tree, axes)
         thresholds, base_thresholds = _pivot_thresholds(tree, axes)
     base_thresholds = base_thresholds if free else (0.0, 0.0)
-    exact_poses = [(_exact(S), _exact(u)) for S, u in poses] if regrouped else None
-    moments = _mass_moments(tree, free, [_exact(P) for P in axes], exact_poses)
+    moments = _mass_moments(tree, free, [_exact(P) for P in axes], [(_exact(S), _exact(u)) for S, u in poses], whole)
     numbers = _rounded_numbers(moments[0])
     for k, (joint, (S, u)) in enumerate(zip(tree.joints, poses, strict=True), 1):
         multiplier, offset = (1.0, 0.0) if joint.mimic is None else joint.mimic[1:]
@@ -111,6 +112,7 @@ def robot_constants(tree: Tree, free: bool, regrouped: bool = True) -> RobotCons
         read_only(by_column),
         read_only(np.repeat(base_thresholds, 3)),
         tuple(map(read_only, axes)),
+        whole,
     )
 
 
@@ -135,7 +137,7 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
         )
         for joint, P in zip(tree.joints, axes[1:], strict=True)
     ]
-    masses = _mass_moments(tree, constants.free, axes, poses)
+    masses = _mass_moments(tree, constants.free, axes, poses, constants.whole)
     stored, exact = program_numbers(constants), _ten_numbers(masses[0])
     for (S, u), moments in zip(poses, masses[1:], strict=True):
         given = stored[len(exact) + 22 : len(exact) + 26]  # armature, multiplier, offset, threshold
@@ -318,17 +320,18 @@ def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
 
 
 def _mass_moments(
-    tree: Tree, free: bool, axes: Sequence[Exact], poses: Sequence[tuple[Exact, Exact]] | None
+    tree: Tree, free: bool, axes: Sequence[Exact], poses: Sequence[tuple[Exact, Exact]], whole: bool = False
 ) -> list[_MassMoments]:
-    """Return the `_MassMoments` of every body of a Tree, the base first, after the shift to the parents (T9).
+    """Return the `_MassMoments` of every body of a Tree, the base first, after the shift to the parents (T9), if not
+    `whole`.
 
-    `axes` and `poses` are the rotations to the bodies' own axes, and S and u of the joints, in the program's axes;
-    without poses, nothing is shifted. The moments of the base are 0 unless the base is `free`.
+    `axes` and `poses` are the rotations to the bodies' own axes, and S and u of the joints, in the program's axes.
+    The moments of the base are 0 unless the base is `free`.
     """
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
     moments = [_moments_of_body(body, P) for body, P in zip(bodies, axes, strict=True)]
-    return moments if poses is None else _shift_to_parents(tree, poses, moments)
+    return moments if whole else _shift_to_parents(tree, poses, moments)
 
 
 def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:

@@ -87,7 +87,7 @@ class RobotComputation(Computation):
     @lock_free_cached_property
     def by_constants(self) -> RobotComputation:
         """The same outputs from constants in which each body keeps its own masses, and can change them."""
-        constants = robot_constants(self.constants.tree, self.constants.free, regrouped=False)
+        constants = robot_constants(self.constants.tree, self.constants.free, whole=True)
         request = self.request
         return RobotComputation(constants, self.outputs, request.free, self.frames, request.loaded, self.result)
 

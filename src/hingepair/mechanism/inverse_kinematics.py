@@ -1,393 +1,388 @@
-"""Inverse kinematics: coordinates at which a frame of a robot has a wanted pose, for many targets at once.
-
-One kernel does a step of Gauss and Newton (Levenberg's damping vanishes with the error, so that the last steps
-converge quadratically). Python repeats it for the targets not yet solved, and starts stuck ones again elsewhere. What
-happens to a target depends on nothing but the target: it gets the same bits in any batch.
-"""
+"""The arguments of inverse kinematics: targets of frames, limits, what solutions are to be near."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hingepair.engine.calls import Call
-from hingepair.engine.loops import Loop
-from hingepair.engine.results import Results
-from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
-from hingepair.equations.dynamics import solve_symmetric
-from hingepair.equations.spatial import add, cross, dot, scale, subtract
-from hingepair.mechanism.arguments import RESTING_BASE_VALUE_BY_INPUT_NAME
+from hingepair.engine.backend import execution_of
+from hingepair.engine.slices import run_in_threads
+from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.inverse_kinematics.goals import Goal
+from hingepair.inverse_kinematics.paths import follow
+from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
+from hingepair.inverse_kinematics.search import MAX_TRIALS, Found, Solver, Wish
 from hingepair.mechanism.constants import RobotConstants
 from hingepair.mechanism.evaluate import RobotComputation
+from hingepair.mechanism.states import FrameState
 from hingepair.mechanism.tree import Frame, Tree
-from hingepair.numeric.arrays import Float64Array, FloatArray
-from hingepair.plans.trees import Form, Request, compute_request
+from hingepair.numeric.arrays import (
+    Float64Array,
+    broadcast_shape,
+    check_choice,
+    finite_number,
+    number_not_below_0,
+    one_constant,
+    real_array,
+    row_norms,
+    vectors,
+)
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.plans.arguments import CoordinateNames, read_coordinates
+from hingepair.rotations.matrices import check_rotation
 
-_DAMPING: Final = 1e-2  # times the squared error; errors are angles, and lengths by the robot's reach
-_LEAST_DAMPING: Final = 1e-12  # keeps the matrix regular in a singular pose
-_MAX_DISTANCE: Final = 10.0  # from a target, in reaches of the robot; beyond, the direction alone counts
-_MAX_STEP: Final = 1.5  # norm of a step of the coordinates [rad or m]
-_STEPS_PER_CHECK: Final = 5
-_STEPS_PER_START: Final = 15
-_STARTS: Final = 60
-_CAUTIOUS_STARTS: Final = 8  # for the closest pose, where no start led to a solution
-_CAUTIOUS_STEPS: Final = 40
-_LAST_STEPS: Final = 200
-_TURN: Final = 2 * np.pi
-_LANES: Final = 2048  # targets in work at a time
-
-
-class InverseKinematics(Results):
-    """Coordinates at which a frame of a robot has the wanted poses, or comes closest. Only hingepair calls the
-    constructor.
-    """
-
-    __slots__ = {  # noqa: RUF023 (the order of the documentation)
-        "q": "Coordinates in the order of `names`; NaN where the target is not finite; (..., dof) rad or m.",
-        "ok": "Whether both errors are within the tolerances; (...,).",
-        "position_error": "Distance of the frame's origin from its target; (...,) m.",
-        "angle_error": "Angle between the frame's attitude and the wanted one; None without that; (...,) rad.",
-        "steps": "Number of steps that were taken; (...,).",
-        "starts": "Number of starts that were tried; (...,).",
-    }
-
-    q: FloatArray
-    ok: NDArray[np.bool_]
-    position_error: FloatArray
-    angle_error: FloatArray | None
-    steps: NDArray[np.int64]
-    starts: NDArray[np.int64]
+_MAX_SOLVERS: Final = 32  # that a robot keeps
 
 
-class Solver:
-    """Inverse kinematics of one frame, with its kernel.
+class Question(NamedTuple):
+    """What is asked of a robot, checked."""
 
-    Args:
-        tree: record of the robot.
-        constants: constants of the robot.
-        frame: the frame that is to reach targets.
-        has_attitude: whether targets have an attitude.
-        limits: lower and upper limits of the coordinates, shape (dof, 2).
-    """
+    solver: Solver
+    wish: Wish  # of all targets, in one row
+    shape: tuple[int, ...]  # of the targets
+    by_frame: bool  # whether targets were given by frame
+    seed: int
+    workers: int
 
-    def __init__(
-        self, tree: Tree, constants: RobotConstants, frame: Frame, has_attitude: bool, limits: Float64Array
-    ) -> None:
-        outputs = ("R", "S", "jacobian") if has_attitude else ("R", "jacobian")
-        found = RobotComputation(constants, outputs, False, (frame,), (), None)
-        form = found.form
-        path, reach = _path(tree, frame)
-        self.moving = np.isin(np.arange(form.dof), [form.columns[k - 1] for k in path])
-        self.low, self.high = np.ascontiguousarray(limits.T)
-        self.slides = np.array([joint.kind == "slider" for joint in tree.coordinates])
-        # A coordinate that also drives a mimic joint is not the same after a turn.
-        alone = np.bincount(form.columns, minlength=form.dof) == 1
-        self.turns = alone & ~self.slides
-        self.reach, self.has_attitude = reach, has_attitude
-        bounded = bool(np.isfinite(limits[self.moving]).any())
-        loop = _step_loop(form, found.request, tuple(found.inputs.items()), has_attitude, bounded)
-        arguments = {
-            "q": (form.dof,),
-            "R_wanted": (3,),
-            **({"S_wanted": (3, 3)} if has_attitude else {}),
-            "caution": (),
-        }
-        known: dict[str, Any] = {
-            **RESTING_BASE_VALUE_BY_INPUT_NAME,
-            "constants": found.known["constants"],
-            "low": self.low,
-            "high": self.high,
-            "weight": 1 / reach,
-        }
-        constant_inputs = {name: known[name] for name, _ in loop.inputs if name not in arguments}
-        self.call = Call(loop, arguments, constant_inputs, Results, backend="compiled", constants_name="robot")
+    def solve(self, count: int | None, nearest: bool) -> InverseKinematics:
+        """Return one solution of each target, or up to `count`."""
+        solver, rows = self.solver, (len(self.wish.targets),)
+        several = count or (1 if nearest else None)
+        lead = rows if several is None else (*rows, several)
+        found = Found.nothing(lead, solver)
+        steps, starts = np.zeros(rows, np.int64), np.zeros(rows, np.int64)
 
-    def run(
-        self,
-        targets: Sequence[Float64Array],
-        q0: Float64Array | None,
-        tolerances: tuple[float, float],
-        nearest: bool,
-        seed: int,
-    ) -> dict[str, NDArray[Any]]:
-        """Return the arrays of an InverseKinematics for N targets: positions (N, 3), and attitudes (N, 3, 3)."""
-        count, dof = len(targets[0]), len(self.low)
-        found = _Found(count, dof)
-        finite = np.logical_and.reduce([np.isfinite(one).all(axis=tuple(range(1, one.ndim))) for one in targets])
-        starts = _Starts(self, q0, seed)
-        waiting = np.flatnonzero(finite)
-        index, trial, age = (np.zeros(0, np.int64) for _ in range(3))
-        q = np.zeros((0, dof))
-        while len(index) or len(waiting):
-            # Fill the lanes with new targets.
-            fresh, waiting = np.split(waiting, [_LANES - len(index)])
-            zeros = np.zeros(len(fresh), np.int64)
-            q = np.concatenate([q, starts.at(fresh, zeros)])
-            index, trial, age = (np.concatenate(pair) for pair in ((index, fresh), (trial, zeros), (age, zeros)))
-            found.starts[fresh] = 1
+        def solve_some(index: Any) -> None:
+            wish = self.wish.at(index)
+            some, steps[index], starts[index] = (
+                solver.first(wish, self.seed) if several is None else solver.several(wish, several, self.seed)
+            )
+            found.put(index, some)
 
-            now, errors, after = self._steps(q, [one[index] for one in targets], _STEPS_PER_CHECK)
-            found.steps[index] += _STEPS_PER_CHECK
-            age += _STEPS_PER_CHECK
-            solved = (errors[0] <= tolerances[0]) & (errors[1] <= tolerances[1])
-            ended = solved | (age >= _STEPS_PER_START)
-            if ended.any():
-                at = index[ended]
-                now[ended] = starts.turned(now[ended], at)
-                score = self._misfit(errors[:, ended])
-                if nearest:
-                    score = np.where(solved[ended], starts.distance(now[ended], at), score)
-                found.keep(at, solved[ended], score, now[ended], errors[:, ended])
-            done = ended & ((solved & (not nearest)) | (trial + 1 == starts.count))
-            again = ended & ~done
-            trial[again] += 1
-            age[again] = 0
-            found.starts[index[again]] += 1
-            after[again] = starts.at(index[again], trial[again])
-            index, trial, age, q = index[~done], trial[~done], age[~done], after[~done]
+        finite = np.flatnonzero(np.isfinite(self.wish.targets).all(axis=1))
+        pieces = [piece for piece in np.array_split(finite, self.workers) if len(piece)]
+        if pieces:
+            run_in_threads(solve_some, pieces)
+        shape = self.shape if count is None else (*self.shape, count)
+        arrays = self._arrays(found, shape)
+        arrays |= {"steps": steps.reshape(self.shape), "starts": starts.reshape(self.shape)}
+        return InverseKinematics(arrays, self.shape)
 
-        every = np.flatnonzero(finite)
-        self._measure(found, every, targets, tolerances)  # full turns changed the last bits
-        missed = every[~found.ok[every]]
-        self._approach(found, starts, missed, targets, tolerances)
-        self._measure(found, missed, targets, tolerances)
-        arrays = {
-            "q": found.q, "ok": found.ok, "position_error": found.errors[0], "angle_error": found.errors[1],
-            "steps": found.steps, "starts": found.starts,
-        }  # fmt: skip
-        if not self.has_attitude:
-            del arrays["angle_error"]
+    def follow(self, max_change: float) -> InverseKinematicsPath:
+        """Return the coordinates along paths, whose samples stand in the last axis of the targets."""
+        samples = self.shape[-1]
+        count = len(self.wish.targets) // max(1, samples)
+        found = Found.nothing((count, samples), self.solver)
+        jumps, steps = np.zeros((count, samples), bool), np.zeros((count, samples), np.int64)
+
+        def follow_some(paths: Any) -> None:
+            rows = paths[:, None] * samples + np.arange(samples)
+            wish = self.wish.at(rows.ravel())
+            some, jumps[paths], steps[paths] = follow(self.solver, wish, rows.shape, max_change, self.seed)
+            found.put(paths, some)
+
+        pieces = [piece for piece in np.array_split(np.arange(count), self.workers) if len(piece) and samples]
+        if pieces:
+            run_in_threads(follow_some, pieces)
+        arrays = self._arrays(found, self.shape)
+        arrays |= {"jumps": jumps.reshape(self.shape), "steps": steps.reshape(self.shape)}
+        return InverseKinematicsPath(arrays, self.shape)
+
+    def _arrays(self, found: Found, shape: tuple[int, ...]) -> dict[str, Any]:
+        """Return coordinates and errors by the names of results."""
+        goals = self.solver.goals
+        errors = found.errors.reshape(*shape, len(goals), 2)
+        errors = errors if self.by_frame else errors[..., 0, :]
+        arrays = {"q": found.q.reshape(*shape, self.solver.dof), "ok": found.ok.reshape(shape)}
+        if any(goal.position for goal in goals):
+            arrays["position_error"] = errors[..., 0]
+        if any(goal.attitude != "none" for goal in goals):
+            arrays["angle_error"] = errors[..., 1]
         return arrays
 
-    def _measure(
-        self,
-        found: _Found,
-        index: NDArray[np.int64],
-        targets: Sequence[Float64Array],
-        tolerances: tuple[float, float],
-    ) -> None:
-        """Compute the errors of the coordinates that are returned."""
-        for first in range(0, len(index), _LANES):
-            at = index[first : first + _LANES]
-            _, errors, _ = self._steps(found.q[at], [one[at] for one in targets], 1)
-            found.errors[:, at] = errors
-            found.ok[at] = (errors[0] <= tolerances[0]) & (errors[1] <= tolerances[1])
 
-    def _approach(
-        self,
-        found: _Found,
-        starts: _Starts,
-        missed: NDArray[np.int64],
-        targets: Sequence[Float64Array],
-        tolerances: tuple[float, float],
-    ) -> None:
-        """Come as close as possible to targets that no start has reached."""
-        for first in range(0, len(missed), _LANES):
-            at = missed[first : first + _LANES]
-            found.score[at] = self._misfit(found.errors[:, at])
-            # From the best end, from some starts, and on from the best of these.
-            for trial in [None, *range(_CAUTIOUS_STARTS), None]:
-                q = found.q[at] if trial is None else starts.at(at, np.full(len(at), trial))
-                count = _LAST_STEPS if trial is None else _CAUTIOUS_STEPS
-                now, errors, _ = self._steps(q, [one[at] for one in targets], count, 1.0)
-                found.steps[at] += count
-                solved = (errors[0] <= tolerances[0]) & (errors[1] <= tolerances[1])
-                found.keep(at, solved, self._misfit(errors), starts.turned(now, at), errors)
+class _Target(NamedTuple):
+    """What one frame is to reach."""
 
-    def _steps(
-        self, q: Float64Array, targets: Sequence[Float64Array], count: int, caution: float = 0.0
-    ) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Do some steps. Return the coordinates before the last one, the errors (2, N) there, and the coordinates
-        after it. `caution` damps by the error itself, which finds the closest pose to targets out of reach.
-        """
-        now, after = q, q
-        for _ in range(count):
-            now = after
-            step = self.call.rows(now, *targets, caution)
-            after = step["q_new"]
-        errors = np.zeros((2, len(q)))
-        for row, name in zip(errors, step.outputs[1:], strict=False):
-            row[:] = step[name]
-        return now.copy(), errors, after.copy()
-
-    def _misfit(self, errors: Float64Array) -> Float64Array:
-        """Return the distances from targets, lengths by the robot's reach, from errors (2, N)."""
-        distances: Float64Array = np.hypot(errors[0] / self.reach, errors[1])
-        return np.minimum(distances, np.finfo(np.float64).max)  # below the score of nothing found
+    frame: Frame  # whose z axis is the one that has a direction
+    goal: Goal
+    parts: tuple[Float64Array, ...]  # positions, then rotation matrices or directions
 
 
-class _Starts:
-    """The starts: q0 if it is given, then random ones, the same for every target.
+def read_question(
+    tree: Tree,
+    constants: RobotConstants,
+    R: Any,
+    S: Any,
+    *,
+    frame: str | None,
+    direction: Any,
+    axis: Any,
+    q0: Any,
+    limits: Any,
+    prefer: Any,
+    weights: Any,
+    position_tolerance: float,
+    angle_tolerance: float,
+    base_motion: BodyMotion | None,
+    seed: int,
+    workers: int,
+    path: bool = False,
+) -> Question:
+    """Check the arguments of inverse kinematics. Those of a path have an axis of samples, which q0 has not.
 
-    Random starts lie within the limits, and within a turn or twice the robot's reach of 0. Joints that do not move
-    the frame keep q0, or stand in the middle of their limits.
+    Raises:
+        ArgumentError: an argument cannot be used.
     """
+    if not constants.names:
+        raise ArgumentError("robot", "a joint that moves", "none")
+    workers = execution_of("auto", workers).workers
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise ArgumentError("seed", "an integer from 0", quoted(seed))
+    tolerances = (
+        number_not_below_0("position_tolerance", position_tolerance),
+        number_not_below_0("angle_tolerance", angle_tolerance),
+    )
+    by_frame = any(isinstance(value, Mapping) for value in (R, S, direction))
+    shapes: dict[str, tuple[int, ...]] = {}
+    targets = {
+        name: _read_target(tree, number, name, R, S, direction, axis, by_frame, shapes)
+        for number, name in enumerate(_frame_names(tree, frame, {"R": R, "S": S, "direction": direction}))
+    }
+    names = CoordinateNames(constants.names, noun="joints")
+    near = None if q0 is None else _read_posture("q0", q0, names, shapes, path)
+    box = _read_limits(limits, tree)
+    posture = None
+    if isinstance(prefer, str):
+        check_choice("prefer", prefer, ("middle",))
+    elif prefer is not None:
+        posture = _read_posture("prefer", prefer, names, shapes, False)
+    if base_motion is not None:
+        if not isinstance(base_motion, BodyMotion) or base_motion.S is None:
+            raise ArgumentError("base_motion", "a BodyMotion with R and S", quoted(base_motion))
+        shapes["base_motion"] = base_motion.shape
+    shape = broadcast_shape(shapes)
+    if path and not shape:
+        raise ShapeError("R", "an axis of samples, shape (..., samples, 3)", "one target")
 
-    def __init__(self, solver: Solver, q0: Float64Array | None, seed: int) -> None:
-        self.low, self.high, self.turns, self.moving = solver.low, solver.high, solver.turns, solver.moving
-        self.q0, self.first = q0, None if q0 is None else np.clip(q0, self.low, self.high)
-        self.count = _STARTS + (q0 is not None)
-        bounded = np.isfinite(self.low) & np.isfinite(self.high)
-        middle = np.where(bounded, np.where(bounded, self.low, 0.0) / 2 + np.where(bounded, self.high, 0.0) / 2, 0.0)
-        self.middle = np.clip(middle, self.low, self.high)
-        width = np.where(solver.slides, 2 * solver.reach, _TURN)
-        centre = np.clip(0.0, self.low, self.high)
-        low, high = np.maximum(self.low, centre - width), np.minimum(self.high, centre + width)
-        drawn = np.random.default_rng(seed).uniform(low, high, (_STARTS, len(low)))
-        self.random = np.where(self.moving, np.clip(drawn, self.low, self.high), self.middle)
-
-    def at(self, index: NDArray[np.int64], trial: NDArray[np.int64]) -> Float64Array:
-        """Return the start of each target by the number of the trial."""
-        if self.first is None:
-            return self.random[trial]
-        own = self.first[index]
-        return np.where(self.moving & (trial > 0)[:, None], self.random[trial - 1], own)
-
-    def turned(self, q: Float64Array, index: NDArray[np.int64]) -> Float64Array:
-        """Turn hinges by full turns within their limits, as near to q0 or the middle as they get."""
-        near = self.middle if self.q0 is None else self.q0[index]
-        turns = np.round((near - q) / _TURN)
-        turns = np.clip(turns, np.ceil((self.low - q) / _TURN), np.floor((self.high - q) / _TURN))
-        return np.clip(np.where(self.turns & (turns != 0), q + turns * _TURN, q), self.low, self.high)
-
-    def distance(self, q: Float64Array, index: NDArray[np.int64]) -> Float64Array:
-        """Return the sums of squares of q - q0."""
-        return np.zeros(len(q)) if self.q0 is None else np.square(q - self.q0[index]).sum(axis=1)
-
-
-class _Found:
-    """The best coordinates found so far, for each target."""
-
-    def __init__(self, count: int, dof: int) -> None:
-        self.q = np.full((count, dof), np.nan)
-        self.errors = np.full((2, count), np.nan)
-        self.ok = np.zeros(count, bool)
-        self.score = np.full(count, np.inf)
-        self.steps, self.starts = np.zeros(count, np.int64), np.zeros(count, np.int64)
-
-    def keep(
-        self,
-        at: NDArray[np.int64],
-        solved: NDArray[np.bool_],
-        score: Float64Array,
-        q: Float64Array,
-        errors: Float64Array,
-    ) -> None:
-        """Take ends of starts that are better than those before: solutions first, then the lower score."""
-        better = (solved & ~self.ok[at]) | ((solved == self.ok[at]) & (score < self.score[at]))
-        at = at[better]
-        self.ok[at], self.score[at], self.q[at] = solved[better], score[better], q[better]
-        self.errors[:, at] = errors[:, better]
+    reaches = {name: _reach(tree, target.frame) for name, target in targets.items()}
+    parts = {name: _in_base_axes(target, base_motion, shape) for name, target in targets.items()}
+    solver = _solver(constants, targets, box, reaches, _read_weights(weights, reaches))
+    size = len(constants.names)
+    if isinstance(prefer, str):
+        posture = solver.middle
+    rows = [
+        None if one is None else np.broadcast_to(one, (*shape, size)).reshape(-1, size) for one in (near, posture)
+    ]
+    wish = Wish(np.concatenate([*parts.values()], axis=1), rows[0], rows[1], *tolerances)
+    return Question(solver, wish, shape, by_frame, int(seed), workers)
 
 
-def _path(tree: Tree, frame: Frame) -> tuple[list[int], float]:
-    """Return the bodies that carry the frame, and the stretched length of their chain [m]; 1 if it is 0."""
-    path, reach = [], float(np.linalg.norm(frame.R))
-    body = frame.body
+def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
+    """Check how many solutions are wanted, and which.
+
+    Raises:
+        ArgumentError: no such choice.
+    """
+    check_choice("select", select, ("any", "nearest"))
+    if select == "nearest" and q0 is None:
+        raise ArgumentError("q0", 'coordinates, since select="nearest" needs them', None)
+    if solutions is None:
+        return None
+    is_count = isinstance(solutions, int | np.integer) and not isinstance(solutions, bool)
+    if not is_count or not 1 <= solutions <= MAX_TRIALS:
+        raise ArgumentError("solutions", f"an integer from 1 to {MAX_TRIALS}", quoted(solutions))
+    return int(solutions)
+
+
+def read_max_change(max_change: Any) -> float:
+    """Check a change of coordinates.
+
+    Raises:
+        ArgumentError: it is not a positive number.
+    """
+    number = finite_number("max_change", max_change)
+    if number <= 0:
+        raise ArgumentError("max_change", "a positive number", max_change)
+    return number
+
+
+def _frame_names(tree: Tree, frame: str | None, given: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the frames that have targets."""
+    present = {name: value for name, value in given.items() if value is not None}
+    if not present:
+        raise ArgumentError("R", "positions, or attitudes in S or direction", None)
+    if not any(isinstance(value, Mapping) for value in present.values()):
+        if frame is not None:
+            return (frame,)
+        if len(tree.tips) != 1:
+            expected = f"the name of a link or joint, since the robot has several tips: {', '.join(tree.tips)}"
+            raise ArgumentError("frame", expected, None)
+        return tree.tips
+    if frame is not None:
+        raise ArgumentError("frame", "None, since the targets are given by frame", quoted(frame))
+    for name, value in present.items():
+        if not isinstance(value, Mapping) or not value:
+            raise ArgumentError(name, "a dict by frame, as the other targets", quoted(value))
+    return tuple(dict.fromkeys(name for value in present.values() for name in value))
+
+
+def _read_target(
+    tree: Tree,
+    number: int,
+    name: str,
+    R: Any,
+    S: Any,
+    direction: Any,
+    axis: Any,
+    by_frame: bool,
+    shapes: dict[str, tuple[int, ...]],
+) -> _Target:
+    """Check the targets of one frame, and note the shapes of their samples."""
+    frame = tree.known_frame("frame", name)
+    labels = {one: f"{one}[{name!r}]" if by_frame else one for one in ("R", "S", "direction", "axis")}
+    given = [(one or {}).get(name) if by_frame else one for one in (R, S, direction)]
+    if isinstance(given[0], BodyMotion | FrameState):
+        if given[1] is not None:
+            raise ArgumentError(labels["S"], f"None, since {labels['R']} has attitudes", quoted(given[1]))
+        given[:2] = given[0].R, given[0].S
+    place, attitude, toward = given
+    parts = []
+    if place is not None:
+        parts.append(vectors(labels["R"], place, 3))
+        shapes[labels["R"]] = parts[-1].shape[:-1]
+    if attitude is not None and toward is not None:
+        if by_frame or S is not None:
+            raise ArgumentError(labels["direction"], f"None, since {labels['S']} is given", quoted(toward))
+        attitude = None
+    if attitude is not None:
+        parts.append(vectors(labels["S"], attitude, 3, 3))
+        shapes[labels["S"]] = parts[-1].shape[:-2]
+        check_rotation(labels["S"], parts[-1])
+    if toward is not None:
+        parts.append(_unit_vectors(labels["direction"], vectors(labels["direction"], toward, 3)))
+        shapes[labels["direction"]] = parts[-1].shape[:-1]
+        own = axis.get(name, (0, 0, 1)) if isinstance(axis, Mapping) else axis
+        own = _unit_vectors(labels["axis"], one_constant(labels["axis"], own, 3))
+        frame = Frame(frame.body, frame.R, frame.S @ _axes_about(own))
+    kind = "full" if attitude is not None else "axis" if toward is not None else "none"
+    return _Target(frame, Goal(number, place is not None, kind), tuple(np.asarray(one, np.float64) for one in parts))
+
+
+def _unit_vectors(name: str, values: Any) -> Float64Array:
+    """Return vectors of length 1; those that are not finite stay so."""
+    values = np.asarray(values, np.float64)
+    with np.errstate(all="ignore"):
+        largest = np.abs(values).max(axis=-1, keepdims=True)
+        if (largest == 0).any():
+            raise ArgumentError(name, "vectors that are not zero", "(0, 0, 0)")
+        values = values / largest
+        found: Float64Array = values / row_norms(values)[..., None]
+    return found
+
+
+def _axes_about(z: Float64Array) -> Float64Array:
+    """Return a rotation whose third column is a unit vector."""
+    x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _read_posture(
+    name: str, value: Any, names: CoordinateNames, shapes: dict[str, tuple[int, ...]], path: bool
+) -> Float64Array:
+    """Return finite coordinates (..., dof), with an axis of one sample if there is one for each path."""
+    read, _ = read_coordinates(name, value, names)
+    array = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
+    array = np.asarray(array, np.float64)
+    if not np.isfinite(array).all():
+        raise ArgumentError(name, "finite numbers", "NaN or infinity")
+    array = array[..., None, :] if path else array
+    shapes[name] = array.shape[:-1]
+    return array
+
+
+def _read_limits(limits: Any, tree: Tree) -> Float64Array:
+    """Return the limits of all coordinates, shape (dof, 2)."""
+    own = np.array([joint.position_limits for joint in tree.coordinates], np.float64)
+    if isinstance(limits, bool | np.bool_):
+        return own if limits else np.broadcast_to((-np.inf, np.inf), own.shape)
+    array = real_array("limits", limits).astype(np.float64)
+    if array.shape != own.shape:
+        raise ArgumentError("limits", f"True, False or an array of shape {own.shape}", f"shape {array.shape}")
+    for joint, (low, high) in zip(tree.coordinates, array, strict=True):
+        if not low <= high or low == np.inf or high == -np.inf:
+            raise ArgumentError(f"limits of {joint.name!r}", "a lower and an upper limit", f"{low}, {high}")
+    return array
+
+
+def _read_weights(weights: Any, reaches: Mapping[str, float]) -> list[tuple[float, float]]:
+    """Return for each frame what a metre and a radian count."""
+    found = []
+    for name, reach in reaches.items():
+        pair = weights.get(name) if isinstance(weights, Mapping) else weights
+        label = f"weights[{name!r}]" if isinstance(weights, Mapping) else "weights"
+        values = (1 / reach, 1.0) if pair is None else tuple(one_constant(label, pair, 2).tolist())
+        if min(values) <= 0:
+            raise ArgumentError(label, "positive numbers", quoted(pair))
+        found.append(values)
+    return found
+
+
+def _reach(tree: Tree, frame: Frame) -> float:
+    """Return the stretched length of the chain that carries a frame [m]; 1 if it is 0."""
+    reach, body = float(np.linalg.norm(frame.R)), frame.body
     while body:
         joint = tree.joints[body - 1]
-        path.append(body)
         reach += float(np.linalg.norm(joint.u))
         if joint.kind == "slider" and np.isfinite(joint.position_limits).all():
             reach += float(np.abs(joint.position_limits).max())
         body = joint.parent
-    return path, reach or 1.0
+    return reach or 1.0
 
 
-@functools.lru_cache(maxsize=64)
-def _step_loop(form: Form, request: Request, inputs: tuple[Any, ...], has_attitude: bool, bounded: bool) -> Loop:
-    """Return the Loop of one step: coordinates after it, and errors before it."""
-    n = form.dof
-    shapes = {**dict(inputs), "R_wanted": (3,), "weight": (), "caution": ()}
-    outputs: dict[str, tuple[int, ...]] = {"q_new": (n,), "position_error": ()}
-    if has_attitude:
-        shapes["S_wanted"] = (3, 3)
-        outputs["angle_error"] = ()
-    if bounded:
-        shapes |= {"low": (n,), "high": (n,)}
-    return Loop("inverse_kinematics", functools.partial(_step, form, request), shapes, outputs)
+def _in_base_axes(target: _Target, base: BodyMotion | None, shape: tuple[int, ...]) -> Float64Array:
+    """Return the numbers of a target for all samples, (N, size), in axes of the base and from its reference point."""
+    columns = []
+    for k, part in enumerate(target.parts):
+        is_place = target.goal.position and k == 0
+        rank = 2 if target.goal.attitude == "full" and not is_place else 1
+        rows = np.broadcast_to(part, (*shape, *(3,) * rank)).reshape(-1, *(3,) * rank)
+        if base is not None:
+            R1 = np.broadcast_to(base.R, (*shape, 3)).reshape(-1, 3).astype(np.float64)
+            S1 = np.broadcast_to(base.S, (*shape, 3, 3)).reshape(-1, 3, 3).astype(np.float64)
+            S1 = S1 if rank == 1 else S1[..., None]
+            rows = rows - R1 if is_place else rows
+            # Not by matmul, which may add in another order in another batch.
+            turned = [
+                S1[:, 0, c] * rows[:, 0] + S1[:, 1, c] * rows[:, 1] + S1[:, 2, c] * rows[:, 2] for c in range(3)
+            ]
+            rows = np.stack(turned, axis=1)
+        columns.append(rows.reshape(len(rows), 3**rank))
+    return np.concatenate(columns, axis=1)
 
 
-def _step(form: Form, request: Request, values: dict[str, Any]) -> dict[str, Any]:
-    """Return the coordinates after a step towards a target, and the errors before it."""
-    now = compute_request(form, request, values)
-    n, weight, q = form.dof, values["weight"], values["q"]
-    offset = subtract(values["R_wanted"], now["R"])
-    distance = hypotenuse(hypotenuse(offset[0], offset[1]), offset[2])
-    far = distance * weight
-    # A target at 1e200 m must not overflow.
-    near = where_less(far, _MAX_DISTANCE, far, _MAX_DISTANCE)
-    error = [*scale(offset, weight * where_less(far, _MAX_DISTANCE, 1.0, _MAX_DISTANCE / far))]
-    misfit, size = near * near, near
-    results: dict[str, Any] = {"position_error": distance}
-    rows = [[x * weight for x in now["jacobian"][i * n : (i + 1) * n]] for i in range(3)]
-    if "S_wanted" in values:
-        S, wanted = now["S"], values["S_wanted"]
-        turn = (0.0, 0.0, 0.0)
-        for c in range(3):
-            turn = add(turn, cross((S[c], S[3 + c], S[6 + c]), (wanted[c], wanted[3 + c], wanted[6 + c])))
-        # The sine is exact for small angles; the trace alone would lose half of the digits.
-        sine = square_root(dot(turn, turn)) * 0.5
-        cosine = (sum((S[k] * wanted[k] for k in range(1, 9)), S[0] * wanted[0]) - 1.0) * 0.5
-        results["angle_error"] = angle = arc_tangent(sine, cosine)
-        error += scale(turn, 0.5 * where_less(sine, 1e-9, 1.0, angle / sine))
-        rows += [[*now["jacobian"][i * n : (i + 1) * n]] for i in range(3, 6)]
-        misfit, size = misfit + (1.0 - cosine) * 0.5, size + angle
-    damping = misfit * _DAMPING + size * values["caution"] + _LEAST_DAMPING
-    moving = [k for k in range(n) if any(type(row[k]) is not float or row[k] != 0 for row in rows)]
-    rows = [[row[k] for k in moving] for row in rows]
-    new = [*q]
-    if moving:
-        step = _damped_step(rows, error, damping)
-        if "low" in values:
-            step = _bounded_step(step, rows, error, damping, q, moving, values)
-        for k, change in zip(moving, step, strict=True):
-            new[k] = q[k] + change
-        if "low" in values:
-            for k in moving:
-                x = where_less(new[k], values["low"][k], values["low"][k], new[k])
-                new[k] = where_less(values["high"][k], x, values["high"][k], x)
-    return {"q_new": tuple(new), **results}
-
-
-def _bounded_step(
-    step: list[Any],
-    rows: list[list[Any]],
-    error: list[Any],
-    damping: Any,
-    q: Sequence[Any],
-    moving: list[int],
-    values: dict[str, Any],
-) -> list[Any]:
-    """Return the step in which joints that the given one takes beyond their limits stop there, and the others make up
-    for it.
-    """
-    inside, to_limit, rest = [], [], [*error]
-    for j, k in enumerate(moving):
-        low, high, end = values["low"][k], values["high"][k], q[k] + step[j]
-        inside.append(where_less(end, low, 0.0, where_less(high, end, 0.0, 1.0)))
-        to_limit.append(where_less(end, low, low - q[k], where_less(high, end, high - q[k], 0.0)))
-        rest = [rest[i] - row[j] * to_limit[j] for i, row in enumerate(rows)]
-    second = _damped_step([[x * free for x, free in zip(row, inside, strict=True)] for row in rows], rest, damping)
-    return [x * free + stop for x, free, stop in zip(second, inside, to_limit, strict=True)]
-
-
-def _damped_step(rows: list[list[Any]], error: list[Any], damping: Any) -> list[Any]:
-    """Return J^T (J J^T + damping)^-1 error, shortened to the longest permitted step."""
-    products = []
-    for i, row in enumerate(rows):
-        for j in range(i + 1):
-            entry = sum((x * y for x, y in zip(row[1:], rows[j][1:], strict=True)), row[0] * rows[j][0])
-            products.append(entry + damping if i == j else entry)
-    y, _ = solve_symmetric(tuple(products), tuple(error))
-    step = [
-        sum((row[k] * part for row, part in zip(rows[1:], y[1:], strict=True)), rows[0][k] * y[0])
-        for k in range(len(rows[0]))
-    ]
-    square = sum((d * d for d in step[1:]), step[0] * step[0])
-    factor = where_less(square, _MAX_STEP**2, 1.0, _MAX_STEP / square_root(square))
-    return [d * factor for d in step]
+def _solver(
+    constants: RobotConstants,
+    targets: Mapping[str, _Target],
+    limits: Float64Array,
+    reaches: Mapping[str, float],
+    weights: list[tuple[float, float]],
+) -> Solver:
+    """Return the Solver, which is made at its first use and cached."""
+    frames = tuple(target.frame for target in targets.values())
+    goals = tuple(target.goal for target in targets.values())
+    key = tuple(targets), goals, tuple(weights), limits.tobytes(), tuple(frame.S.tobytes() for frame in frames)
+    solvers: dict[Any, Solver] = constants.cache.setdefault("inverse_kinematics", {})
+    solver = solvers.get(key)
+    if solver is None:
+        found = RobotComputation(constants, ("R", "S"), False, frames, (), None)
+        solver = Solver(
+            found.form, found.request, found.known["constants"], goals, limits, tuple(reaches.values()), weights
+        )
+        if len(solvers) >= _MAX_SOLVERS:
+            solvers.clear()
+        solvers[key] = solver
+    return solver

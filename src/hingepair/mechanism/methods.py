@@ -14,15 +14,17 @@ from hingepair.engine.calls import Call, Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import read_robot_arguments, read_wrenches
 from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
-from hingepair.mechanism.inverse_kinematics import InverseKinematics, Solver
+from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
 from hingepair.mechanism.prepare import checked_given
 from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,
     JointResults,
+    JointWrenches,
     MechanismAccelerations,
     MechanismDerivatives,
     MechanismForces,
@@ -34,23 +36,19 @@ from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import (
     Float64Array,
     FloatArray,
-    broadcast_shape,
     check_choice,
     is_zero,
-    number_not_below_0,
     one_constant,
-    vectors,
 )
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
-from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
+from hingepair.plans.arguments import CoordinateNames, Coordinates
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import input_shapes
-from hingepair.rotations.matrices import check_rotation
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
@@ -62,9 +60,11 @@ _SINGLE_FRAME_OUTPUT_NAMES: Final = ("acceleration_bias",)  # which are computed
 _JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # outputs by axes
 _FRAMED: Final = (*_SINGLE_FRAME_OUTPUT_NAMES, *_JACOBIANS.values())
 _INVERSE_DYNAMICS_OUTPUT_NAMES = ("tau", "force1", "torque1")  # of inverse dynamics
+_JOINT_WRENCHES = ("force", "torque")
 _ACCELERATION_OUTPUT_NAMES = ("qdd", "a1", "alpha1")  # of forward dynamics
 _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME: Final[Mapping[str, type[JointResults]]] = {
     **dict.fromkeys(_INVERSE_DYNAMICS_OUTPUT_NAMES, MechanismForces),
+    **dict.fromkeys(_JOINT_WRENCHES, JointWrenches),
     **dict.fromkeys(_ACCELERATION_OUTPUT_NAMES, MechanismAccelerations),
 }
 """Classes of the results, by the first output; results of motion are a MechanismState."""
@@ -121,6 +121,15 @@ class MechanismMethods(Shown):
         except AttributeError:
             constants = robot_constants(self.tree, self.base == "free")
             object.__setattr__(self, "_cached_constants", constants)
+        return constants
+
+    @property
+    def _whole_constants(self) -> RobotConstants:
+        """The constants in which all matter counts with its own body, for the wrenches of joints."""
+        cache = self._constants.cache
+        if "whole" not in cache:
+            cache["whole"] = robot_constants(self.tree, self.base == "free", whole=True)
+        constants: RobotConstants = cache["whole"]
         return constants
 
     # ---- kinematics
@@ -311,38 +320,59 @@ class MechanismMethods(Shown):
 
     def inverse_kinematics(
         self,
-        R: ArrayLike,
-        S: ArrayLike | None = None,
+        R: Any = None,
+        S: Any = None,
         *,
         frame: str | None = None,
+        direction: Any = None,
+        axis: Any = (0, 0, 1),
         q0: Coordinates | None = None,
-        limits: bool = True,
+        limits: bool | ArrayLike = True,
+        prefer: str | Coordinates | None = None,
+        select: str = "any",
+        solutions: int | None = None,
+        weights: Any = None,
         position_tolerance: float = 1e-9,
         angle_tolerance: float = 1e-9,
-        select: str = "any",
+        base_motion: BodyMotion | None = None,
         seed: int = 0,
+        workers: int = 1,
     ) -> InverseKinematics:
-        """Compute coordinates q at which the frame named `frame` has the position R and the rotation matrix S, for
-        one target or many. Return an InverseKinematics. The base is at rest at the origin.
+        """Compute coordinates q at which frames have wanted poses, for one target or many. Return an
+        InverseKinematics.
 
         A target that cannot be reached gives the closest pose found, with `ok` False; a target that is not finite
-        gives NaN. A target gives the same bits in any batch. Joints that do not move the frame keep q0, or stand in
-        the middle of their limits. Limits of mimic joints are not looked at, only those of the joints they follow.
+        gives NaN. A target gives the same bits in any batch. Joints that do not move the frames stay at `prefer`, at
+        q0, or in the middle of their limits. Limits of mimic joints are not looked at, only those of the joints they
+        follow.
 
         Args:
-            R: wanted positions of the frame's origin [m], shape (..., 3).
+            R: wanted positions of the frame's origin [m], shape (..., 3); a BodyMotion or the state of a frame, whose
+                R and S are taken; or None. Targets of several frames: a dict of these by the frame's name, and so for
+                S and `direction`.
             S: wanted rotation matrices from frame axes to world axes, shape (..., 3, 3). By default, any attitude.
             frame: name of a link, a joint or an added frame. The default is the only link in `robot.tips`; if there
                 are several, `frame` must be given.
+            direction: in place of S, wanted directions of an axis of the frame, shape (..., 3); any length. The turn
+                about it is free.
+            axis: the axis of the frame that has the direction, in frame axes, shape (3,); a dict by frame.
             q0: coordinates of the first start, as for `forward_kinematics`; those beyond a limit are put on it. By
                 default, all starts are random.
-            limits: whether the coordinates stay within `robot.position_limits`.
+            limits: whether the coordinates stay within `robot.position_limits`; or limits, shape (dof, 2).
+            prefer: coordinates that are approached as far as that does not move the frames; or "middle", those in
+                the middle of the limits.
+            select: "any": the first solution found; "nearest": of those from all starts, the one with the least sum
+                of squares of q - q0, which takes some twenty times longer.
+            solutions: number of distinct solutions to return, those nearest to q0 first, or to `prefer`, or to the
+                middle of the limits. The results have an axis for them.
+            weights: what a metre and a radian of the errors count where both cannot vanish, a pair; a dict by frame.
+                By default, the stretched length of the chain counts as much as a radian.
             position_tolerance: greatest distance from R [m] of a solution. Solutions are exact to about 1e-15 times
                 the size of the robot where its Jacobian is regular.
-            angle_tolerance: greatest angle from S [rad] of a solution.
-            select: "any": the first solution found; "nearest": of those from all starts, the one with the least sum
-                of squares of q - q0, which takes ten to forty times longer.
-            seed: seed of the random starts, which are the same for every target.
+            angle_tolerance: greatest angle [rad] of a solution.
+            base_motion: pose of the base, by default at the origin.
+            seed: seed of the random starts.
+            workers: number of threads; -1 for one thread per core.
 
         Raises:
             ArgumentError: an argument cannot be used, `frame` is not given although `robot.tips` has several names,
@@ -357,50 +387,76 @@ class MechanismMethods(Shown):
         >>> found.q.shape, bool(found.ok.all())
         ((100, 6), True)
         """
-        name = self._frame_or_only_tip(frame, None)
-        target_frame = self._named_frame("frame", name)
-        if not len(self._constants.names):
-            raise ArgumentError("robot", "a joint that moves", "none")
-        targets = [np.asarray(vectors("R", R, 3), np.float64)]
-        shapes = {"R": targets[0].shape[:-1]}
-        if S is not None:
-            targets.append(np.asarray(vectors("S", S, 3, 3), np.float64))
-            shapes["S"] = targets[1].shape[:-2]
-            check_rotation("S", targets[1])
-        dof = len(self._constants.names)
-        start: Any = None
-        if q0 is not None:
-            read, shapes["q0"] = read_coordinates("q0", q0, CoordinateNames(self._constants.names, noun="joints"))
-            start = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
-            start = start.astype(np.float64)
-            if not np.isfinite(start).all():
-                raise ArgumentError("q0", "finite numbers", "NaN or infinity")
-        check_choice("select", select, ("any", "nearest"))
-        if select == "nearest" and q0 is None:
-            raise ArgumentError("q0", 'coordinates, since select="nearest" needs them', None)
-        if not isinstance(limits, bool):
-            raise ArgumentError("limits", "True or False", quoted(limits))
-        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
-            raise ArgumentError("seed", "an integer from 0", quoted(seed))
-        tolerances = (
-            number_not_below_0("position_tolerance", position_tolerance),
-            number_not_below_0("angle_tolerance", angle_tolerance),
-        )
-        shape = broadcast_shape(shapes)
-        tails = ((3,), (3, 3))
-        targets = [
-            np.broadcast_to(one, shape + tail).reshape(-1, *tail) for one, tail in zip(targets, tails, strict=False)
-        ]
-        if start is not None:
-            start = np.broadcast_to(start, (*shape, dof)).reshape(-1, dof)
-        key = "inverse_kinematics", name, S is not None, limits
-        solver: Solver | None = self._constants.cache.get(key)
-        if solver is None:
-            values = [joint.position_limits if limits else (-np.inf, np.inf) for joint in self.tree.coordinates]
-            solver = Solver(self.tree, self._constants, target_frame, S is not None, np.array(values, np.float64))
-            self._constants.cache[key] = solver
-        arrays = solver.run(targets, start, tolerances, select == "nearest", int(seed))
-        return InverseKinematics({one: a.reshape(shape + a.shape[1:]) for one, a in arrays.items()}, shape)
+        count = read_solutions(solutions, select, q0)
+        question = read_question(
+            self.tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
+            prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
+            base_motion=base_motion, seed=seed, workers=workers,
+        )  # fmt: skip
+        return question.solve(count, select == "nearest")
+
+    def inverse_kinematics_path(
+        self,
+        R: Any = None,
+        S: Any = None,
+        *,
+        frame: str | None = None,
+        direction: Any = None,
+        axis: Any = (0, 0, 1),
+        q0: Coordinates | None = None,
+        limits: bool | ArrayLike = True,
+        prefer: str | Coordinates | None = None,
+        max_change: float = 0.5,
+        weights: Any = None,
+        position_tolerance: float = 1e-9,
+        angle_tolerance: float = 1e-9,
+        base_motion: BodyMotion | None = None,
+        seed: int = 0,
+        workers: int = 1,
+    ) -> InverseKinematicsPath:
+        """Compute coordinates along paths of targets, each from the sample before. Return an InverseKinematicsPath.
+
+        The last axis of the targets' samples is the path; axes before it are paths of their own. All solutions found
+        of the first target are followed, and of those that last longest the one that moves least is taken. `jumps`
+        marks the samples to which none could be followed. A sample out of reach gives the closest pose next to the
+        one before.
+
+        Args:
+            R: as for `inverse_kinematics`, with an axis of samples: (..., samples, 3).
+            S: rotation matrices.
+            frame: name of the frame.
+            direction: directions, in place of S.
+            axis: the axis that has the direction.
+            q0: coordinates near which the paths start, shape (..., dof) without the axis of samples. By default, they
+                start where they have the fewest jumps.
+            limits: as for `inverse_kinematics`.
+            prefer: coordinates that are approached along the path.
+            max_change: greatest change of a coordinate from sample to sample that is no jump [rad or m].
+            weights: as for `inverse_kinematics`.
+            position_tolerance: greatest distance from R [m] of a solution.
+            angle_tolerance: greatest angle [rad] of a solution.
+            base_motion: pose of the base at the samples.
+            seed: seed of the random starts.
+            workers: number of threads, which share the paths; -1 for one thread per core.
+
+        Raises:
+            ArgumentError: an argument cannot be used.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> angle = np.linspace(0, 2 * np.pi, 200)
+        >>> R = np.stack([0.4 + 0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.3 + 0 * angle], axis=-1)
+        >>> found = robot.inverse_kinematics_path(R, frame="tool0", direction=(0, 0, -1))
+        >>> found.q.shape, bool(found.ok.all()), int(found.jumps.sum())
+        ((200, 6), True, 0)
+        """
+        question = read_question(
+            self.tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
+            prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
+            base_motion=base_motion, seed=seed, workers=workers, path=True,
+        )  # fmt: skip
+        return question.follow(read_max_change(max_change))
 
     def error_bounds(
         self,
@@ -632,6 +688,55 @@ class MechanismMethods(Shown):
         )
         if self._constants.may_be_singular:
             self._warn_where_singular(result, coordinates)
+        return result
+
+    def joint_wrenches(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
+        *,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        wrenches: Wrenches = None,
+        base_motion: BodyMotion | None = None,
+        outputs: Iterable[str] | None = None,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> JointWrenches:
+        """Compute the force and the torque that each joint transmits during a motion: what the carrying body exerts
+        on the joint's body, at the joint's point (T1-T3).
+
+        Args:
+            q: coordinates, as for `forward_kinematics`.
+            qd: first time derivatives of q.
+            qdd: second time derivatives of q.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            wrenches: further loads that act on links, as for `inverse_dynamics`.
+            base_motion: motion of the base, as for `inverse_dynamics`.
+            outputs: names out of force and torque; by default both.
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
+
+        Returns:
+            The JointWrenches `w`, world axes: `w.force` [N] and `w.torque` [N m] of all joints, mimic joints
+            included, shape (..., joints, 3), and `w["panda_joint4"]`, those of one joint. The component of a hinge's
+            torque or a slider's force along the axis is what the motor gives, less what its rotor's inertia takes.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> robot.joint_wrenches(np.zeros(6), np.zeros(6), np.zeros(6))["wrist_3_joint"].force.shape
+        (3,)
+        """
+        names = _checked_outputs(outputs, out, _JOINT_WRENCHES)
+        labelled_loads, frames = self._wrench_inputs(wrenches)
+        computation = self._computation(names, frames, len(frames))
+        coordinates = {"q": q, "qd": qd, "qdd": qdd}
+        result: JointWrenches = self._run(
+            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
+        )
         return result
 
     def inverse_dynamics_derivatives(
@@ -1092,10 +1197,11 @@ class MechanismMethods(Shown):
 
                 - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian",
                   "jacobian_in_frame" (in the axes of the frames), "acceleration_bias" (of one frame),
-                  "inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_forces", "gravity_forces" or
-                  "centroidal_momentum_matrix". The callable then takes these
+                  "inverse_dynamics", "joint_wrenches", "forward_dynamics", "mass_matrix", "bias_forces",
+                  "gravity_forces" or "centroidal_momentum_matrix". The callable then takes these
                   arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
-                  "acceleration" and "inverse_dynamics"; q, qd and tau for "forward_dynamics"; only q for the others.
+                  "acceleration", "inverse_dynamics" and "joint_wrenches"; q, qd and tau for "forward_dynamics";
+                  only q for the others.
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
                   omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
 
@@ -1107,7 +1213,8 @@ class MechanismMethods(Shown):
                 this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,
                 and jacobian, jacobian_in_frame, acceleration_bias, mass_matrix, bias_forces, gravity_forces and
                 centroidal_momentum_matrix. If the tuple holds qdd,
-                they can also be outputs of `inverse_dynamics`; if the tuple holds tau, outputs of `forward_dynamics`.
+                they can also be outputs of `inverse_dynamics` and `joint_wrenches`; if the tuple holds tau, outputs
+                of `forward_dynamics`.
                 The default for a tuple is all outputs of `forward_kinematics` for which the arguments suffice.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for one thread per core.
@@ -1213,13 +1320,13 @@ class MechanismMethods(Shown):
         if isinstance(given, str):
             outputs_by_name: dict[str, tuple[str, ...]] = {
                 "inverse_dynamics": _INVERSE_DYNAMICS_OUTPUT_NAMES,
+                "joint_wrenches": _JOINT_WRENCHES,
                 "forward_dynamics": acceleration_outputs,
             }
             accepted_names = outputs_by_name.get(given, (given,))
         else:
-            forces = (
-                (*_INVERSE_DYNAMICS_OUTPUT_NAMES, *acceleration_outputs) if {"tau", "qdd"} & {*argument_names} else ()
-            )
+            solved = {"tau", "qdd"} & {*argument_names}
+            forces = (*_INVERSE_DYNAMICS_OUTPUT_NAMES, *acceleration_outputs, *_JOINT_WRENCHES) if solved else ()
             accepted_names = tuple(name for name in forces if name not in argument_names)
             if outputs is None and {"tau", "force1", "torque1"} & {*argument_names}:
                 return acceleration_outputs
@@ -1330,14 +1437,18 @@ class MechanismMethods(Shown):
             kind: type[Results] | None = Results
             if outputs[0] in _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME:
                 base_class = _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME[outputs[0]]
-                kind = joint_results_class(base_class, self._constants.names)  # type: ignore[arg-type]
+                of_all = base_class is JointWrenches
+                joints = tuple(joint.name for joint in self.tree.joints) if of_all else self._constants.names
+                kind = joint_results_class(base_class, joints)  # type: ignore[arg-type]
             elif outputs[0] in FRAME_MOTION_OUTPUT_NAMES:
                 kind = mechanism_state_class(names, self.tree.frame_names)
             elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUT_NAMES:
                 kind = None
             bodies = tuple((frames or {}).values())
+            whole = not {*outputs}.isdisjoint(_JOINT_WRENCHES)
+            constants = self._whole_constants if whole else self._constants
             result = RobotComputation(
-                self._constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind
+                constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind
             )
             self._constants.cache[key] = result
         return result

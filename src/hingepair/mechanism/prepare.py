@@ -16,6 +16,7 @@ ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
     "jacobian_in_frame": ("q",),
     "acceleration_bias": ("q", "qd"),
     "inverse_dynamics": ("q", "qd", "qdd"),
+    "joint_wrenches": ("q", "qd", "qdd"),
     "forward_dynamics": ("q", "qd", "tau"),
     "mass_matrix": ("q",),
     "bias_forces": ("q", "qd"),

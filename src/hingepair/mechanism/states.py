@@ -234,6 +234,55 @@ class MechanismForces(JointResults):
     torque1: FloatArray
 
 
+class JointWrench(Results):
+    """Force [N] of the carrying body on the body of one joint, and torque about the joint's point [N m]; world axes,
+    shape (..., 3) each.
+    """
+
+    __slots__ = ("force", "torque")
+
+    force: FloatArray
+    torque: FloatArray
+
+
+class JointWrenches(JointResults):
+    """Forces and torques that all joints of a robot transmit during a motion, world axes. `wrenches["joint"]` is the
+    JointWrench of one joint. Only hingepair calls the constructor.
+
+    Attributes:
+        names: names of the joints, those that follow others included.
+    """
+
+    __slots__ = {
+        "force": "Force of the carrying body on the body of each joint; (..., joints, 3) N.",
+        "torque": "Torque about the joint's point; (..., joints, 3) N m.",
+    }
+
+    force: FloatArray
+    torque: FloatArray
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the JointWrench of a joint, or an output by its name if no joint is called so.
+
+        Raises:
+            ArgumentError: no joint has this name.
+        """
+        arrays = self.arrays()
+        if name in self.names:
+            place = self.names.index(name)
+            return JointWrench({output: array[..., place, :] for output, array in arrays.items()}, self.shape)
+        if name not in arrays:
+            raise ArgumentError("joint", choices(self.names) + nearest(str(name), self.names), quoted(name))
+        return arrays[name]
+
+    def _table(self) -> tuple[FloatArray, None, list[str]]:
+        samples = math.prod(self.shape)
+        arrays = self.arrays()
+        columns = [f"{joint}_{output}_{axis}" for output in arrays for joint in self.names for axis in "xyz"]
+        rows = [np.asarray(array).reshape(samples, -1) for array in arrays.values()]
+        return np.concatenate(rows, axis=1), None, columns
+
+
 class MechanismAccelerations(JointResults):
     """Accelerations of a robot under given torques and forces. qdd are the second time derivatives of q, shape
     (..., dof) [rad/s^2 for hinges, m/s^2 for sliders]. For a free base, a1 is the acceleration of the base's

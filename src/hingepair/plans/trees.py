@@ -730,6 +730,11 @@ def _dof_shape(form: Form, _: Request) -> ArrayShape:
     return (form.dof,)
 
 
+def _joints_shape(form: Form, _: Request) -> ArrayShape:
+    """Return the shape of an output with a vector for each joint, those that follow others included."""
+    return (len(form.parents), 3)
+
+
 def _velocities_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
     """Return a function of (form, request) that returns a shape: the lengths that are given as positional arguments,
     then the number of velocities of the robot.
@@ -789,6 +794,14 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
     "tau": Output(_dof_shape, _INVERSE_DYNAMICS_INPUT_NAMES, Computation.efforts),
     "force1": Output(_fixed_shape(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(0)),
     "torque1": Output(_fixed_shape(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(1)),
+    "force": Output(
+        _joints_shape, _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: _chain_vectors(force for force, _ in c.joint_wrenches)
+    ),
+    "torque": Output(
+        _joints_shape,
+        _INVERSE_DYNAMICS_INPUT_NAMES,
+        lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches),
+    ),
     "mass_matrix": Output(
         lambda form, request: (velocity_count(form, request),) * 2, _POSE_INPUT_NAMES, Computation.mass_matrix
     ),
@@ -874,7 +887,7 @@ def estimated_operations(form: Form, request: Request) -> int:
         total += (
             (500 * joints + by_ancestor + velocity_count(form, request) ** 3 // 3) if form.mimics else 1200 * joints
         )
-    if outputs & {"tau", "force1", "torque1", "bias_forces", "gravity_forces"}:
+    if outputs & {"tau", "force1", "torque1", "force", "torque", "bias_forces", "gravity_forces"}:
         total += 300 * joints
     if outputs - {"qdd", "a1", "alpha1", "pivots", "tau", "force1", "torque1", "mass_matrix", "S1_check"}:
         total += 120 * (joints + len(request.frames))

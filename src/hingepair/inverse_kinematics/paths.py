@@ -1,0 +1,151 @@
+"""Paths: targets in order, each reached from the one before.
+
+All solutions of the first target are followed at once. Where the last of them ends, at a limit or where the robot
+would have to turn over, the path jumps, and all solutions of that target are followed from there. Of the branches,
+the one that lasts longest is taken, so that there are as few jumps as the branches that were found allow.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.inverse_kinematics.search import Found, Solver, Wish
+from hingepair.numeric.arrays import Float64Array
+
+_BRANCHES: Final = 16  # followed at once
+_CHECKS: Final = (4, 2, 4, 10)  # steps to a sample, after each of which branches that are there rest
+_PULLS: Final = (2,)  # steps towards a posture at each sample
+_MAX_NUMBERS: Final = 20_000_000  # of the branches that are remembered
+
+
+class Path(NamedTuple):
+    """P paths of N samples."""
+
+    found: Found  # (P, N, ...)
+    jumps: NDArray[np.bool_]  # (P, N)
+    steps: NDArray[np.int64]  # (P, N)
+
+
+def follow(solver: Solver, wish: Wish, shape: tuple[int, int], max_change: float, seed: int) -> Path:
+    """Follow paths of targets.
+
+    Args:
+        solver: the solver of the robot.
+        wish: what is wanted of all samples, path after path; `near` is where a path starts.
+        shape: number of paths, and of samples of each.
+        max_change: greatest change of a coordinate from one sample to the next that is no jump [rad or m].
+        seed: seed of the starts.
+    """
+    rows = np.arange(shape[0] * shape[1]).reshape(shape)
+    q, steps = np.full((*shape, solver.dof), np.nan), np.zeros(shape, np.int64)
+    size = max(1, _MAX_NUMBERS // (shape[1] * _BRANCHES * solver.dof))
+    for first in range(0, shape[0], size):
+        some = slice(first, first + size)
+        branches = _Branches(solver, wish.at(rows[some].ravel()), rows[some].shape, max_change, seed)
+        q[some], steps[some] = branches.run()
+    flat, found = q.reshape(-1, solver.dof), Found.nothing((rows.size,), solver)
+    finite = np.flatnonzero(np.isfinite(flat).all(axis=1))
+    if len(finite):
+        found.put(finite, solver.measure(flat[finite], wish.at(finite)))
+    jumps = np.zeros(shape, bool)
+    last = q[:, 0]
+    for i in range(1, shape[1]):
+        with np.errstate(invalid="ignore"):
+            jumps[:, i] = (np.abs(q[:, i] - last) > max_change).any(axis=1)
+        last = np.where(np.isnan(q[:, i]), last, q[:, i])
+    return Path(found.reshape(*shape), jumps, steps)
+
+
+class _Branches:
+    """The branches of some paths, up to the sample that they have reached."""
+
+    def __init__(self, solver: Solver, wish: Wish, shape: tuple[int, ...], max_change: float, seed: int) -> None:
+        self.solver, self.wish, self.max_change, self.seed = solver, wish, max_change, seed
+        self.paths, self.samples = shape
+        lanes = self.paths, _BRANCHES
+        self.q = np.full((*lanes, solver.dof), np.nan)
+        self.alive, self.travel = np.zeros(lanes, bool), np.zeros(lanes)
+        self.history = np.full((self.samples, *lanes, solver.dof), np.nan)
+        self.chosen = np.full((self.paths, self.samples, solver.dof), np.nan)
+        self.begin = np.zeros(self.paths, np.int64)  # of the branches that are followed
+        self.steps = np.zeros(shape, np.int64)
+        self.last = np.full((self.paths, solver.dof), np.nan)  # the coordinates before that; NaN without any
+
+    def run(self) -> tuple[Float64Array, NDArray[np.int64]]:
+        """Return the coordinates (P, N, dof), and the counts of steps (P, N)."""
+        for i in range(self.samples):
+            here = np.arange(self.paths) * self.samples + i
+            finite = np.logical_and.reduce(np.isfinite(self.wish.targets[here]), axis=1)
+            lasting = self._follow(i, here, finite)
+            lost = np.flatnonzero(finite & ~lasting)
+            if len(lost):
+                self._take_longest(lost, i)
+                self._begin(lost, i, here[lost])
+            self.history[i] = np.where((self.alive & finite[:, None])[..., None], self.q, np.nan)
+        self._take_longest(np.arange(self.paths), self.samples)
+        return self.chosen, self.steps
+
+    def _follow(self, i: int, here: NDArray[np.int64], finite: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Take all branches to a sample. Return which paths have any that gets there; of these, the others end."""
+        path, branch = np.nonzero(self.alive & finite[:, None])
+        lasting = np.zeros(self.paths, bool)
+        if not len(path):
+            return lasting
+        before, wish = self.q[path, branch], self.wish.at(here[path])
+        ends, taken = self.solver.descend(before, wish, _CHECKS)
+        np.add.at(self.steps[:, i], path, taken)
+        found = self.solver.measure(ends, wish)
+        if wish.posture is not None:
+            pulled = self.solver.pull(found.at(slice(None)), wish, _PULLS)
+            near = (np.abs(pulled.q - before) <= self.max_change).all(axis=1)
+            found.put(near, pulled.at(near))
+        change = np.abs(found.q - before)
+        there = found.ok & (change.max(axis=1) <= self.max_change)
+        lasting[path[there]] = True
+        ending = ~there & lasting[path]
+        self.alive[path[ending], branch[ending]] = False
+        path, branch = path[there], branch[there]
+        self.q[path, branch] = found.q[there]
+        self.travel[path, branch] += np.sqrt(np.square(change[there]).sum(axis=1))
+        return lasting
+
+    def _take_longest(self, paths: NDArray[np.int64], end: int) -> None:
+        """Choose of the branches that have lasted the one that has moved least, for the samples up to `end`."""
+        best = np.where(self.alive[paths], self.travel[paths], np.inf).argmin(axis=1)
+        for p, b in zip(paths, best, strict=True):
+            if self.alive[p, b]:
+                self.chosen[p, self.begin[p] : end] = self.history[self.begin[p] : end, p, b]
+                self.last[p] = self.q[p, b]
+            self.begin[p] = end
+
+    def _begin(self, paths: NDArray[np.int64], i: int, here: NDArray[np.int64]) -> None:
+        """Begin branches at a sample: at solutions near the sample before, or else at all."""
+        last, first = self.last[paths], np.isnan(self.last[paths]).any(axis=1)
+        wish = self.wish.at(here)
+        if wish.near is not None:
+            last = np.where(first[:, None], wish.near, last)
+        elif not first.all():
+            last = np.where(first[:, None], self.solver.middle, last)
+        if wish.near is not None or not first.all():
+            wish = wish._replace(near=last)
+        found, taken, _ = self.solver.several(wish, _BRANCHES, self.seed)
+        self.steps[paths, i] += taken
+        change = np.abs(found.q - last[:, None]).max(axis=2)
+        near = found.ok & (change <= self.max_change)
+        alive = np.where(near.any(axis=1)[:, None] & ~first[:, None], near, found.ok)
+        if self.wish.near is not None:  # a path starts at the solution nearest to q0
+            alive[first, 1:] = False
+        out = ~found.ok[:, 0]
+        alive[out] = False
+        alive[out, 0] = True
+        going = out & ~first
+        if going.any():  # out of reach: the closest pose next to the one before
+            part = wish.at(going)
+            found.q[going, 0] = self.solver.approached(
+                np.clip(last[going], self.solver.low, self.solver.high), part
+            ).q
+        self.q[paths], self.alive[paths] = found.q, alive
+        self.travel[paths] = np.where(first[:, None] | ~alive, 0.0, change)

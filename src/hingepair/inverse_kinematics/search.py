@@ -1,0 +1,365 @@
+"""The search for coordinates that reach targets, many targets at a time.
+
+A trial begins at some coordinates and takes steps until the errors are within the tolerances, or up to a fixed
+number. What happens in a trial depends on nothing but the target and the trial's number, and the trials of a target
+are judged together: so a target gets the same bits in any batch.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.engine.calls import Call
+from hingepair.engine.results import Results
+from hingepair.inverse_kinematics.goals import Goal
+from hingepair.inverse_kinematics.starts import Starts
+from hingepair.inverse_kinematics.steps import Problem, measure_loop, off_axis, step_loop
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.plans.trees import Form, Request
+
+MAX_TRIALS: Final = 64
+_ROUNDS: Final = (0, 1, 2, 4, 8, 16, 32, 64)  # trials after which a target that is solved rests
+_CHECKS: Final = (5, 3, 4, 8)  # steps of a trial, after each of which solved targets rest
+_LANES: Final = 4096  # trials at a time, whose arrays stay in the cache of a core
+_CLOSE_TRIALS: Final = 16  # for the closest pose where no trial led to a solution,
+_CLOSE_STEPS: Final = 60  # of so many steps each,
+_LAST_STEPS: Final = 200  # and so many from the best of them
+_PULLS: Final = (20, 20, 20)  # steps towards a posture
+_LAST_PULLS: Final = 4  # steps without it, which bring the errors back
+_DISTINCT: Final = 1e-3  # rad, or m; solutions that differ by less are one
+_TURN: Final = 2 * np.pi
+
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+
+class Wish(NamedTuple):
+    """What is wanted of N targets."""
+
+    targets: Float64Array  # (N, numbers of a target)
+    near: Float64Array | None  # coordinates of the first trial (N, dof), to which solutions are near
+    posture: Float64Array | None  # (N, dof), taken as far as it leaves the frames where they are
+    position_tolerance: float  # m
+    angle_tolerance: float  # rad
+
+    def at(self, index: Any) -> Wish:
+        """Return the wish of some of the targets."""
+        near, posture = (None if one is None else one[index] for one in (self.near, self.posture))
+        return self._replace(targets=self.targets[index], near=near, posture=posture)
+
+    def options(self, caution: float = 0.0, pull: float = 0.0) -> Float64Array:
+        """Return the `steps.OPTIONS`."""
+        angle = self.angle_tolerance
+        limit = 3.0 if angle >= math.pi else float(off_axis(math.sin(angle), math.cos(angle)))
+        return np.array((caution, *np.nextafter((self.position_tolerance, limit), np.inf), pull))
+
+
+class Found(NamedTuple):
+    """Ends of trials, or what was chosen of them, for N targets or (N, ...)."""
+
+    q: Float64Array  # (N, dof)
+    errors: Float64Array  # (N, goals, 2): distances [m] and angles [rad]
+    ok: Booleans  # (N,)
+
+    @classmethod
+    def nothing(cls, shape: tuple[int, ...], solver: Solver) -> Found:
+        """Return NaN for a shape of targets."""
+        errors = np.full((*shape, len(solver.goals), 2), np.nan)
+        return cls(np.full((*shape, solver.dof), np.nan), errors, np.zeros(shape, bool))
+
+    def at(self, index: Any) -> Found:
+        """Return copies of some of them."""
+        return Found(self.q[index], self.errors[index], self.ok[index])
+
+    def put(self, index: Any, other: Found) -> None:
+        """Replace some of them."""
+        self.q[index], self.errors[index], self.ok[index] = other
+
+    def reshape(self, *shape: int) -> Found:
+        """Return them in another shape."""
+        errors = self.errors.reshape(*shape, *self.errors.shape[-2:])
+        return Found(self.q.reshape(*shape, self.q.shape[-1]), errors, self.ok.reshape(shape))
+
+
+class Solver:
+    """Inverse kinematics of some frames of a robot.
+
+    Args:
+        form: structure of the robot.
+        request: request of the frames.
+        constants: the numbers of the robot and the frames.
+        goals: what the frames are to reach.
+        limits: least and greatest coordinates, shape (dof, 2).
+        reaches: for each goal, the stretched length of the chain that carries its frame [m].
+        weights: for each goal, what a metre and a radian of its errors count where not all can vanish.
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        request: Request,
+        constants: Float64Array,
+        goals: tuple[Goal, ...],
+        limits: Float64Array,
+        reaches: tuple[float, ...],
+        weights: Sequence[tuple[float, float]],
+    ) -> None:
+        self.dof = form.dof
+        self.low, self.high = np.ascontiguousarray(limits.T)
+        self.goals, self._reaches = goals, reaches
+        carrying = {joint for goal in goals for joint in joints_to_base(form, request.frames[goal.frame])}
+        self._moving = np.isin(np.arange(form.dof), [form.columns[joint] for joint in carrying])
+        self._slides = np.zeros(form.dof, bool)
+        self._slides[[column for column, slides in zip(form.columns, form.slides, strict=True) if slides]] = True
+        # A coordinate that also drives a mimic joint is not the same after a turn.
+        self._turns = (np.bincount(form.columns, minlength=form.dof) == 1) & ~self._slides
+        largest = max(max(place * reach, angle) for (place, angle), reach in zip(weights, reaches, strict=True))
+        self._weights = np.array(weights, np.float64) / largest
+        bounded = bool(np.isfinite(limits[self._moving]).any())
+        self._problem = Problem(form, request, goals, bounded, len(constants))
+        self._known = {"constants": constants, "weights": self._weights.ravel(), "low": self.low, "high": self.high}
+        self._measure_call = self._call(measure_loop(self._problem))
+        self._step_call = self._call(step_loop(self._problem, False))
+        finite = np.isfinite(self.low) & np.isfinite(self.high)
+        halves = np.where(finite, self.low, 0.0) / 2 + np.where(finite, self.high, 0.0) / 2
+        self.middle = np.clip(halves, self.low, self.high)
+        self._starts: dict[int, Starts] = {}
+
+    def _call(self, loop: Any) -> Call:
+        shapes = {name: tail for name, tail in loop.inputs if name not in self._known}
+        known = {name: self._known[name] for name, _ in loop.inputs if name in self._known}
+        return Call(loop, shapes, known, Results, backend="compiled", constants_name="robot")
+
+    @lock_free_cached_property
+    def _pull_call(self) -> Call:
+        """Step that also moves towards a posture."""
+        return self._call(step_loop(self._problem, True))
+
+    def starts(self, seed: int) -> Starts:
+        """Return the starts of a seed, within the limits and around their middle."""
+        found = self._starts.get(seed)
+        if found is None:
+            # Half a turn to each side of the middle where a turn changes nothing.
+            width = np.where(self._turns, _TURN / 2, np.where(self._slides, 2 * max(self._reaches), _TURN))
+            low = np.maximum(self.low, self.middle - width)
+            high = np.minimum(self.high, low + 2 * width)
+            low = np.where(self._moving, np.maximum(self.low, high - 2 * width), self.middle)
+            high = np.where(self._moving, high, self.middle)
+            found = Starts(self._measure_call, self.goals, self._reaches, low, high, seed)
+            self._starts = {seed: found}
+        return found
+
+    # ---- one solution of each target
+
+    def first(self, wish: Wish, seed: int) -> tuple[Found, Integers, Integers]:
+        """Return for each target the solution of the first trial that leads to one, or the closest pose found; and
+        the counts of steps and starts.
+        """
+        count = len(wish.targets)
+        found = Found.nothing((count,), self)
+        steps, starts = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        left = np.arange(count)
+        for first, end in itertools.pairwise(_ROUNDS):
+            for at in _pieces(left, max(1, _LANES // (end - first))):
+                ends, taken = self._trials(wish.at(at), range(first, end), seed)
+                best = ends.ok.argmax(axis=1)  # the first of those that are True
+                found.put(at, ends.at((np.arange(len(at)), best)))
+                steps[at] += taken
+                starts[at] = end
+            left = left[~found.ok[left]]
+        for at in _pieces(left, max(1, _LANES // _CLOSE_TRIALS)):
+            ends, taken = self._closest(wish.at(at), seed)
+            found.put(at, ends)
+            steps[at] += taken
+        return found, steps, starts
+
+    # ---- several solutions of each target
+
+    def several(self, wish: Wish, count: int, seed: int) -> tuple[Found, Integers, Integers]:
+        """Return up to `count` solutions of each target, those nearest to `wish.near` first; without one, the closest
+        pose found. What was not found is NaN. Return the counts of steps and starts, too.
+        """
+        size = len(wish.targets)
+        found = Found.nothing((size, count), self)
+        steps = np.zeros(size, np.int64)
+        for at in _pieces(np.arange(size), max(1, _LANES // MAX_TRIALS)):
+            part = wish.at(at)
+            ends, steps[at] = self._trials(part, range(MAX_TRIALS), seed)
+            chosen = self._nearest(ends, self._centre(part), count)
+            missed = ~chosen.ok[:, 0]
+            if missed.any():
+                closest, taken = self._closest(part.at(missed), seed)
+                chosen.put((missed, 0), closest)
+                steps[at[missed]] += taken
+            found.put(at, chosen)
+        return found, steps, np.full(size, MAX_TRIALS)
+
+    def _nearest(self, ends: Found, centre: Float64Array, count: int) -> Found:
+        """Return `count` distinct solutions of each target, the nearest first."""
+        rows = np.arange(len(ends.q))
+        distance = np.where(ends.ok, _sum_of_squares(ends.q - centre[:, None]), np.inf)
+        order = np.argsort(distance, axis=1, kind="stable")
+        chosen = Found.nothing((len(ends.q), count), self)
+        place = np.zeros(len(ends.q), np.int64)
+        for k in range(MAX_TRIALS):
+            one = ends.at((rows, order[:, k]))
+            same = np.abs(chosen.q - one.q[:, None]).max(axis=2) < _DISTINCT
+            new = np.flatnonzero(one.ok & ~np.logical_or.reduce(same, axis=1) & (place < count))
+            if not one.ok.any():
+                break
+            chosen.put((new, place[new]), one.at(new))
+            place[new] += 1
+        return chosen
+
+    # ---- trials
+
+    def _trials(self, wish: Wish, trials: range, seed: int) -> tuple[Found, Integers]:
+        """Return the ends of trials of N targets, (N, trials), and the counts of all their steps."""
+        starts = [self._start(wish, k, seed) for k in trials]
+        shape = len(wish.targets), len(trials)
+        lanes = wish if len(trials) == 1 else wish.at(np.repeat(np.arange(shape[0]), shape[1]))
+        ends, steps = self.descend(np.stack(starts, axis=1).reshape(-1, self.dof), lanes)
+        return self._finish(ends, lanes).reshape(*shape), steps.reshape(shape).sum(axis=1)
+
+    def _start(self, wish: Wish, trial: int, seed: int) -> Float64Array:
+        """Return the start of a trial; joints that do not move the frames stand where they are to stay."""
+        if wish.near is None and wish.posture is None:
+            return self.starts(seed).nearest(wish.targets, trial)
+        own = np.clip(self._centre(wish), self.low, self.high)
+        if wish.near is not None:
+            trial -= 1
+        start = own if trial < 0 else np.where(self._moving, self.starts(seed).nearest(wish.targets, trial), own)
+        if wish.posture is not None:
+            rest = np.clip(wish.posture, self.low, self.high)
+            start = np.where(self._moving, start, rest)
+        return start
+
+    def _centre(self, wish: Wish) -> Float64Array:
+        """Return the coordinates to which solutions are to be near."""
+        if wish.near is not None:
+            return wish.near
+        return np.broadcast_to(self.middle, (len(wish.targets), self.dof)) if wish.posture is None else wish.posture
+
+    def descend(self, q: Float64Array, wish: Wish, checks: Sequence[int] = _CHECKS) -> tuple[Float64Array, Integers]:
+        """Take steps from coordinates until the errors are within the tolerances. Return where the errors were
+        judged last, and the counts of steps.
+        """
+        ends, steps, lanes = np.empty_like(q), np.zeros(len(q), np.int64), np.arange(len(q))
+        targets, options = wish.targets, wish.options()
+        for count in checks:
+            before, q, unmet = self._steps(q, targets, options, count)
+            ends[lanes] = before
+            steps[lanes] += count
+            going = unmet > 0
+            lanes, q, targets = lanes[going], q[going], targets[going]
+            if not len(lanes):
+                break
+        return ends, steps
+
+    def _finish(self, q: Float64Array, wish: Wish) -> Found:
+        """Turn hinges by full turns towards what solutions are to be near, move to the posture, and measure."""
+        return self.pull(self.measure(self._turned(q, self._centre(wish)), wish), wish)
+
+    def _turned(self, q: Float64Array, near: Float64Array) -> Float64Array:
+        """Turn hinges by full turns within their limits, as near to some coordinates as they get."""
+        turns = np.round((near - q) / _TURN)
+        turns = np.clip(turns, np.ceil((self.low - q) / _TURN), np.floor((self.high - q) / _TURN))
+        moved = np.where(self._turns & (turns != 0), q + turns * _TURN, q)
+        turned: Float64Array = np.clip(moved, self.low, self.high)
+        return turned
+
+    def pull(self, found: Found, wish: Wish, counts: Sequence[int] = _PULLS) -> Found:
+        """Move solutions towards the posture as far as that leaves the frames where they are."""
+        if wish.posture is None:
+            return found
+        lanes = np.flatnonzero(found.ok)
+        part, posture = wish.at(lanes), wish.posture[lanes]
+        q = found.q[lanes]
+        for count in counts if len(lanes) else ():
+            for _ in range(count):
+                q = self._pull_call.rows(q, part.targets, part.options(pull=1.0), posture)["q_new"]
+            q, _ = self.descend(q, part, (_LAST_PULLS,))
+            moved = self.measure(q, part)
+            # A step of the posture may lose the solution where that is singular: then what was before stays.
+            nearer = _sum_of_squares(q - posture) < _sum_of_squares(found.q[lanes] - posture)
+            better = moved.ok & nearer
+            found.put(lanes[better], moved.at(better))
+        return found
+
+    # ---- targets out of reach
+
+    def _closest(self, wish: Wish, seed: int) -> tuple[Found, Integers]:
+        """Return the closest poses found of targets that no trial reached, and the counts of steps."""
+        count = len(wish.targets)
+        lanes = wish.at(np.repeat(np.arange(count), _CLOSE_TRIALS))
+        q = np.stack([self._start(wish, k, seed) for k in range(_CLOSE_TRIALS)], axis=1).reshape(-1, self.dof)
+        q = self._approach(q, lanes, _CLOSE_STEPS)
+        best = self._misfit(self.measure(q, lanes).errors).reshape(count, -1).argmin(axis=1)
+        q = q.reshape(count, _CLOSE_TRIALS, self.dof)[np.arange(count), best]
+        return self.approached(q, wish), np.full(count, _CLOSE_TRIALS * _CLOSE_STEPS + _LAST_STEPS)
+
+    def approached(self, q: Float64Array, wish: Wish) -> Found:
+        """Return the closest poses to targets in the neighbourhood of coordinates."""
+        q = self._approach(q, wish, _LAST_STEPS)
+        return self.measure(self._turned(q, self._centre(wish)), wish)
+
+    def _approach(self, q: Float64Array, wish: Wish, count: int) -> Float64Array:
+        """Take cautious steps, which converge where the errors do not vanish."""
+        return self._steps(q, wish.targets, wish.options(caution=1.0), count)[1]
+
+    def _misfit(self, errors: Float64Array) -> Float64Array:
+        """Return the weighted sums of squares of errors (N, goals, 2)."""
+        with np.errstate(over="ignore"):
+            return _sum_of_squares((errors * self._weights).reshape(len(errors), -1))
+
+    # ---- kernels
+
+    def measure(self, q: Float64Array, wish: Wish) -> Found:
+        """Return coordinates with their errors."""
+        errors = self._measure_call.rows(q, wish.targets)["errors"]
+        tolerances = np.array((wish.position_tolerance, wish.angle_tolerance))
+        within = (errors <= tolerances).reshape(len(q), -1).all(axis=1)
+        return Found(q, errors, within)
+
+    def _steps(
+        self, q: Float64Array, targets: Float64Array, options: Float64Array, count: int
+    ) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Take `count` steps. Return the coordinates before and after the last one, and the counts of errors beyond
+        their tolerances before it.
+        """
+        step = self._step_call.rows
+        for _ in range(count):
+            before = q
+            found = step(q, targets, options)
+            q = found["q_new"]
+        return before, q, found["unmet"]
+
+
+def joints_to_base(form: Form, body: int) -> list[int]:
+    """Return the indices of the joints that carry a body, from the body on."""
+    joints = []
+    while body:
+        joints.append(body - 1)
+        body = form.parents[body - 1]
+    return joints
+
+
+def _pieces(index: Integers, size: int) -> Iterator[Integers]:
+    """Yield `size` numbers at a time."""
+    for first in range(0, len(index), size):
+        yield index[first : first + size]
+
+
+def _sum_of_squares(values: Float64Array) -> Float64Array:
+    """Return the sums along the last axis, added in its order for any shape."""
+    total = np.square(values[..., 0])
+    for k in range(1, values.shape[-1]):
+        total = total + np.square(values[..., k])
+    return total

@@ -1,0 +1,87 @@
+"""Where a search begins: random coordinates, and which of them lead near a target.
+
+The coordinates stand in shares. Trial k of a target begins at the coordinates of the k-th share whose pose is nearest
+to the target, as an inner product with all poses of the share finds. Its numbers are small integers, so that it is
+exact in whatever order a library adds: a target has the same starts in any batch.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.engine.calls import Call
+from hingepair.inverse_kinematics.goals import Goal, target_slices
+from hingepair.numeric.arrays import Float64Array
+
+_PER_SHARE: Final = 256
+_MAX_PRODUCTS: Final = 200_000  # at a time; OpenBLAS starts threads beyond 262,144, which cost more than they gain
+_PLACES: Final = 384  # integers from the base to what the robot reaches
+_ATTITUDES: Final = 90  # integers from 0 to an entry 1 of a rotation
+
+
+class Starts:
+    """Random coordinates within limits, in shares, and the poses that they lead to.
+
+    Args:
+        measure: call of `steps.measure_loop`.
+        goals: what the frames are to reach.
+        reaches: for each goal, the stretched length of the chain that carries its frame [m].
+        low: least random coordinates.
+        high: greatest ones.
+        seed: seed of the random numbers.
+    """
+
+    def __init__(
+        self,
+        measure: Call,
+        goals: tuple[Goal, ...],
+        reaches: tuple[float, ...],
+        low: Float64Array,
+        high: Float64Array,
+        seed: int,
+    ) -> None:
+        self._measure, self._goals, self._reaches = measure, goals, reaches
+        self._low, self._high, self._seed = low, high, seed
+        # The sum of products of a target with a pose stays below 2^24, up to which float32 holds integers.
+        self._fine = min(1.0, (10 / len(goals)) ** 0.5)
+        self._shares: dict[int, tuple[Float64Array, NDArray[np.float32]]] = {}
+
+    def nearest(self, targets: Float64Array, share: int) -> Float64Array:
+        """Return the coordinates of one share whose poses are nearest to N targets."""
+        coordinates, poses = self._share(share)
+        count, columns = len(targets), poses.shape[0]
+        rows = max(1, _MAX_PRODUCTS // (columns * _PER_SHARE))
+        padded = np.zeros((-(-count // rows) * rows, columns), np.float32)
+        padded[:count, :-1] = -2 * self._integers(targets)
+        padded[:count, -1] = 1
+        squares = padded.reshape(-1, rows, columns) @ poses  # of the distances, less those of the targets
+        chosen: Float64Array = coordinates[squares.reshape(-1, _PER_SHARE)[:count].argmin(axis=1)]
+        return chosen
+
+    def _share(self, k: int) -> tuple[Float64Array, NDArray[np.float32]]:
+        """Return the coordinates of a share, and the matrix that a row (-2 pose, 1) is multiplied by."""
+        share = self._shares.get(k)
+        if share is None:
+            drawn = np.random.default_rng((self._seed, k)).uniform(
+                self._low, self._high, (_PER_SHARE, len(self._low))
+            )
+            drawn = np.clip(drawn, self._low, self._high)
+            pose = self._measure.rows(drawn, np.zeros(self._measure.argument_shapes["target"]))["pose"]
+            poses = self._integers(pose)
+            share = self._shares[k] = drawn, np.concatenate([poses.T, np.square(poses).sum(axis=1)[None]])
+        return share
+
+    def _integers(self, poses: Any) -> NDArray[np.float32]:
+        """Return positions and rotations as integers; positions beyond the reach are drawn towards the base."""
+        integers = np.empty(poses.shape, np.float32)
+        for (place, attitude), reach in zip(target_slices(self._goals), self._reaches, strict=True):
+            with np.errstate(divide="ignore", under="ignore"):
+                # The limit is 1.3 times the reach.
+                shrink = np.minimum(1.0, 1.3 * reach / np.abs(poses[:, place]).max(axis=1, initial=0.0))
+            places = poses[:, place] * shrink[:, None] * (_PLACES * self._fine / (1.3 * reach))
+            integers[:, place] = np.rint(places)
+            integers[:, attitude] = np.rint(poses[:, attitude] * (_ATTITUDES * self._fine))
+        return integers
