@@ -257,7 +257,7 @@ SHAPES = [
 @pytest.mark.parametrize(("one", "other"), SHAPES, ids=str)
 @pytest.mark.parametrize("workers", [1, 2])
 def test_axes_that_do_not_fill_the_lanes(one, other, workers, monkeypatch):
-    monkeypatch.setattr(slices, "_MIN_OPERATIONS_PER_WORKER", 1)
+    monkeypatch.setattr(slices, "_MIN_WORK", 1)
     rng = np.random.default_rng(6)
     values = {"u": rng.normal(size=(*one, 3)), "angle": rng.normal(size=other), "more": 0.5}
     shape = np.broadcast_shapes(one, other)

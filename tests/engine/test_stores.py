@@ -89,7 +89,7 @@ def test_every_width_at_every_offset(width, dtype, stores):
 @pytest.mark.parametrize("width", [3, 20, 37])
 def test_threads_share_cache_lines(width, stores, monkeypatch):
     """Where the samples of one thread end amid a line, the other thread's begin."""
-    monkeypatch.setattr(slices, "_MIN_OPERATIONS_PER_WORKER", 1)
+    monkeypatch.setattr(slices, "_MIN_WORK", 1)
     for shift in SHIFTS:
         check_doubled(doubled(width, stores), (1003, width), ..., shift, F8, workers=3)
 

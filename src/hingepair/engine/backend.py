@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import threading
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,35 +22,20 @@ if hasattr(os, "register_at_fork"):  # a fork waits for the lock: the child must
         before=compiler_lock.acquire, after_in_parent=compiler_lock.release, after_in_child=compiler_lock.release
     )
 
-# Seconds that an operation takes by NumPy beyond the time that it takes in a kernel, measured on one machine.
-_SECONDS_PER_OPERATION = 4.5e-7  # and call
-_SECONDS_PER_OPERATION_AND_SAMPLE = 7.5e-10
-_MANY_STEPS: Final = 10_000  # of an integration; NumPy takes some 0.5 us longer for each
-_WORTH_A_KERNEL: Final = 2e-3  # s; a kernel on disk is there after a few, one that LLVM makes after some hundredths
-
 
 class Execution(NamedTuple):
-    """What computes a call, and by how many threads.
+    """What computes a call, and by how many threads."""
 
-    Attributes:
-        backend: one of BACKEND_NAMES.
-        workers: number of threads, at least 1.
-    """
-
-    backend: str
-    workers: int
+    backend: str  # one of BACKEND_NAMES
+    workers: int  # threads, at least 1
 
 
 def execution_of(backend: str, workers: int) -> Execution:
-    """Check the arguments `backend` and `workers`, and return them as an `Execution`, in which the number of cores
-    replaces -1 workers.
+    """Check the arguments `backend` and `workers`.
 
     Args:
         backend: one of BACKEND_NAMES.
         workers: number of threads; -1 for all cores.
-
-    Raises:
-        ArgumentError: the backend is unknown, or the number of workers is neither -1 nor positive.
 
     >>> execution_of("numpy", 2)
     Execution(backend='numpy', workers=2)
@@ -66,7 +51,6 @@ def execution_of(backend: str, workers: int) -> Execution:
 
 @functools.lru_cache(maxsize=64)
 def _cached_execution(backend: str, workers: int) -> Execution:
-    """Check the name of the backend, and return the cached `Execution`."""
     check_choice("backend", backend, BACKEND_NAMES)
     return Execution(backend, workers if workers > 0 else _core_count())
 
@@ -74,11 +58,12 @@ def _cached_execution(backend: str, workers: int) -> Execution:
 def execution_of_steps(backend: str, steps: int) -> Execution:
     """Return the execution of steps that are computed in many chunks: the backend "auto" chooses by their number."""
     execution = execution_of(backend, 1)
-    return Execution("compiled", 1) if execution.backend == "auto" and steps >= _MANY_STEPS else execution
+    many = steps >= 10_000  # NumPy takes some 0.5 us longer for each
+    return Execution("compiled", 1) if execution.backend == "auto" and many else execution
 
 
 def _core_count() -> int:
-    """Return the number of cores that this process may use; if that is unknown, of all cores, or 1."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -93,5 +78,6 @@ def kernel_pays(operations: int, samples: int) -> bool:
     >>> kernel_pays(200, 100), kernel_pays(200, 100_000)
     (False, True)
     """
-    seconds = _SECONDS_PER_OPERATION + samples * _SECONDS_PER_OPERATION_AND_SAMPLE
-    return operations * seconds >= _WORTH_A_KERNEL
+    # What an operation takes longer by NumPy, for each call and for each sample [s], measured on one machine.
+    seconds = operations * (4.5e-7 + samples * 7.5e-10)
+    return seconds >= 2e-3  # a kernel on disk is there after a few ms, one that LLVM makes after some hundredths

@@ -33,9 +33,10 @@ from hingepair.engine.binding import (
 )
 from hingepair.engine.llvm_arithmetic import ComponentGroup
 from hingepair.engine.llvm_ir import kernel_ir
+from hingepair.engine.sampled import Sampled, sampled_value
 from hingepair.engine.slices import run_in_threads, run_slices
 from hingepair.engine.trace import (
-    NON_ARITHMETIC_OPERATION_NAMES,
+    FUNCTIONS,
     Trace,
     TracedValue,
     component_name,
@@ -50,7 +51,6 @@ from hingepair.numeric.array_libraries import Library
 from hingepair.numeric.arrays import Block, load, split_into_blocks
 from hingepair.numeric.blocks import components, fill_blocks
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.numeric.sampled import Sampled, sampled_value
 
 if TYPE_CHECKING:
     from hingepair.engine.native import Kernel
@@ -366,7 +366,7 @@ class Program:
         if kept is not None:
             return int(kept)
         operations = [value.operation for value in self.needed_values if value.operation != "input"]
-        count = sum(10 if one in NON_ARITHMETIC_OPERATION_NAMES else 1 for one in operations)
+        count = sum(10 if one in FUNCTIONS else 1 for one in operations)
         if form:
             object_cache.write_object(key, b"%d" % count)
         return count

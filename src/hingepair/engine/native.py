@@ -19,8 +19,7 @@ from hingepair.errors import ArgumentError, CompilationError, MissingDependencyE
 
 
 class Kernel:
-    """A compiled kernel, which owns its machine code: who uses an address must keep a reference to it. The
-    constructor compiles the kernel, and raises an error if that fails.
+    """A compiled kernel, which owns its machine code: who uses an address must keep a reference to it.
 
     Args:
         name: name of the kernel in messages.
@@ -32,7 +31,7 @@ class Kernel:
     Raises:
         ArgumentError: this is a sub-interpreter.
         MissingDependencyError: llvmlite is not installed.
-        CompilationError: LLVM does not compile the code; the error says why.
+        CompilationError: LLVM does not compile the code, or it cannot be loaded.
     """
 
     def __init__(self, name: str, ir: Callable[[], str], float_type: str = "double", form: str = "") -> None:
@@ -56,8 +55,7 @@ def _is_main_interpreter() -> bool:
 
 
 _OBJECT_KIND = "image 2" if images.CAN_LINK else "object 1"
-# Functions of the C library that compiled code calls.
-_C_LIBRARY_FUNCTION_NAMES = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")
+_C_FUNCTIONS = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")  # of the C library, that compiled code calls
 
 
 class _Code(Protocol):
@@ -94,21 +92,10 @@ _unused_engines: list[Any] = []
 def _compile_module(
     name: str, ir: Callable[[], str], form: str = "", shared: Mapping[str, int] | None = None
 ) -> _Code:
-    """Compile an LLVM module, or take its machine code from the disk, and load it.
-
-    LLVM's optimiser is not run: the trace has been folded already.
-
-    Args:
-        name: name of the module in messages.
-        ir: function that returns the module as text.
-        form: text that decides what `ir` returns; empty where the module itself is to be looked for.
-        shared: addresses of functions that the module calls, beside those of C and Python.
-
-    Raises:
-        MissingDependencyError: llvmlite is not installed.
-        CompilationError: LLVM does not compile the module, or the code cannot be loaded.
+    """Return an LLVM module as loaded machine code, compiled or from the disk; see `Kernel`. `shared` are the
+    addresses of functions that it calls, beside those of the C library.
     """
-    with compiler_lock:
+    with compiler_lock:  # LLVM's optimiser is not run: the trace has been folded already
         processor = host_processor()
         text = "" if form else ir()
         key = object_cache.cache_key(_OBJECT_KIND, _llvmlite_build(), *processor, form, text)
@@ -148,7 +135,7 @@ def _target_machine(llvm: Any) -> Any:
 
 
 def _import_address(shared: Mapping[str, int], name: str) -> int:
-    """Return the address of a shared function, or of a function of Python or the C library."""
+    """Return the address of a shared function, or of a function of the C library."""
     if name in shared:
         return shared[name]
     address = ctypes.cast(getattr(_c_library(), name), ctypes.c_void_p).value
@@ -159,21 +146,18 @@ def _import_address(shared: Mapping[str, int], name: str) -> int:
 
 @functools.cache
 def _c_library() -> Any:
-    """Return the C library of this process."""
     return ctypes.CDLL(None) if os.name == "posix" else ctypes.CDLL("ucrtbase")
 
 
 def _shared_functions(float_type: str) -> Mapping[str, int]:
-    """Return the addresses, by symbol, of the functions that kernels share for numbers of type "double" or "float".
-    The first call compiles them.
-    """
+    """Return the addresses, by symbol, of the functions that kernels share, which the first call compiles."""
     with compiler_lock:
         return _loaded_shared_functions(float_type, host_processor())[1]
 
 
 @functools.cache
 def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
-    """Return the shared functions, which are loaded once for each processor, and their addresses by symbol."""
+    """Return the shared functions, which are loaded once for each processor, and their addresses."""
     sources = object_cache.source_digest()
     form = f"shared functions {float_type} {sources}" if sources else ""
     code = _compile_module("shared functions", functools.partial(shared_ir, float_type), form)
@@ -182,8 +166,7 @@ def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tup
 
 @functools.cache
 def load_llvmlite() -> Any:
-    """Return the module `llvmlite.binding`. The first call imports and initialises it, and registers functions of
-    Python and of the C library with LLVM. Raises an error if llvmlite is missing or does not start.
+    """Return the module `llvmlite.binding`, ready to compile.
 
     Raises:
         MissingDependencyError: llvmlite is not installed, or its initialisation fails.
@@ -202,38 +185,30 @@ def load_llvmlite() -> Any:
                 "backend", "an llvmlite that starts", f"{type(error).__name__}: {error}"
             ) from error
         if not images.CAN_LINK:
-            for name in _C_LIBRARY_FUNCTION_NAMES:
+            for name in _C_FUNCTIONS:
                 llvm.add_symbol(name, _import_address({}, name))
         return llvm
 
 
 def _no_llvmlite(error: object) -> MissingDependencyError:
-    """Return the error of an llvmlite that is not installed."""
     return MissingDependencyError("backend", "llvmlite (pip install llvmlite)", str(error))
 
 
 @functools.cache
 def can_fuse() -> bool:
-    """Return whether this machine has an instruction for fused multiply-add (FMA); the answer is cached. Raises an
-    error if llvmlite is missing.
-
-    Raises:
-        MissingDependencyError: llvmlite is not installed.
-    """
+    """Return whether this machine has an instruction for fused multiply-add (FMA)."""
     with compiler_lock:
         return "+fma" in host_processor()[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
 
 
 def host_processor() -> tuple[str, str]:
-    """Return the pair (name, features) by which LLVM describes the processor of this machine."""
+    """Return the name and the features by which LLVM describes the processor of this machine."""
     return _host_processor()
 
 
 @functools.cache
 def _host_processor() -> tuple[str, str]:
-    """Return LLVM's name and features of the processor; they are kept on disk for what Linux tells of the processor,
-    so that llvmlite need not be imported.
-    """
+    """Return them from the disk where they are kept, so that llvmlite need not be imported."""
     told = _linux_processor() if images.CAN_LINK else None
     if told is None:
         return _ask_host_processor(load_llvmlite())
@@ -247,7 +222,6 @@ def _host_processor() -> tuple[str, str]:
 
 
 def _ask_host_processor(llvm: Any) -> tuple[str, str]:
-    """Return LLVM's name and features of the processor."""
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
@@ -269,9 +243,6 @@ _CPUINFO = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags
 def _llvmlite_build() -> str:
     """Return what tells one build of llvmlite from another, without importing it: its version, and the size of the
     library that contains LLVM.
-
-    Raises:
-        MissingDependencyError: llvmlite is not installed.
     """
     try:
         found = importlib.util.find_spec("llvmlite")

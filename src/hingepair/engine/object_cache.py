@@ -21,18 +21,18 @@ from uuid import uuid4
 
 MAX_BYTES: Final = 256 * 2**20
 MAX_FILES: Final = 8192
-"""Size of the folder; past it the files that were not used for the longest time are deleted."""
+"""Limits of the folder, past which the files that were not used for the longest time are deleted."""
 
 TRACED_PACKAGES: Final = ("engine", "equations", "inverse_kinematics", "numeric", "plans", "rotations")
 """Packages whose code writes programs; they import no others."""
 
-_SHARE_AFTER_TRIM: Final = 0.75
+_TRIMMED: Final = 0.75  # of the limits, to which the folder is trimmed
 _MAGIC: Final = b"hingepair object 1\n"
 _DIGEST_BYTES: Final = 32
 _PREFIX, _SUFFIX = "hingepair-", ".object"
 _UNFINISHED: Final = ".part"  # suffix of a file that is being written
-_MAX_WRITE_SECONDS: Final = 3600.0  # an unfinished file that is older was left by a process that was killed
-_USE_SECONDS: Final = 86400.0  # a use is noted at most once a day
+_MAX_WRITE: Final = 3600.0  # an unfinished file that is older was left by a process that was killed
+_MIN_USE: Final = 86400.0  # a use is noted at most once a day
 _OFF: Final = {"off", "0"}
 
 _written_bytes = 0  # by this process since it last looked at the folder
@@ -40,11 +40,11 @@ _looked = False
 
 
 class CacheFile(NamedTuple):
-    """A file of the cache: its path, size [bytes] and time of last use [s]."""
+    """A file of the cache."""
 
     path: str
-    size: int
-    used: float
+    size: int  # bytes
+    used: float  # time of last use [s]
 
 
 def cache_folder() -> Path | None:
@@ -81,8 +81,8 @@ def cache_key(*parts: str) -> str:
 
 @functools.cache
 def source_digest() -> str | None:
-    """Return the digest of the sources that decide what a form of a program computes, so that it need not be traced
-    to be found; None where there are no sources. They are read, since times of files do not tell every edit.
+    """Return the digest of the sources that decide what a form of a program computes; None where there are none. They
+    are read, since times of files do not tell every edit.
     """
     digest, found = hashlib.sha256(), False
     for name in TRACED_PACKAGES:
@@ -119,7 +119,7 @@ def read_object(key: str) -> bytes | None:
     value = content[len(_MAGIC) + _DIGEST_BYTES :]
     if content[: -len(value) or None] != _MAGIC + _digest(key, value):
         return None  # damaged: it is made again, and replaced
-    if time.time() - status.st_mtime > _USE_SECONDS:
+    if time.time() - status.st_mtime > _MIN_USE:
         with contextlib.suppress(OSError):
             os.utime(path)
     return value
@@ -173,10 +173,10 @@ def _trim(folder: Path, written: int) -> None:
     _looked, _written_bytes = True, 0
     files, now = cache_files(folder), time.time()
     size, count = sum(file.size for file in files), len(files)
-    share = _SHARE_AFTER_TRIM if size > MAX_BYTES or count > MAX_FILES else 1.0
+    share = _TRIMMED if size > MAX_BYTES or count > MAX_FILES else 1.0
     for file in files:
         if file.path.endswith(_UNFINISHED):
-            drop = now - file.used > _MAX_WRITE_SECONDS
+            drop = now - file.used > _MAX_WRITE
         else:
             drop = size > share * MAX_BYTES or count > share * MAX_FILES
         if drop and _delete(file.path):
@@ -193,7 +193,6 @@ def _delete(path: str) -> bool:
 
 
 def _path(folder: Path, key: str) -> Path:
-    """Return the path of the file of a key."""
     return folder / f"{_PREFIX}{key}{_SUFFIX}"
 
 

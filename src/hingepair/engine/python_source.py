@@ -15,36 +15,32 @@ from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.numeric.array_libraries import Library, is_foreign
 from hingepair.numeric.blocks import MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE, versine, versines
 
-_MAX_CHARACTERS_PER_LINE_OF_ARGUMENTS_OR_RESULTS = 110  # in generated source
-# Number of characters of an expression beyond which its value gets a name: Python nests 200 parentheses at most.
-_MAX_CHARACTERS_OF_UNNAMED_EXPRESSION = 300
 # Precedence of expressions in Python: a higher number binds more tightly.
-_PRECEDENCE_BY_OPERATOR = {"+": 1, "-": 1, "*": 2, "/": 2}
-_NEGATION_PRECEDENCE, _ATOM_PRECEDENCE = 3, 4
+_PRECEDENCES = {"+": 1, "-": 1, "*": 2, "/": 2}
+_NEGATION, _ATOM = 3, 4
 
 
 def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[Operand]) -> str:
-    """Return the source of a Python function with this name that takes the traced inputs and returns the traced
-    results, each computed from the inputs, as one flat tuple.
+    """Return the source of a Python function of the inputs that returns the results as one flat tuple.
 
-    A value that is used once is written where it is used, unless its expression is long or it has a name. Names may
-    be any text: characters that are not allowed in an identifier are replaced by underscores.
+    A value that is used once is written where it is used, unless its expression is long or it has a name. Characters
+    that identifiers cannot have become underscores.
     """
     lines = needed_values(results)
     uses = Counter(id(one) for value in lines for one in value.operands)
     text: dict[int, tuple[str, int]] = {}
     names = _NameRegistry()
     for value in inputs:
-        text[id(value)] = names.unused(value.name), _ATOM_PRECEDENCE
+        text[id(value)] = names.unused(value.name), _ATOM
     body = []
     for value in lines:
         if value.operation == "input":
             continue
         written = _expression(value, text)
-        if value.name or uses[id(value)] > 1 or len(written[0]) > _MAX_CHARACTERS_OF_UNNAMED_EXPRESSION:
+        if value.name or uses[id(value)] > 1 or len(written[0]) > 300:  # Python nests 200 parentheses
             variable = names.unused(value.name or "t")
             body.append(f"    {variable} = {written[0]}")
-            written = variable, _ATOM_PRECEDENCE
+            written = variable, _ATOM
         text[id(value)] = written
     arguments = _wrapped_list(f"def {identifier(name)}(", [text[id(value)][0] for value in inputs], "):")
     returned = [_operand_text(result, text)[0] for result in results]
@@ -53,17 +49,12 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
 
 
 def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Execute the source of the function with this name, and return the function for Python floats. The function
-    returns a tuple of floats and never raises an arithmetic error.
-
-    Where Python raises an error (the sine of infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
+    """Return the function for Python floats. Where Python raises an error (the sine of infinity, a division by zero),
+    NumPy's numbers give the IEEE 754 result.
     """
-    fast, safe = _compile_function(name, source, _FLOAT_FUNCTION_BY_OPERATION_NAME), compile_for_arrays(name, source)
+    fast, safe = _compile_function(name, source, _FLOAT_FUNCTIONS), compile_for_arrays(name, source)
 
     def floats_function(*numbers: float) -> tuple[Any, ...]:
-        """Return the tuple of results for Python floats, computed with NumPy's numbers if Python raises an arithmetic
-        error.
-        """
         try:
             return fast(*numbers)
         except (ValueError, ZeroDivisionError, OverflowError):
@@ -74,23 +65,17 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
 
 
 def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Execute the source of the function with this name, and return the function for NumPy arrays and numbers. The
-    function returns a tuple of arrays and numbers.
-    """
-    return _compile_function(name, source, _NUMPY_FUNCTION_BY_OPERATION_NAME)
+    """Return the function for NumPy arrays and numbers."""
+    return _compile_function(name, source, _NUMPY_FUNCTIONS)
 
 
 def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
-    """Execute the source of the function with this name, and return the function for numbers and arrays of another
-    array library, which can differentiate the function. The function returns a tuple.
-    """
+    """Return the function for numbers and arrays of another array library, which can differentiate it."""
 
     def library_or_float(numpy_name: str) -> Callable[..., Any]:
-        """Return a function that calls the library's function for arrays of the library and NumPy's function for
-        numbers. The result for numbers is converted to a float.
-        """
-        numbers: Callable[..., Any] = _NUMPY_FUNCTION_BY_OPERATION_NAME[numpy_name]
-        arrays = getattr(library.namespace, _ARRAY_API_FUNCTION_NAME_BY_NUMPY_NAME.get(numpy_name, numpy_name))
+        """Return a function for arrays of the library, and for numbers."""
+        numbers: Callable[..., Any] = _NUMPY_FUNCTIONS[numpy_name]
+        arrays = getattr(library.namespace, numpy_name.replace("arctan2", "atan2"))  # array API's name
 
         def call(*operands: Any) -> Any:
             return arrays(*operands) if any(map(is_foreign, operands)) else float(numbers(*operands))
@@ -103,9 +88,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
         return library.namespace.where(condition, library.array(then), library.array(otherwise))
 
     def versine_of(s: Any, c: Any) -> Any:
-        """Return 1 - cos computed from the sine s and the cosine c, without cancellation and with finite
-        derivatives.
-        """
+        """Return 1 - cos, without cancellation and with finite derivatives."""
         if not is_foreign(c):
             return versine(s, c)
         near = c > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE
@@ -117,9 +100,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
 
 
 def _compile_function(name: str, source: str, functions: dict[str, Any]) -> Callable[..., tuple[Any, ...]]:
-    """Execute the source of a function, and return the function with this name. `functions` are the functions that
-    the source calls, by name.
-    """
+    """Execute the source of a function, which calls `functions` by name, and return it."""
     scope: dict[str, Any] = {"nan": math.nan, "inf": math.inf, **functions}
     exec(compile(source, f"<hingepair: {name}>", "exec"), scope)
     function: Callable[..., tuple[Any, ...]] = scope[identifier(name)]
@@ -127,27 +108,25 @@ def _compile_function(name: str, source: str, functions: dict[str, Any]) -> Call
 
 
 def identifier(name: str) -> str:
-    """Convert a name to a Python identifier that differs from keywords and from functions that generated code calls.
+    """Convert a name to an identifier that differs from keywords and from functions that generated code calls.
 
     >>> identifier("arm-left.c d"), identifier("2nd"), identifier("lambda"), identifier("sin")
     ('arm_left_c_d', '_2nd', '_lambda', '_sin')
     """
     stem = re.sub(r"\W", "_", name, flags=re.ASCII)
-    reserved = stem in _FLOAT_FUNCTION_BY_OPERATION_NAME or stem in {"nan", "inf"}
+    reserved = stem in _FLOAT_FUNCTIONS or stem in {"nan", "inf"}
     return f"_{stem}" if reserved or not stem.isidentifier() or keyword.iskeyword(stem) else stem
 
 
 class _NameRegistry:
-    """A registry of the identifiers that a generated source uses already."""
+    """The identifiers that a generated source uses already."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
         self._uses: Counter[str] = Counter()
 
     def unused(self, name: str) -> str:
-        """Register and return an identifier made from a name, with a number added if the identifier is used
-        already.
-        """
+        """Return an identifier made from a name, with a number where it is used already."""
         stem = identifier(name)
         unused = f"{stem}1" if stem == "t" else stem
         while unused in self._taken:
@@ -157,21 +136,17 @@ class _NameRegistry:
         return unused
 
 
-def _operand_text(operand: Operand, source_by_id: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """Return the pair (Python source, precedence) of a traced value or number. `source_by_id` holds these pairs by
-    the identity of the traced values.
-    """
+def _operand_text(operand: Operand, sources: dict[int, tuple[str, int]]) -> tuple[str, int]:
+    """Return source and precedence of a traced value, by its id, or of a number."""
     if isinstance(operand, TracedValue):
-        return source_by_id[id(operand)]
-    return repr(float(operand)), _ATOM_PRECEDENCE if operand >= 0 else _NEGATION_PRECEDENCE
+        return sources[id(operand)]
+    return repr(float(operand)), _ATOM if operand >= 0 else _NEGATION
 
 
-def _expression(value: TracedValue, source_by_id: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """Return the pair (Python source, precedence) of the operation of a traced value. `source_by_id` holds these
-    pairs by the identity of its operands.
-    """
-    parts = [_operand_text(one, source_by_id) for one in value.operands]
-    precedence = _PRECEDENCE_BY_OPERATOR.get(value.operation)
+def _expression(value: TracedValue, sources: dict[int, tuple[str, int]]) -> tuple[str, int]:
+    """Return source and precedence of the operation of a traced value."""
+    parts = [_operand_text(one, sources) for one in value.operands]
+    precedence = _PRECEDENCES.get(value.operation)
     if precedence is not None:
         (left, left_precedence), (right, right_precedence) = parts
         left = left if left_precedence >= precedence else f"({left})"
@@ -179,29 +154,24 @@ def _expression(value: TracedValue, source_by_id: dict[int, tuple[str, int]]) ->
         return f"{left} {value.operation} {right}", precedence
     if value.operation == "negative":
         inner, precedence = parts[0]
-        return f"-{inner}" if precedence >= _ATOM_PRECEDENCE else f"-({inner})", _NEGATION_PRECEDENCE
+        return f"-{inner}" if precedence >= _ATOM else f"-({inner})", _NEGATION
     if value.operation == "<":
         return f"{_parenthesise(parts[0], 1)} < {_parenthesise(parts[1], 1)}", 0
     # the versine is computed from sine and cosine, which are computed before it
     arguments = parts[1:] if value.operation == "versine" else parts
-    return f"{value.operation}({', '.join(part for part, _ in arguments)})", _ATOM_PRECEDENCE
+    return f"{value.operation}({', '.join(part for part, _ in arguments)})", _ATOM
 
 
 def _parenthesise(part: tuple[str, int], precedence: int) -> str:
-    """Return the source of `part`, a pair (Python source, its precedence), in parentheses if the precedence of the
-    part is below `precedence`.
-    """
     return part[0] if part[1] >= precedence else f"({part[0]})"
 
 
 def _wrapped_list(opening: str, items: Iterable[str], closing: str) -> list[str]:
-    """Return the list of source lines that contain the opening text, the items separated by commas, and the closing
-    text. The lines are wrapped at a maximum length.
-    """
+    """Return lines of the opening text, the items separated by commas, and the closing text."""
     lines, indent = [opening], " " * (len(opening) - len(opening.lstrip()) + 4)
     for i, item in enumerate(items):
         piece = f", {item}" if i else item
-        if len(lines[-1]) + len(piece) > _MAX_CHARACTERS_PER_LINE_OF_ARGUMENTS_OR_RESULTS:
+        if len(lines[-1]) + len(piece) > 110:
             lines[-1] += "," if i else ""
             lines.append(indent + item)
         else:
@@ -210,8 +180,7 @@ def _wrapped_list(opening: str, items: Iterable[str], closing: str) -> list[str]
     return lines
 
 
-# Functions that generated code calls for Python floats, by name.
-_FLOAT_FUNCTION_BY_OPERATION_NAME: dict[str, Any] = {
+_FLOAT_FUNCTIONS: dict[str, Any] = {
     "sin": math.sin,
     "cos": math.cos,
     "versine": versine,
@@ -220,8 +189,7 @@ _FLOAT_FUNCTION_BY_OPERATION_NAME: dict[str, Any] = {
     "hypot": math.hypot,
     "where": lambda condition, then, otherwise: then if condition else otherwise,
 }
-# Functions that generated code calls for NumPy arrays, by name.
-_NUMPY_FUNCTION_BY_OPERATION_NAME: dict[str, Any] = {
+_NUMPY_FUNCTIONS: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,
     "versine": versines,
@@ -230,5 +198,3 @@ _NUMPY_FUNCTION_BY_OPERATION_NAME: dict[str, Any] = {
     "hypot": np.hypot,
     "where": np.where,
 }
-_ARRAY_API_FUNCTION_NAME_BY_NUMPY_NAME = {"arctan2": "atan2"}
-"""Names of functions in the array API standard, where they differ from NumPy's."""

@@ -19,8 +19,6 @@ class Results(DaskCollection, Shown):
 
     `dask.compute` takes results that are Dask arrays as one, and returns them of the same class in memory.
 
-    A derived class lists in its `__slots__` the results that are attributes.
-
     Args:
         arrays: the results by name, each of shape (*shape, ...).
         shape: leading shape of the samples; () for one state.
@@ -35,24 +33,20 @@ class Results(DaskCollection, Shown):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Leading shape of every output, as a tuple of the lengths of the axes of the samples; () for one state."""
+        """Leading shape of every output; () for one state."""
         return self._content[2]
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of the computed outputs, as a tuple."""
+        """Names of the computed outputs."""
         return self._content[0]
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Return a dict whose keys are the names of the computed outputs. Each value is a read-only
-        array, or a NumPy number if the output is a single number.
-        """
+        """Return the outputs by name: read-only arrays, or a NumPy number where the output is a single number."""
         return {name: self._output(name) for name in self._content[0]}
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return a pair: a dictionary of the Dask arrays among the results, and a function that takes the computed
-        arrays by name and returns the results with them.
-        """
+        """Return the Dask arrays among the results, and a function that returns results with the computed ones."""
         arrays = self.arrays()
         lazy = {name: array for name, array in arrays.items() if holds_dask(array)}
         others = {name: None if name in lazy else array for name, array in arrays.items()}
@@ -107,9 +101,7 @@ _set_attribute = object.__setattr__
 
 
 def writable_arrays(results: Results) -> dict[str, FloatArray]:
-    """Make the arrays of results, and the arrays of which they are views, writable, and return them in a dictionary
-    by name, in which numbers have become arrays. Use this function only for results that no user holds.
-    """
+    """Return the arrays of results that no user holds, made writable; numbers become arrays."""
     names, arrays, _ = results._content
     for array in arrays:
         for part in (getattr(array, "base", None), array):
@@ -121,16 +113,12 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
 def _results_of(
     result_class: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replacements: Mapping[str, Any]
 ) -> Results:
-    """Return an instance of `result_class` that holds arrays by name, which have the leading shape `shape` already.
-    An array in `replacements` takes the place of the array with the same name.
-    """
+    """Return results with arrays, some of which are replaced."""
     return result_class({**arrays, **replacements}, shape)
 
 
 def _user_view(array: Any) -> Any:
-    """Return a NumPy array without axes as a number, and any other NumPy array as a read-only view. Other values are
-    returned unchanged.
-    """
+    """Return what users see of an array of NumPy: a number if it has no axes, else a read-only view."""
     if not isinstance(array, np.ndarray):
         return array
     if array.ndim == 0:
@@ -139,8 +127,6 @@ def _user_view(array: Any) -> Any:
 
 
 def missing_attribute_error(value: object, name: str) -> AttributeError:
-    """Return an AttributeError which says that `value` has no attribute called `name`. The message lists the
-    attributes that exist, unless the name begins with an underscore.
-    """
+    """Return an AttributeError which lists the attributes that exist, unless the name begins with an underscore."""
     existing = "" if name.startswith("_") else f"; it has {', '.join(dir(value))}"
     return AttributeError(f"{type(value).__name__} has no {name!r}{existing}", name=name, obj=value)

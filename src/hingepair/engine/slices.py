@@ -18,10 +18,10 @@ from hingepair.numeric.arrays import Block, split_into_blocks
 
 Arrays = Sequence[NDArray[Any]]
 
-_MIN_OPERATIONS_PER_WORKER: Final = 1_000_000  # about 0.1 ms, which starting a thread's work takes
+_MIN_WORK: Final = 1_000_000  # operations of a thread: about 0.1 ms, which starting a thread's work takes
 _MAX_CAST_BYTES: Final = 4_000_000  # that are cast to another dtype at a time
 _SHORT_AXIS: Final = 16  # samples; NumPy calls the inner loop for each run along its innermost axis
-_MIN_SAMPLES_PER_CALL: Final = 512  # so that the call of the ufunc takes little of the time
+_MIN_SAMPLES: Final = 512  # so that the call of the ufunc takes little of the time
 _MAX_COPIED_NUMBERS: Final = 500_000
 
 
@@ -50,7 +50,7 @@ def run_slices(
     input_ranks, output_ranks = ranks[: len(inputs)], ranks[len(inputs) :]
     blocks: list[Block] = [tuple(slice(0, n) for n in shape)]
     short = _short_axes((*inputs, *outputs), ranks, shape) if len(shape) > 1 else []
-    if short and size // math.prod(shape[axis] for axis in short) >= _MIN_SAMPLES_PER_CALL:
+    if short and size // math.prod(shape[axis] for axis in short) >= _MIN_SAMPLES:
         pieces = (
             [slice(k, k + 1) for k in range(n)] if axis in short else [slice(0, n)] for axis, n in enumerate(shape)
         )
@@ -63,7 +63,7 @@ def run_slices(
                 for one, rank in zip(inputs, input_ranks, strict=True)
             ]
     most = size
-    workers = max(1, min(workers, size * operations // _MIN_OPERATIONS_PER_WORKER))
+    workers = max(1, min(workers, size * operations // _MIN_WORK))
     if workers > 1:
         most = -(-size // workers)
     cast = sum(dtype.itemsize * one.size for one in inputs if one.dtype != dtype)
@@ -87,7 +87,6 @@ def run_slices(
 
 
 def _cut(block: Block, most: int) -> Iterator[Block]:
-    """Yield the parts of a block, each of at most so many samples."""
     for part in split_into_blocks(tuple(axis.stop - axis.start for axis in block), most):
         yield tuple(
             slice(axis.start + own.start, axis.start + own.stop) for axis, own in zip(block, part, strict=True)
@@ -95,7 +94,7 @@ def _cut(block: Block, most: int) -> Iterator[Block]:
 
 
 def _part(array: NDArray[Any], rank: int, block: Block) -> NDArray[Any]:
-    """Return the view of the samples that a block selects; axes of length 1 and missing ones broadcast."""
+    """Return the samples of an array that a block selects; axes of length 1 and missing ones broadcast."""
     axes = array.ndim - rank
     own = zip(block[len(block) - axes :], array.shape[:axes], strict=True)
     return array[tuple(piece if n != 1 else slice(None) for piece, n in own)]

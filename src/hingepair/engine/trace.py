@@ -14,27 +14,18 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from hingepair.engine.sampled import Sampled, sampled_value
 from hingepair.numeric import array_libraries
 from hingepair.numeric.bounded import Bounded
-from hingepair.numeric.sampled import Sampled, sampled_value
 
 Operand: TypeAlias = "TracedValue | float"
 
-NON_ARITHMETIC_OPERATION_NAMES: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
+FUNCTIONS: Final = frozenset({"sin", "cos", "versine", "sqrt", "where", "<", "arctan2", "hypot"})
 """Names of the operations of a trace that are not plain arithmetic."""
 
 
 class TracedValue:
-    """A value of a trace: an input, or the result of a recorded operation on earlier values and numbers. Arithmetic
-    with it records further operations.
-
-    Attributes:
-        trace: the trace that records the operations on this value.
-        operation: "input", "+", "-", "*", "/", "negative", or one of NON_ARITHMETIC_OPERATION_NAMES.
-        operands: values and numbers.
-        varies: whether the value differs from sample to sample.
-        name: name in generated code; "" if there is none.
-    """
+    """An input, or the result of a recorded operation. Arithmetic with it records further operations."""
 
     __array_ufunc__ = None  # NumPy's numbers leave sums and products with a traced value to the methods below
     __slots__ = ("name", "operands", "operation", "trace", "varies")
@@ -43,10 +34,10 @@ class TracedValue:
         self, trace: Trace, operation: str, operands: tuple[Operand, ...], varies: bool, name: str = ""
     ) -> None:
         self.trace = trace
-        self.operation = operation
-        self.operands = operands
-        self.varies = varies
-        self.name = name
+        self.operation = operation  # "input", "+", "-", "*", "/", "negative", or one of FUNCTIONS
+        self.operands = operands  # values and numbers
+        self.varies = varies  # from sample to sample
+        self.name = name  # in generated code; "" if there is none
 
     def __add__(self, other: Operand) -> Operand:
         if isinstance(other, TracedValue):
@@ -77,9 +68,7 @@ class TracedValue:
         return self._multiply_number(float(other), (float(other), self))
 
     def _multiply_number(self, number: float, factors: tuple[Operand, Operand]) -> Operand:
-        """Return the product of this value and a known number, which folds if the number is 0, 1 or -1 and is
-        recorded otherwise. `factors` are the two factors in their original order.
-        """
+        """Return the product with a known number, which may fold; `factors` are both in their order."""
         if number == 0:
             return 0.0
         if number == 1:
@@ -101,19 +90,17 @@ class TracedValue:
         return self
 
     def sine(self) -> Operand:
-        """Record the sine of the value [rad], and return the traced result."""
+        """Record the sine [rad]."""
         first = self.operands[0] if self.operation == "negative" else None
         return -first.sine() if isinstance(first, TracedValue) else self.trace.record("sin", self)
 
     def cosine(self) -> Operand:
-        """Record the cosine of the value [rad], and return the traced result."""
+        """Record the cosine [rad]."""
         first = self.operands[0] if self.operation == "negative" else None
         return first.cosine() if isinstance(first, TracedValue) else self.trace.record("cos", self)
 
     def versine(self) -> Operand:
-        """Record the versine, 1 - cos, of the value [rad], and return the traced result, which is accurate for small
-        values too.
-        """
+        """Record the versine 1 - cos [rad], which is accurate for small angles too."""
         first = self.operands[0] if self.operation == "negative" else None
         if isinstance(first, TracedValue):
             return first.versine()
@@ -124,21 +111,18 @@ class TracedValue:
 
 
 class Trace:
-    """A recorder of operations on traced values. An operation that occurs several times is recorded once."""
+    """A recorder of operations on traced values; one that occurs several times is recorded once."""
 
     def __init__(self) -> None:
         self._recorded: dict[tuple[Any, ...], TracedValue] = {}
 
     def input(self, name: str, varies: bool = True) -> TracedValue:
-        """Return a new traced value for an input, with this name in generated code. `varies` says whether the input
-        differs from sample to sample.
-        """
+        """Return a new value for an input, with its name in generated code."""
         return TracedValue(self, "input", (), varies, name)
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
-        """Return the traced value of an operation, given by its name, such as "+" or "sqrt". The further positional
-        arguments are its operands: traced values and numbers. The operation is recorded unless it has been recorded
-        before; sums and products also count as recorded with their operands swapped.
+        """Return the value of an operation on traced values and numbers; the order of a sum or a product does not
+        matter.
         """
         key = (operation, *operands)
         value = self._recorded.get(key)
@@ -151,7 +135,7 @@ class Trace:
 
 
 def needed_values(results: Iterable[Operand]) -> list[TracedValue]:
-    """Return the list of traced values on which the results depend, inputs included, each after its operands."""
+    """Return the traced values on which results depend, inputs included, each after its operands."""
     needed: list[TracedValue] = []
     seen: set[int] = set()
     waiting: list[tuple[Operand, bool]] = [(result, False) for result in reversed(list(results))]
@@ -169,20 +153,17 @@ def needed_values(results: Iterable[Operand]) -> list[TracedValue]:
 
 
 def operation_count(values: Iterable[TracedValue], varying: bool | None = None) -> int:
-    """Return the number of operations among traced values. If `varying` is True, only operations whose values vary
-    from sample to sample are counted; if it is False, only the others; if it is None, all.
+    """Return the number of operations among traced values.
 
     Args:
         values: values of a trace.
-        varying: True counts only operations that vary from sample to sample, False only the others, None all.
+        varying: count only operations that vary from sample to sample (True), only the others (False), or all (None).
     """
     return sum(v.operation != "input" and varying in {None, v.varies} for v in values)
 
 
 def square_root(x: Any) -> Any:
-    """Return the square root of a number or array x. For a traced value, record the operation and return its traced
-    result.
-    """
+    """Return the square root of a number, an array or a traced value."""
     if isinstance(x, TracedValue):
         return x.trace.record("sqrt", x)
     if isinstance(x, Sampled):
@@ -191,32 +172,25 @@ def square_root(x: Any) -> Any:
 
 
 def arc_tangent(y: Any, x: Any) -> Any:
-    """Return the angle [rad] of the vector (x, y) from the x axis, for numbers or arrays. For traced values, record
-    the operation and return its traced result.
-    """
+    """Return the angle [rad] of the vector (x, y) from the x axis, for numbers, arrays or traced values."""
     return _apply_binary("arctan2", np.arctan2, y, x)
 
 
 def hypotenuse(x: Any, y: Any) -> Any:
-    """Return the square root of x^2 + y^2 without intermediate overflow, for numbers or arrays. For traced values,
-    record the operation and return its traced result.
-    """
+    """Return the square root of x^2 + y^2 without overflow on the way, for numbers, arrays or traced values."""
     return _apply_binary("hypot", np.hypot, x, y)
 
 
 def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
-    """Return the value of `function`, a function of NumPy, at a and b. If one of them is a traced value, record the
-    operation with the name `operation` instead and return its traced result.
-    """
+    """Return a function of NumPy at a and b; record the operation where one of them is traced."""
     if isinstance(a, TracedValue):
         return a.trace.record(operation, a, b)
     return b.trace.record(operation, a, b) if isinstance(b, TracedValue) else function(a, b)
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    """Return `then` if a < b; otherwise, or if a or b is NaN, return `otherwise`. For arrays, choose element by
-    element. For traced values, record the choice and return its traced result. If `then` and `otherwise` are tuples,
-    return a tuple, component by component.
+    """Return `then` if a < b, else `otherwise`, also where one is NaN; numbers, arrays or traced values, or tuples of
+    them.
     """
     if isinstance(then, tuple):
         return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))
@@ -232,22 +206,18 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     return np.where(a < b, then, otherwise)
 
 
-# Suffixes of the names of components, by their number.
-_NAME_SUFFIXES_BY_COMPONENT_COUNT: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
+_SUFFIXES: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
 
 
 def component_name(name: str, k: int, count: int) -> str:
-    """Return the name that component k of a result or input with `count` components has in generated code: `name`
-    itself if count is 1, else `name` with a suffix such as _x or _1.
-    """
-    suffixes = _NAME_SUFFIXES_BY_COMPONENT_COUNT.get(count)
+    """Return the name of a component in generated code, such as S_xx or q_1; the name itself of the only one."""
+    suffixes = _SUFFIXES.get(count)
     return name if count == 1 else f"{name}_{suffixes[k] if suffixes else k + 1}"
 
 
 def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
-    """Set in place the names that the traced components of a value, a scalar or a tuple, have in generated code. The
-    names are `labels`, or `name` and a suffix if `labels` is None. Components that have a name already, and negated
-    values, are skipped.
+    """Give traced components the names that they have in generated code, by default those of `component_name`, where
+    they have none yet.
     """
     components = value if isinstance(value, tuple) else (value,)
     for k, component in enumerate(components):
