@@ -17,7 +17,7 @@ from hingepair.numeric.arrays import Float64Array
 
 _BRANCHES: Final = 16  # followed at once
 _CHECKS: Final = (4, 2, 4, 10)  # steps to a sample, after each of which branches that are there rest
-_PULLS: Final = (2,)  # steps towards a posture at each sample
+_PULLS: Final = 1  # round towards a posture at each sample
 _MAX_NUMBERS: Final = 20_000_000  # of the branches that are remembered
 
 
@@ -73,13 +73,19 @@ class _Branches:
         self.begin = np.zeros(self.paths, np.int64)  # of the branches that are followed
         self.steps = np.zeros(shape, np.int64)
         self.last = np.full((self.paths, solver.dof), np.nan)  # the coordinates before that; NaN without any
+        self.finite = np.logical_and.reduce(np.isfinite(wish.targets), axis=1)
+        # One solution of each sample tells which are within reach.
+        self.one = Found.nothing((len(wish.targets),), solver)
+        some = wish.at(self.finite)._replace(near=None, posture=None)
+        found, self.steps.ravel()[self.finite], _ = solver.first(some, seed)
+        self.one.put(self.finite, found)
 
     def run(self) -> tuple[Float64Array, NDArray[np.int64]]:
         """Return the coordinates (P, N, dof), and the counts of steps (P, N)."""
         for i in range(self.samples):
             here = np.arange(self.paths) * self.samples + i
-            finite = np.logical_and.reduce(np.isfinite(self.wish.targets[here]), axis=1)
-            lasting = self._follow(i, here, finite)
+            finite, within_reach = self.finite[here], self.one.ok[here]
+            lasting = self._follow(i, here, within_reach)
             lost = np.flatnonzero(finite & ~lasting)
             if len(lost):
                 self._take_longest(lost, i)
@@ -88,9 +94,11 @@ class _Branches:
         self._take_longest(np.arange(self.paths), self.samples)
         return self.chosen, self.steps
 
-    def _follow(self, i: int, here: NDArray[np.int64], finite: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Take all branches to a sample. Return which paths have any that gets there; of these, the others end."""
-        path, branch = np.nonzero(self.alive & finite[:, None])
+    def _follow(self, i: int, here: NDArray[np.int64], going: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Take all branches to a sample. Return which of the paths that are going have any that gets there; of these,
+        the others end.
+        """
+        path, branch = np.nonzero(self.alive & going[:, None])
         lasting = np.zeros(self.paths, bool)
         if not len(path):
             return lasting
@@ -123,29 +131,28 @@ class _Branches:
 
     def _begin(self, paths: NDArray[np.int64], i: int, here: NDArray[np.int64]) -> None:
         """Begin branches at a sample: at solutions near the sample before, or else at all."""
-        last, first = self.last[paths], np.isnan(self.last[paths]).any(axis=1)
-        wish = self.wish.at(here)
-        if wish.near is not None:
-            last = np.where(first[:, None], wish.near, last)
-        elif not first.all():
-            last = np.where(first[:, None], self.solver.middle, last)
-        if wish.near is not None or not first.all():
-            wish = wish._replace(near=last)
-        found, taken, _ = self.solver.several(wish, _BRANCHES, self.seed)
-        self.steps[paths, i] += taken
+        first = np.isnan(self.last[paths]).any(axis=1)
+        near = self.solver.middle if self.wish.near is None else self.wish.near[here]
+        last = np.where(first[:, None], near, self.last[paths])
+        found = Found.nothing((len(paths), _BRANCHES), self.solver)
+        found.q[:, 0] = self.one.q[here]  # out of reach: the closest pose
+        alive = np.zeros((len(paths), _BRANCHES), bool)
+        alive[:, 0] = True
+        within = self.one.ok[here]
+        if within.any():
+            wish = self.wish.at(here[within])._replace(near=last[within])
+            some, taken, _ = self.solver.several(wish, _BRANCHES, self.seed)
+            self.steps[paths[within], i] += taken
+            found.put(within, some)
+            alive[within] = some.ok
         change = np.abs(found.q - last[:, None]).max(axis=2)
-        near = found.ok & (change <= self.max_change)
-        alive = np.where(near.any(axis=1)[:, None] & ~first[:, None], near, found.ok)
+        close = found.ok & (change <= self.max_change)
+        alive = np.where((close.any(axis=1) & ~first)[:, None], close, alive)
         if self.wish.near is not None:  # a path starts at the solution nearest to q0
             alive[first, 1:] = False
-        out = ~found.ok[:, 0]
-        alive[out] = False
-        alive[out, 0] = True
-        going = out & ~first
-        if going.any():  # out of reach: the closest pose next to the one before
-            part = wish.at(going)
-            found.q[going, 0] = self.solver.approached(
-                np.clip(last[going], self.solver.low, self.solver.high), part
-            ).q
+        astray = ~found.ok[:, 0] & ~first
+        if astray.any():  # the closest pose next to the one before
+            alive[astray] = np.arange(_BRANCHES) == 0
+            found.q[astray, 0] = self.solver.approached(last[astray], self.wish.at(here[astray])).q
         self.q[paths], self.alive[paths] = found.q, alive
         self.travel[paths] = np.where(first[:, None] | ~alive, 0.0, change)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hingepair.engine.calls import Call
 from hingepair.engine.results import Results
 from hingepair.inverse_kinematics.goals import Goal
-from hingepair.inverse_kinematics.starts import Starts
+from hingepair.inverse_kinematics.starts import PER_SHARE, Starts
 from hingepair.inverse_kinematics.steps import Problem, measure_loop, off_axis, step_loop
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
@@ -26,13 +26,15 @@ from hingepair.plans.trees import Form, Request
 
 MAX_TRIALS: Final = 64
 _ROUNDS: Final = (0, 1, 2, 4, 8, 16, 32, 64)  # trials after which a target that is solved rests
+_DIVERSE: Final = 8  # starts of a share of which the nearest is taken where several solutions are wanted
 _CHECKS: Final = (5, 3, 4, 8)  # steps of a trial, after each of which solved targets rest
 _LANES: Final = 4096  # trials at a time, whose arrays stay in the cache of a core
 _CLOSE_TRIALS: Final = 16  # for the closest pose where no trial led to a solution,
 _CLOSE_STEPS: Final = 60  # of so many steps each,
 _LAST_STEPS: Final = 200  # and so many from the best of them
-_PULLS: Final = (20, 20, 20)  # steps towards a posture
-_LAST_PULLS: Final = 4  # steps without it, which bring the errors back
+_PULLS: Final = 40  # rounds towards a posture,
+_PULL_STEPS: Final = 4  # each of so many steps,
+_LAST_PULLS: Final = 3  # and so many without it, which bring the errors back
 _DISTINCT: Final = 1e-3  # rad, or m; solutions that differ by less are one
 _TURN: Final = 2 * np.pi
 
@@ -168,7 +170,7 @@ class Solver:
         left = np.arange(count)
         for first, end in itertools.pairwise(_ROUNDS):
             for at in _pieces(left, max(1, _LANES // (end - first))):
-                ends, taken = self._trials(wish.at(at), range(first, end), seed)
+                ends, taken = self._trials(wish.at(at), range(first, end), PER_SHARE, seed)
                 best = ends.ok.argmax(axis=1)  # the first of those that are True
                 found.put(at, ends.at((np.arange(len(at)), best)))
                 steps[at] += taken
@@ -189,9 +191,9 @@ class Solver:
         size = len(wish.targets)
         found = Found.nothing((size, count), self)
         steps = np.zeros(size, np.int64)
-        for at in _pieces(np.arange(size), max(1, _LANES // MAX_TRIALS)):
+        for at in _pieces(np.arange(size), 4 * _LANES // MAX_TRIALS):
             part = wish.at(at)
-            ends, steps[at] = self._trials(part, range(MAX_TRIALS), seed)
+            ends, steps[at] = self._trials(part, range(MAX_TRIALS), _DIVERSE, seed)
             chosen = self._nearest(ends, self._centre(part), count)
             missed = ~chosen.ok[:, 0]
             if missed.any():
@@ -220,25 +222,25 @@ class Solver:
 
     # ---- trials
 
-    def _trials(self, wish: Wish, trials: range, seed: int) -> tuple[Found, Integers]:
+    def _trials(self, wish: Wish, trials: range, among: int, seed: int) -> tuple[Found, Integers]:
         """Return the ends of trials of N targets, (N, trials), and the counts of all their steps."""
-        starts = [self._start(wish, k, seed) for k in trials]
+        starts = [self._start(wish, k, among, seed) for k in trials]
         shape = len(wish.targets), len(trials)
         lanes = wish if len(trials) == 1 else wish.at(np.repeat(np.arange(shape[0]), shape[1]))
         ends, steps = self.descend(np.stack(starts, axis=1).reshape(-1, self.dof), lanes)
         return self._finish(ends, lanes).reshape(*shape), steps.reshape(shape).sum(axis=1)
 
-    def _start(self, wish: Wish, trial: int, seed: int) -> Float64Array:
+    def _start(self, wish: Wish, trial: int, among: int, seed: int) -> Float64Array:
         """Return the start of a trial; joints that do not move the frames stand where they are to stay."""
+        starts = self.starts(seed)
         if wish.near is None and wish.posture is None:
-            return self.starts(seed).nearest(wish.targets, trial)
+            return starts.nearest(wish.targets, trial, among)
         own = np.clip(self._centre(wish), self.low, self.high)
         if wish.near is not None:
             trial -= 1
-        start = own if trial < 0 else np.where(self._moving, self.starts(seed).nearest(wish.targets, trial), own)
+        start = own if trial < 0 else np.where(self._moving, starts.nearest(wish.targets, trial, among), own)
         if wish.posture is not None:
-            rest = np.clip(wish.posture, self.low, self.high)
-            start = np.where(self._moving, start, rest)
+            start = np.where(self._moving, start, np.clip(wish.posture, self.low, self.high))
         return start
 
     def _centre(self, wish: Wish) -> Float64Array:
@@ -275,22 +277,27 @@ class Solver:
         turned: Float64Array = np.clip(moved, self.low, self.high)
         return turned
 
-    def pull(self, found: Found, wish: Wish, counts: Sequence[int] = _PULLS) -> Found:
+    def pull(self, found: Found, wish: Wish, rounds: int = _PULLS) -> Found:
         """Move solutions towards the posture as far as that leaves the frames where they are."""
-        if wish.posture is None:
-            return found
         lanes = np.flatnonzero(found.ok)
+        if wish.posture is None or not len(lanes):
+            return found
         part, posture = wish.at(lanes), wish.posture[lanes]
-        q = found.q[lanes]
-        for count in counts if len(lanes) else ():
-            for _ in range(count):
-                q = self._pull_call.rows(q, part.targets, part.options(pull=1.0), posture)["q_new"]
-            q, _ = self.descend(q, part, (_LAST_PULLS,))
-            moved = self.measure(q, part)
-            # A step of the posture may lose the solution where that is singular: then what was before stays.
-            nearer = _sum_of_squares(q - posture) < _sum_of_squares(found.q[lanes] - posture)
-            better = moved.ok & nearer
-            found.put(lanes[better], moved.at(better))
+        best = found.at(lanes)
+        distance = _sum_of_squares(best.q - posture)
+        options = np.tile(part.options(pull=1.0), (len(lanes), 1))
+        for _ in range(rounds):
+            q = best.q
+            for _ in range(_PULL_STEPS):
+                q = self._pull_call.rows(q, part.targets, options, posture)["q_new"]
+            moved = self.measure(self.descend(q, part, (_LAST_PULLS,))[0], part)
+            now = _sum_of_squares(moved.q - posture)
+            nearer = moved.ok & (now < distance)
+            best.put(nearer, moved.at(nearer))
+            distance = np.where(nearer, now, distance)
+            # Where the way bends much, only short steps lead nearer.
+            options[:, -1] = np.where(nearer, np.minimum(1.0, 1.5 * options[:, -1]), options[:, -1] / 3)
+        found.put(lanes, best)
         return found
 
     # ---- targets out of reach
@@ -299,7 +306,8 @@ class Solver:
         """Return the closest poses found of targets that no trial reached, and the counts of steps."""
         count = len(wish.targets)
         lanes = wish.at(np.repeat(np.arange(count), _CLOSE_TRIALS))
-        q = np.stack([self._start(wish, k, seed) for k in range(_CLOSE_TRIALS)], axis=1).reshape(-1, self.dof)
+        starts = [self._start(wish, k, PER_SHARE, seed) for k in range(_CLOSE_TRIALS)]
+        q = np.stack(starts, axis=1).reshape(-1, self.dof)
         q = self._approach(q, lanes, _CLOSE_STEPS)
         best = self._misfit(self.measure(q, lanes).errors).reshape(count, -1).argmin(axis=1)
         q = q.reshape(count, _CLOSE_TRIALS, self.dof)[np.arange(count), best]
@@ -323,9 +331,9 @@ class Solver:
 
     def measure(self, q: Float64Array, wish: Wish) -> Found:
         """Return coordinates with their errors."""
-        errors = self._measure_call.rows(q, wish.targets)["errors"]
+        errors = np.array(self._measure_call.rows(q, wish.targets)["errors"])
         tolerances = np.array((wish.position_tolerance, wish.angle_tolerance))
-        within = (errors <= tolerances).reshape(len(q), -1).all(axis=1)
+        within = np.logical_and.reduce((errors <= tolerances).reshape(len(q), -1), axis=1)
         return Found(q, errors, within)
 
     def _steps(
@@ -335,6 +343,7 @@ class Solver:
         their tolerances before it.
         """
         step = self._step_call.rows
+        options = np.broadcast_to(options, (len(q), len(options)))
         for _ in range(count):
             before = q
             found = step(q, targets, options)

@@ -16,7 +16,7 @@ from hingepair.engine.calls import Call
 from hingepair.inverse_kinematics.goals import Goal, target_slices
 from hingepair.numeric.arrays import Float64Array
 
-_PER_SHARE: Final = 256
+PER_SHARE: Final = 256
 _MAX_PRODUCTS: Final = 200_000  # at a time; OpenBLAS starts threads beyond 262,144, which cost more than they gain
 _PLACES: Final = 384  # integers from the base to what the robot reaches
 _ATTITUDES: Final = 90  # integers from 0 to an entry 1 of a rotation
@@ -49,29 +49,27 @@ class Starts:
         self._fine = min(1.0, (10 / len(goals)) ** 0.5)
         self._shares: dict[int, tuple[Float64Array, NDArray[np.float32]]] = {}
 
-    def nearest(self, targets: Float64Array, share: int) -> Float64Array:
-        """Return the coordinates of one share whose poses are nearest to N targets."""
-        coordinates, poses = self._share(share)
+    def nearest(self, targets: Float64Array, share: int, among: int) -> Float64Array:
+        """Return the coordinates whose poses are nearest to N targets, out of the first `among` of one share."""
+        coordinates, poses = (part[..., :among] for part in self._share(share))
         count, columns = len(targets), poses.shape[0]
-        rows = max(1, _MAX_PRODUCTS // (columns * _PER_SHARE))
+        rows = max(1, _MAX_PRODUCTS // poses.size)
         padded = np.zeros((-(-count // rows) * rows, columns), np.float32)
         padded[:count, :-1] = -2 * self._integers(targets)
         padded[:count, -1] = 1
         squares = padded.reshape(-1, rows, columns) @ poses  # of the distances, less those of the targets
-        chosen: Float64Array = coordinates[squares.reshape(-1, _PER_SHARE)[:count].argmin(axis=1)]
-        return chosen
+        chosen = squares.reshape(len(padded), -1)[:count].argmin(axis=1)
+        return np.ascontiguousarray(coordinates[:, chosen].T)
 
     def _share(self, k: int) -> tuple[Float64Array, NDArray[np.float32]]:
-        """Return the coordinates of a share, and the matrix that a row (-2 pose, 1) is multiplied by."""
+        """Return the coordinates of a share as columns, and the matrix that rows (-2 pose, 1) are multiplied by."""
         share = self._shares.get(k)
         if share is None:
-            drawn = np.random.default_rng((self._seed, k)).uniform(
-                self._low, self._high, (_PER_SHARE, len(self._low))
-            )
+            drawn = np.random.default_rng((self._seed, k)).uniform(self._low, self._high, (PER_SHARE, len(self._low)))
             drawn = np.clip(drawn, self._low, self._high)
             pose = self._measure.rows(drawn, np.zeros(self._measure.argument_shapes["target"]))["pose"]
             poses = self._integers(pose)
-            share = self._shares[k] = drawn, np.concatenate([poses.T, np.square(poses).sum(axis=1)[None]])
+            share = self._shares[k] = drawn.T, np.concatenate([poses.T, np.square(poses).sum(axis=1)[None]])
         return share
 
     def _integers(self, poses: Any) -> NDArray[np.float32]:
