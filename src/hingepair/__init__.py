@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.mechanism.mechanism import Mechanism
+    from hingepair.mechanism.rollout import Feedback, Rollout
     from hingepair.mechanism.slider import Slider
     from hingepair.mechanism.states import (
         JointWrenches,
@@ -103,6 +104,7 @@ __all__ = [
     "DtypeError",
     "DynamicsWarning",
     "EncoderFit",
+    "Feedback",
     "FitError",
     "GimbalLockError",
     "HingeFit",
@@ -125,6 +127,7 @@ __all__ = [
     "PlanarPair",
     "PlanarState",
     "PlanarTrajectory",
+    "Rollout",
     "RotationError",
     "SceneError",
     "ShapeError",
@@ -196,6 +199,7 @@ _LAZY_MODULE_BY_NAME = {
         "numeric.instants": "MeasurementWarning",
         "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
         "mechanism.mechanism": "Mechanism",
+        "mechanism.rollout": "Feedback Rollout",
         "mechanism.slider": "Slider",
         "mechanism.states": "JointWrenches MechanismAccelerations MechanismDerivatives MechanismForces "
         "MechanismState",

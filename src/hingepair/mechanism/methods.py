@@ -21,6 +21,7 @@ from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
 from hingepair.mechanism.prepare import checked_given
+from hingepair.mechanism.rollout import Feedback, Rollout, rolled_out
 from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,
     JointResults,
@@ -898,6 +899,78 @@ class MechanismMethods(Shown):
             raise error.renamed("out") from None
         rate: FloatArray = writable_arrays(found)[f"rate_{output}"]
         return rate
+
+    def rollout(
+        self,
+        q0: Coordinates,
+        qd0: Coordinates,
+        tau: ArrayLike | Feedback,
+        dt: float,
+        *,
+        method: str = "semi_implicit",
+        steps: int | None = None,
+        every: int = 1,
+        effort_limits: bool | ArrayLike = False,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        wrenches: Wrenches = None,
+        base_motion: BodyMotion | None = None,
+        out: Out = None,
+        workers: int = 1,
+    ) -> Rollout:
+        """Step motions of the robot in time: forward dynamics (T5, T6) and a step of constant length, one compiled
+        program for many motions.
+
+        What acts may change from step to step: such an argument has an axis of steps in front of those of one sample,
+        and is held over each step. An argument of one sample holds for all steps.
+
+        Args:
+            q0: coordinates at the start, in one of the forms of q; shape (..., dof).
+            qd0: their time derivatives, in the same forms.
+            tau: torques of hinges [N m] and forces of sliders [N]: a number, or shape (dof,) or (..., steps, dof); or
+                a `Feedback`, which "rk4" evaluates in every stage.
+            dt: length of a step [s].
+            method: "semi_implicit" (Euler, of order 1, keeps the energy of an oscillation bounded) or "rk4" (the
+                classical method of order 4, four times as long).
+            steps: number of steps; needed where no argument has an axis of steps.
+            every: record every so many steps.
+            effort_limits: True clips the efforts to `robot.effort_limits`; or largest efforts in the forms of tau.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            wrenches: further loads on links, as for `inverse_dynamics`; shape (3,) or (..., steps, 3) each.
+            base_motion: the start of a free base; its R, S, v and omega are used. Of any other base the motion as
+                given, S, omega, a and alpha: one sample; or shape (..., steps), held over each step; or for "rk4"
+                (..., 2 steps + 1), at starts, middles and ends of steps. By default at rest at the origin.
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+
+        Returns:
+            The Rollout `r`: `r.q` and `r.qd`, shape (..., steps // every + 1, dof), the start first. With a free base
+            also R1, S1, v1 and omega1, and `r.base_motion` for other methods, as in
+            `robot.energy(r.q, r.qd, base_motion=r.base_motion)`. The attitude is turned by the exponential of
+            omega1. Where the mass matrix is singular, motions become NaN, and a DynamicsWarning says so.
+
+        Raises:
+            ArgumentError: an argument cannot be used, or the robot has too many joints.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> tau = np.zeros((100, 50, 6))  # 100 motions, 50 steps
+        >>> robot.rollout(np.zeros(6), np.zeros(6), tau, 1e-3).q.shape
+        (100, 51, 6)
+        """
+        limit: Any = None if effort_limits is False else effort_limits
+        if effort_limits is True:
+            limit = np.array([joint.effort_limit for joint in self.tree.coordinates])
+        labelled_loads, frames = self._wrench_inputs(wrenches)
+        self._warn_of_masses()
+        result = rolled_out(
+            self._computation(("qdd",), frames, len(frames)), q0, qd0, tau, dt, method=method, steps=steps,
+            every=every, limit=limit, gravity=_checked_gravity(gravity), labelled_loads=labelled_loads,
+            base_motion=base_motion, out=out, execution=execution_of("auto", workers),
+        )  # fmt: skip
+        if self._constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
+            self.forward_dynamics(q0, qd0, np.zeros(len(self._constants.names)))  # which warns
+        return result
 
     def mass_matrix(
         self,

@@ -1,0 +1,227 @@
+"""Motions in time: against loops of Pinocchio's aba and of forward dynamics, and by energy and momentum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from support.trees import Robot, base_motion, random_model, record_of
+
+STEPS, H = 12, 2e-3
+MODEL = random_model(1, 4)
+ROBOT = Robot(record_of(MODEL))
+DOF = ROBOT.dof
+
+
+def samples(*shape, seed=5):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (2, *shape, DOF)), 3 * rng.uniform(-1, 1, (*shape, STEPS, DOF))
+
+
+def aba_loop(q, v, efforts, method):
+    """The motion by Pinocchio; efforts(k, q, v) in the step k."""
+    data = MODEL.createData()
+
+    def rates(k, q, v):
+        return pin.aba(MODEL, data, q, v, efforts(k, q, v)).copy()
+
+    path = [(q, v)]
+    for k in range(STEPS):
+        if method == "semi_implicit":
+            v = v + H * rates(k, q, v)
+            q = q + H * v
+        else:
+            v1, a1 = v, rates(k, q, v)
+            v2, a2 = v + H / 2 * a1, rates(k, q + H / 2 * v1, v + H / 2 * a1)
+            v3, a3 = v + H / 2 * a2, rates(k, q + H / 2 * v2, v + H / 2 * a2)
+            v4, a4 = v + H * a3, rates(k, q + H * v3, v + H * a3)
+            q, v = q + H / 6 * (v1 + 2 * v2 + 2 * v3 + v4), v + H / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        path.append((q, v))
+    return tuple(np.stack(part) for part in zip(*path, strict=True))
+
+
+def close(found, expected, near=1e-11):
+    np.testing.assert_allclose(found, expected, rtol=0, atol=near * max(1.0, np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
+def test_motions_are_those_of_a_loop_of_aba(method):
+    (q0, qd0), tau = samples(2, 3)
+    found = ROBOT.rollout(q0, qd0, tau, H, method=method)
+    assert found.q.shape == (2, 3, STEPS + 1, DOF)
+    q, qd = aba_loop(q0[1, 2], qd0[1, 2], lambda k, *_: tau[1, 2, k], method)
+    close(found.q[1, 2], q)
+    close(found.qd[1, 2], qd)
+
+
+@pytest.mark.parametrize("gains", ["number", "diagonal", "full"])
+@pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
+def test_feedback_is_evaluated_in_every_stage(method, gains):
+    (q0, qd0), wanted = samples(2)
+    rng = np.random.default_rng(6)
+    K, D = {
+        "number": (20.0, 0.5),
+        "diagonal": (rng.uniform(1, 20, DOF), 0.5),
+        "full": (rng.normal(size=(DOF, DOF)), rng.uniform(0, 1, DOF)),
+    }[gains]
+    ahead = rng.normal(size=DOF)
+    most = np.full(DOF, 8.0)
+    controller = hp.Feedback(K, D, wanted, 0.1, ahead)
+    found = ROBOT.rollout(q0, qd0, controller, H, method=method, effort_limits=most)
+    full = [gain if np.ndim(gain) == 2 else np.diag(np.broadcast_to(gain, DOF)) for gain in (K, D)]
+
+    def efforts(k, q, v):
+        return np.clip(ahead + full[0] @ (wanted[1, k] - q) + full[1] @ (0.1 - v), -most, most)
+
+    q, qd = aba_loop(q0[1], qd0[1], efforts, method)
+    close(found.q[1], q)
+    close(found.qd[1], qd)
+
+
+def test_forms_of_a_call_are_the_same_motions():
+    (q0, qd0), tau = samples(5)
+    whole = ROBOT.rollout(q0, qd0, tau, H)
+    some = ROBOT.rollout(q0, qd0, tau, H, every=5)
+    np.testing.assert_array_equal(some.q, whole.q[:, [0, 5, 10]])
+    out = {"q": np.empty((5, STEPS + 1, DOF)), "qd": np.empty((STEPS + 1, 5, DOF)).swapaxes(0, 1)}
+    written = ROBOT.rollout(q0, qd0, tau, H, out=out, workers=2)
+    for name, array in whole.arrays().items():
+        close(out[name], array, 1e-13)
+        assert np.shares_memory(written[name], out[name])
+    one = ROBOT.rollout(dict(zip(ROBOT.names, q0[1], strict=True)), tuple(qd0[1]), tau[1], H)
+    close(one.q, whole.q[1], 1e-13)
+    held = ROBOT.rollout(q0[0], qd0, tau[0, 0], H, steps=3)
+    close(held.q[2], ROBOT.rollout(q0[0], qd0[2], tau[0, :1], H, steps=3).q, 1e-13)
+    assert ROBOT.rollout(q0[:0], qd0[:0], 0, H, steps=3).q.shape == (0, 4, DOF)
+    assert ROBOT.rollout(q0, qd0, 0, H, steps=0).q.shape == (5, 1, DOF)
+
+
+def loop_of_states(robot, base, q, qd, tau, method, wrenches=None):
+    """A free base beside the coordinates, by forward_dynamics and rotation_exp."""
+
+    def rates(S, omega, q, qd, k):
+        motion = hp.BodyMotion(R=(0, 0, 0), S=S, omega=omega)
+        given = {link: (force[k], 0) for link, force in (wrenches or {}).items()}
+        found = robot.forward_dynamics(q, qd, tau[k], base_motion=motion, wrenches=given)
+        return np.concatenate([found.a1, found.alpha1, found.qdd])
+
+    R, S, v, w = base.R, base.S, base.v, base.omega
+    path = []
+    for k in range(STEPS):
+        path.append((R, S, v, w, q, qd))
+        if method == "semi_implicit":
+            a = rates(S, w, q, qd, k)
+            v, w, qd = v + H * a[:3], w + H * a[3:6], qd + H * a[6:]
+            R, S, q = R + H * v, hp.rotation_exp(H * w) @ S, q + H * qd
+            continue
+        turn, now, slopes = np.zeros(3), (v, w, q, qd), []
+        for ahead in (0.5, 0.5, 1.0, 0.0):
+            vs, ws, qs, qds = now
+            a = rates(hp.rotation_exp(turn) @ S, ws, qs, qds, k)
+            across = np.cross(turn, ws)
+            slope = (vs, ws - across / 2 + np.cross(turn, across) / 12, a[:3], a[3:6], qds, a[6:])
+            slopes.append(slope)
+            turn = ahead * H * slope[1]
+            now = (
+                v + ahead * H * a[:3], w + ahead * H * a[3:6], q + ahead * H * qds, qd + ahead * H * a[6:],
+            )  # fmt: skip
+        mean = [sum(c * s for c, s in zip((1, 2, 2, 1), part, strict=True)) / 6 for part in zip(*slopes, strict=True)]
+        R, v, w = R + H * mean[0], v + H * mean[2], w + H * mean[3]
+        S, q, qd = hp.rotation_exp(H * mean[1]) @ S, q + H * mean[4], qd + H * mean[5]
+    path.append((R, S, v, w, q, qd))
+    return [np.stack(part) for part in zip(*path, strict=True)]
+
+
+@pytest.mark.parametrize("method", ["semi_implicit", pytest.param("rk4", marks=pytest.mark.slow(2))])
+def test_a_free_base_moves_on_the_group(method):
+    robot = Robot(record_of(MODEL), "free")
+    (q0, qd0), tau = samples(2)
+    base = base_motion(np.random.default_rng(8), (2,))
+    link = robot.tree.tips[0]
+    push = np.random.default_rng(9).normal(size=(STEPS, 3))
+    found = robot.rollout(q0, qd0, tau, H, method=method, base_motion=base, wrenches={link: (push, 0)})
+    one = hp.BodyMotion(**{x: getattr(base, x)[1] for x in ("R", "S", "v", "omega")})
+    expected = loop_of_states(robot, one, q0[1], qd0[1], tau[1], method, {link: push})
+    for name, exact in zip(("R1", "S1", "v1", "omega1", "q", "qd"), expected, strict=True):
+        close(found[name][1], exact)
+    assert found.base_motion.S.shape == (2, STEPS + 1, 3, 3)
+
+
+@pytest.mark.slow(2)
+def test_a_base_that_moves_as_given():
+    """Held over each step, at the stages of rk4, and a fall that weighs nothing."""
+    (q0, qd0), tau = samples()
+    rng = np.random.default_rng(10)
+    R, v, omega, a, alpha = rng.normal(size=(5, 2 * STEPS + 1, 3))
+    S = hp.rotation_exp(rng.normal(size=(2 * STEPS + 1, 3)))
+    every = hp.BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+    found = ROBOT.rollout(q0, qd0, tau, H, method="rk4", base_motion=every)
+    q, qd = q0, qd0
+    for k in range(2):
+        slopes, now = [], (q, qd)
+        for half, ahead in ((0, 0.5), (1, 0.5), (1, 1.0), (2, 0.0)):
+            one = hp.BodyMotion(
+                **{x: getattr(every, x)[2 * k + half] for x in ("R", "S", "v", "omega", "a", "alpha")}
+            )
+            slopes.append((now[1], ROBOT.forward_dynamics(*now, tau[k], base_motion=one).qdd))
+            now = q + ahead * H * slopes[-1][0], qd + ahead * H * slopes[-1][1]
+        mean = [sum(c * s for c, s in zip((1, 2, 2, 1), part, strict=True)) / 6 for part in zip(*slopes, strict=True)]
+        q, qd = q + H * mean[0], qd + H * mean[1]
+    close(found.q[2], q)
+    falling = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=(0, 0, 0), a=(0, 0, -9.81), alpha=(0, 0, 0))
+    close(
+        ROBOT.rollout(q0, qd0, tau, H, base_motion=falling).q,
+        ROBOT.rollout(q0, qd0, tau, H, gravity=(0, 0, 0)).q,
+    )
+
+
+@pytest.mark.slow(2)
+def test_rk4_is_of_order_4_and_keeps_energy_and_momentum():
+    """Of a free robot without loads; from half the step, a sixteenth of the drift."""
+    robot = Robot(record_of(random_model(2, 4)), "free")
+    rng = np.random.default_rng(11)
+    q0, qd0 = rng.uniform(-1, 1, (2, 4))
+    base = base_motion(rng)
+    drifts = []
+    for steps in (40, 80):
+        r = robot.rollout(
+            q0, qd0, 0, 1.0 / steps, steps=steps, method="rk4", base_motion=base, gravity=(0, 0, 0), every=4
+        )
+        energy = robot.energy(r.q, r.qd, base_motion=r.base_motion).kinetic
+        momentum = np.hstack(robot.momentum(r.q, r.qd, base_motion=r.base_motion))
+        drifts.append((np.abs(energy - energy[0]).max() / energy[0], np.abs(momentum - momentum[0]).max()))
+        orthogonal = r.S1 @ np.swapaxes(r.S1, -1, -2) - np.eye(3)
+        assert np.abs(orthogonal).max() < 1e-13
+    coarse, fine = np.array(drifts)
+    assert (coarse > 1e-10).all()
+    assert (coarse / fine > 12).all()
+
+
+REFUSED = {
+    "method": (lambda: ROBOT.rollout(0 * Q, Q, 0, H, method="euler", steps=1), "^method"),
+    "no_steps": (lambda: ROBOT.rollout(Q, Q, 0, H), "^steps: expected a number of steps"),
+    "other_steps": (
+        lambda: ROBOT.rollout(Q, Q, np.zeros((4, DOF)), H, steps=3),
+        "^tau: expected values for 3 instants",
+    ),
+    "width": (lambda: ROBOT.rollout(Q, Q, np.zeros((4, 2)), H), "^tau: expected shape"),
+    "gains": (lambda: ROBOT.rollout(Q, Q, hp.Feedback(np.zeros(2), 0, 0), H, steps=1), r"^tau\.K: expected shape"),
+    "every": (lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, every=0), "^every"),
+    "dt": (lambda: ROBOT.rollout(Q, Q, 0, np.nan, steps=1), "^dt"),
+    "q0": (lambda: ROBOT.rollout(np.zeros(2), Q, 0, H, steps=1), "^q0"),
+    "out": (lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, out={"q": np.zeros((3, DOF))}), r"^out\['q'\]"),
+    "base": (
+        lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, base_motion=np.eye(3)),
+        "^base_motion: expected a BodyMotion",
+    ),
+}
+Q = np.zeros(DOF)
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_used_is_named(what):
+    call, message = REFUSED[what]
+    with pytest.raises(hp.ArgumentError, match=message):
+        call()
