@@ -6,18 +6,18 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.body_motion import BodyMotion, motion_inputs
 from hingepair.plans.arguments import Arguments, CoordinateNames, read_arguments
 
 BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME: Final = {
-    "R1": "R",
-    "S1": "S",
-    "v1": "v",
-    "omega1": "omega",
-    "a1": "a",
-    "alpha1": "alpha",
+    f"{letter}1": letter for letter in ("R", "S", "v", "omega", "a", "alpha")
 }
 """Attributes of a BodyMotion by the names of the inputs that describe the base's motion."""
+
+BASE_LABELS: Final = {
+    name: f"base_motion.{letter}" for name, letter in BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME.items()
+}
+"""Names of these inputs in messages."""
 
 RESTING_BASE_VALUE_BY_INPUT_NAME: Final[Mapping[str, tuple[float, ...]]] = {
     **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
@@ -50,39 +50,31 @@ def read_robot_arguments(
     Raises:
         ArgumentError: an argument cannot be used; the error names it and the joint.
     """
-    base = _base_arrays(base_motion, needed_inputs)
-    labels = {name: f"base_motion.{BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]}" for name in base}
-    labels |= {name: label for name, (_, label) in labelled_loads.items()}
+    base = base_inputs(base_motion, needed_inputs)
+    labels = BASE_LABELS | {name: label for name, (_, label) in labelled_loads.items()}
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*base, *labelled_loads), (3,))
     shapes |= {"S1": (3, 3), **dict.fromkeys(coordinates, (len(joint_names),))}
-    loads = {name: value for name, (value, _) in labelled_loads.items()}
-    given = {**coordinates, **base, **loads}
-    arguments = read_arguments(given, shapes, CoordinateNames(joint_names, noun="joints"), labels)
-    if base_motion is not None:  # its arrays that are not needed broadcast, too
-        for name in base:
-            del arguments.shapes[labels[name]]
-        arguments.shapes["base_motion"] = base_motion.shape
-    return arguments
+    given = {**coordinates, **base, **{name: value for name, (value, _) in labelled_loads.items()}}
+    return read_arguments(given, shapes, CoordinateNames(joint_names, noun="joints"), labels)
 
 
-def _base_arrays(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
-    """Return those arrays of a BodyMotion that are among `needed_inputs`, as a dict by input name such as "R1"; for
-    None, return an empty dict. If the motion has only a pose, velocities and accelerations are not needed. Raise an
-    ArgumentError if `base_motion` is not a BodyMotion, or if a needed array is missing.
+def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
+    """Return the arrays of a base's motion by input name. Where it has a pose alone, the base is at rest.
+
+    Raises:
+        ArgumentError: not a BodyMotion, or an input that is needed is missing.
     """
     if base_motion is None:
         return {}
     if not isinstance(base_motion, BodyMotion):
         raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
-    arrays = {}
-    at_rest = all(getattr(base_motion, letter) is None for letter in ("v", "omega", "a", "alpha"))
+    arrays = motion_inputs("base1", base_motion)
+    at_rest = arrays.keys() <= {"R1", "S1"}
     for name in needed_inputs:
-        if name in BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME and (name in {"R1", "S1"} or not at_rest):
+        if name in BASE_LABELS and name not in arrays and (name in {"R1", "S1"} or not at_rest):
             letter = BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]
-            arrays[name] = getattr(base_motion, letter)
-            if arrays[name] is None:
-                expected = f"a value, as in BodyMotion(..., {letter}=...): an output needs it"
-                raise ArgumentError(f"base_motion.{letter}", expected, None)
+            expected = f"a value, as in BodyMotion(..., {letter}=...): an output needs it"
+            raise ArgumentError(BASE_LABELS[name], expected, None)
     return arrays
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from hingepair.mechanism.tree import Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
+from hingepair.plans.computation import Cache
 from hingepair.plans.trees import Form
 
 Exact: TypeAlias = list[Any]
@@ -49,7 +50,7 @@ class RobotConstants:
         base_pivot_thresholds: the same for the six pivots of a free base; shape (6,). 0 for any other base.
         axes: for each body, the base first, the rotation from the program's axes to the body's own axes.
         whole: whether all matter counts with its own body, as wrenches of joints need it (T9).
-        cache: objects made once for the robot, by key.
+        cache: what is made once for the robot.
     """
 
     tree: Tree
@@ -61,7 +62,7 @@ class RobotConstants:
     base_pivot_thresholds: NDArray[np.float64]
     axes: tuple[NDArray[np.float64], ...]
     whole: bool = False
-    cache: dict[Any, Any] = field(default_factory=dict, repr=False)
+    cache: Cache = field(default_factory=Cache, repr=False)
 
     @property
     def may_be_singular(self) -> bool:

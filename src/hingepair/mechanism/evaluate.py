@@ -69,6 +69,7 @@ class RobotComputation(Computation):
         self.constants, self.frames, self.form = constants, frames, constants.form
         self.request = Request(outputs, free, tuple(frame.body for frame in frames), folded, loaded_frames)
         self.inputs = input_shapes(self.form, self.request)
+        self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
         self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUT_NAMES for name in outputs)
         known = {
             **RESTING_BASE_VALUE_BY_INPUT_NAME,

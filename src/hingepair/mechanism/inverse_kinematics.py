@@ -375,7 +375,7 @@ def _solver(
     frames = tuple(target.frame for target in targets.values())
     goals = tuple(target.goal for target in targets.values())
     key = tuple(targets), goals, tuple(weights), limits.tobytes(), tuple(frame.S.tobytes() for frame in frames)
-    solvers: dict[Any, Solver] = constants.cache.setdefault("inverse_kinematics", {})
+    solvers: dict[Any, Solver] = constants.cache.others.setdefault("inverse_kinematics", {})
     solver = solvers.get(key)
     if solver is None:
         found = RobotComputation(constants, ("R", "S"), False, frames, (), None)

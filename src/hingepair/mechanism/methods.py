@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.calls import Call, Out
+from hingepair.engine.calls import Out
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism.accuracy import error_bounds
-from hingepair.mechanism.arguments import read_robot_arguments, read_wrenches
+from hingepair.mechanism.arguments import BASE_LABELS, base_inputs, read_robot_arguments, read_wrenches
 from hingepair.mechanism.constants import RobotConstants, robot_constants
 from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
@@ -127,10 +127,10 @@ class MechanismMethods(Shown):
     @property
     def _whole_constants(self) -> RobotConstants:
         """The constants in which all matter counts with its own body, for the wrenches of joints."""
-        cache = self._constants.cache
-        if "whole" not in cache:
-            cache["whole"] = robot_constants(self.tree, self.base == "free", whole=True)
-        constants: RobotConstants = cache["whole"]
+        kept = self._constants.cache.others
+        if "whole" not in kept:
+            kept["whole"] = robot_constants(self.tree, self.base == "free", whole=True)
+        constants: RobotConstants = kept["whole"]
         return constants
 
     # ---- kinematics
@@ -679,17 +679,25 @@ class MechanismMethods(Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        names = _checked_outputs(outputs, out, _ACCELERATION_OUTPUT_NAMES if self.base == "free" else ("qdd",))
-        labelled_loads, frames = self._wrench_inputs(wrenches)
-        labelled_loads |= self._loads_on_base(force1, torque1)
         coordinates = {"q": q, "qd": qd, "tau": tau}
-        computation = self._computation(names, frames, len(frames))
-        result: MechanismAccelerations = self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
-        )
+        key = None
+        if wrenches is None and type(force1) is int and type(torque1) is int and force1 == torque1 == 0:
+            key = "forward dynamics", outputs, backend
+        result: Any = None
+        if key is not None:
+            result = self._run_again(key, coordinates.values(), base_motion, out, workers, gravity)
+        if result is None:
+            names = _checked_outputs(outputs, out, _ACCELERATION_OUTPUT_NAMES if self.base == "free" else ("qdd",))
+            labelled_loads, frames = self._wrench_inputs(wrenches)
+            labelled_loads |= self._loads_on_base(force1, torque1)
+            result = self._run(
+                self._computation(names, frames, len(frames)), coordinates, base_motion, out, workers, backend,
+                gravity, labelled_loads, key=key if isinstance(outputs, tuple | None) else None,
+            )  # fmt: skip
         if self._constants.may_be_singular:
             self._warn_where_singular(result, coordinates)
-        return result
+        found: MechanismAccelerations = result
+        return found
 
     def joint_wrenches(
         self,
@@ -1500,12 +1508,11 @@ class MechanismMethods(Shown):
     def _computation(
         self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded_frame_count: int = 0
     ) -> RobotComputation:
-        """Return the RobotComputation of these outputs and frames; it is made at its first use and cached. `frames`
-        is a dict of Frames by name or None, and wrenches act on the first `loaded_frame_count` of them.
-        """
+        """Return the computation of outputs, which is made once; wrenches act on the first frames."""
         names = tuple(frames or ())
         key = outputs, names, loaded_frame_count
-        result: RobotComputation | None = self._constants.cache.get(key)
+        computations = self._constants.cache.computations
+        result: RobotComputation | None = computations.get(key)
         if result is None:
             kind: type[Results] | None = Results
             if outputs[0] in _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME:
@@ -1523,8 +1530,15 @@ class MechanismMethods(Shown):
             result = RobotComputation(
                 constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind
             )
-            self._constants.cache[key] = result
+            result.asked = key
+            computations[key] = result
         return result
+
+    def _computation_of(
+        self, outputs: tuple[str, ...], frames: tuple[str, ...], loaded_frame_count: int
+    ) -> RobotComputation:
+        chosen = {name: self._named_frame("frames", name) for name in frames}
+        return self._computation(outputs, chosen, loaded_frame_count)
 
     def _check_needed_inputs(
         self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
@@ -1583,32 +1597,22 @@ class MechanismMethods(Shown):
         derivative: Derivative | None = None,
         key: tuple[Any, ...] | None = None,
     ) -> Any:
-        """Compute the outputs of a RobotComputation at all samples, and return them as an object of its result class
-        (without such a class, as one bare array); write into the arrays of the dict `out` unless it is None.
-        `coordinates` is a dict of q, qd, qdd or tau by name, `base_motion` is None or a BodyMotion, and
-        `labelled_loads` is None or a dict of (value, name for messages) by input name. For Dask arrays, return lazy
-        arrays. If the outputs depend on masses, the robot's first call issues DynamicsWarnings for assumed or
-        impossible masses. With a `derivative`, compute that instead. `_run_again` finds a plain call by `key`.
+        """Compute the outputs of a computation, or a derivative; `labelled_loads` holds values and their names in
+        messages by input name, and `_run_again` finds a plain call by `key`.
         """
         execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
             self._warn_of_masses()
-        if base_motion is None and not labelled_loads:
-            call = computation.call(tuple(coordinates), backend, gravity_vector, derivative=derivative)
-            result = call.rows(*coordinates.values(), out=out, workers=execution.workers)
-            if result is not None:
-                if key is not None and gravity is DEFAULT_GRAVITY_VECTOR:
-                    self._constants.cache[key] = call
-                return result
-        if holds_dask(coordinates, base_motion, labelled_loads):
-            return self._run_lazily(
-                computation, coordinates, base_motion, out, workers, backend, gravity_vector, labelled_loads or {}
-            )
-        turning = ("omega1",) if derivative is not None and derivative.kind == "rate" else ()
-        values = read_robot_arguments(
-            self._constants.names, coordinates, base_motion, (*computation.inputs, *turning), labelled_loads or {}
-        )
-        return computation.run(values, execution, gravity_vector, out, derivative=derivative)
+        loads, turning = labelled_loads or {}, derivative is not None and derivative.kind == "rate"
+        base = base_inputs(base_motion, (*computation.inputs, *(("omega1",) if turning else ())))
+        plain = key is not None and base_motion is None and gravity is DEFAULT_GRAVITY_VECTOR and not loads
+        return computation.compute(
+            {**coordinates, **base, **{name: value for name, (value, _) in loads.items()}},
+            execution, gravity_vector, out, derivative=derivative,
+            labels=BASE_LABELS | {name: label for name, (_, label) in loads.items()},
+            keep=(self._constants.cache, key) if plain else None,
+            remade=functools.partial(self._computation_of, *computation.asked),
+        )  # fmt: skip
 
     def _run_again(
         self,
@@ -1622,73 +1626,13 @@ class MechanismMethods(Shown):
         """Return the results of a call that differs from an earlier one by its arrays alone, as the key says; None
         where `_run` has to look at it.
         """
-        if (
-            base_motion is not None
-            or gravity is not DEFAULT_GRAVITY_VECTOR
-            or type(workers) is not int
-            or workers != 1
-        ):
+        if base_motion is not None or gravity is not DEFAULT_GRAVITY_VECTOR:
             return None
         try:
-            call: Call = self._cached_constants.cache[key]
-        except (AttributeError, KeyError, TypeError):  # before the first call, another call, a key of lists
+            cache = self._cached_constants.cache
+        except AttributeError:  # before the first call
             return None
-        return call.rows(*arguments, out=out)
-
-    def _run_lazily(
-        self,
-        computation: RobotComputation,
-        coordinates: Mapping[str, Any],
-        base_motion: BodyMotion | None,
-        out: Out,
-        workers: int,
-        backend: str,
-        gravity: ArrayLike,
-        labelled_loads: Mapping[str, tuple[Any, str]],
-    ) -> Any:
-        """Return the outputs of a computation for arguments with Dask arrays as lazy Dask arrays, which are
-        computed later, chunk by chunk. The arguments are as for `_run`. Raise an ArgumentError for an `out`
-        that is not None.
-        """
-        tails = {
-            **dict.fromkeys(coordinates, (computation.form.dof,)),
-            "base_motion": SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE,
-        }
-        tails |= dict.fromkeys(labelled_loads, (3,))
-        load_labels = {name: label for name, (_, label) in labelled_loads.items()}
-        arguments = {
-            **coordinates,
-            "base_motion": base_motion,
-            **{name: value for name, (value, _) in labelled_loads.items()},
-        }
-        (key,) = (key for key, cached in self._constants.cache.items() if cached is computation)
-        options = {"out": out, "workers": workers, "backend": backend, "gravity": gravity}
-        return apply_to_chunks(
-            functools.partial(self._run_chunk, key, load_labels), arguments | options, tails, self._table_columns
-        )
-
-    def _run_chunk(
-        self,
-        cache_key: tuple[tuple[str, ...], tuple[str, ...], int],
-        load_labels: Mapping[str, str],
-        *,
-        base_motion: BodyMotion | None,
-        out: None,
-        workers: int,
-        backend: str,
-        gravity: ArrayLike,
-        **values: Any,
-    ) -> Any:
-        """Compute and return the outputs for one chunk of Dask arrays. `cache_key` is (outputs, frames, number of
-        loaded frames) of the computation; `load_labels` is a dict of the loads' names for messages, by input name.
-        Coordinates and loads are passed as keyword arguments.
-        """
-        outputs, frames, loaded_frame_count = cache_key
-        computation = self._computation(
-            outputs, {name: self._named_frame("frames", name) for name in frames}, loaded_frame_count
-        )
-        labelled_loads = {name: (values.pop(name), label) for name, label in load_labels.items()}
-        return self._run(computation, values, base_motion, out, workers, backend, gravity, labelled_loads)
+        return cache.again(key, arguments, out, workers)
 
     def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
         """Return a tuple of the names of those columns of a table, such as a DataFrame, that hold the argument `name`
@@ -1740,10 +1684,10 @@ class MechanismMethods(Shown):
         Raises:
             ArgumentError: a mass times the square of a length overflows.
         """
-        prepared = self._constants.cache
-        if "doubts" not in prepared:
+        cache = self._constants.cache
+        if not cache.warned:
             self._check_masses()
-            prepared["doubts"] = True
+            cache.warned = True
             for note in self.tree.notes:
                 warn_of_dynamics(f"{self.tree.name}: {note}")
 

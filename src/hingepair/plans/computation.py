@@ -31,7 +31,7 @@ _MAX_CALLS: Final = 64  # that a computation keeps
 class Cache:
     """What is made once for a pair or a robot."""
 
-    computations: dict[Any, Computation] = field(default_factory=dict)  # by what is asked
+    computations: dict[Any, Any] = field(default_factory=dict)  # by what is asked
     calls: dict[Any, Call] = field(default_factory=dict)  # of plain calls, by what is asked and given
     others: dict[Any, Any] = field(default_factory=dict)  # extended constants
     warned: bool = False  # of masses that are assumed or impossible

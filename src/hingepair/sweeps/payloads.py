@@ -30,6 +30,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
+from hingepair.plans.computation import Cache
 from hingepair.scenes.pair_table import BODY_KEYS, construct_from_table
 from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
 from hingepair.scenes.robot_table import with_payload
@@ -194,7 +195,7 @@ class _PayloadForceProgram:
         """
         parameters = tuple(self._numbers[self._parameters].tolist())
         form = constants.form._replace(known=tuple(self._known))
-        return replace(constants, form=form, numbers=parameters, cache={})
+        return replace(constants, form=form, numbers=parameters, cache=Cache())
 
     @property
     def _parameters(self) -> list[int]:
