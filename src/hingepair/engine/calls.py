@@ -381,12 +381,16 @@ class Call:
         inputs = {**self._constants, **values}
         parts = {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
         components = self.loop.foreign_outputs(parts, library)
+        tails = dict(self.loop.outputs)
+        joined = {name: library.join_components(components[name], shape, tails[name]) for name in self.outputs}
+        return self.foreign_result(joined, shape, library)
+
+    def foreign_result(self, arrays: Mapping[str, Any], shape: ArrayShape, library: Library) -> Any:
+        """Return the result of arrays of another library; JAX is told how to take the class apart."""
         if library.name == "jax" and self.result is not None:
             result: Any = self.result
             _register_for_jax(result)
-        tails = dict(self.loop.outputs)
-        joined = {name: library.join_components(components[name], shape, tails[name]) for name in self.outputs}
-        return self._make_result(joined, shape)
+        return self._make_result(arrays, shape)
 
     # ---- limits
 

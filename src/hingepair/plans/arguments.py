@@ -152,7 +152,7 @@ def read_coordinates(
         return _components({f"{name}[{k}]": part for k, part in enumerate(value)})
     if library is not None and is_foreign(value):
         check_sample_shape(name, value, len(names))
-        return tuple(value[..., k] for k in range(len(names))), tuple(value.shape[:-1])
+        return value, tuple(value.shape[:-1])
     try:
         array = vectors(name, value, len(names))
     except ShapeError as error:

@@ -16,7 +16,10 @@ from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop, OperationCounts
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, RotationError, ShapeError
+from hingepair.numeric.array_libraries import Library
+from hingepair.numeric.arrays import broadcast_shape
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
+from hingepair.plans import autodiff
 from hingepair.plans.arguments import Arguments, CoordinateNames, check_out, read_arguments
 from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
@@ -90,6 +93,7 @@ class Computation:
         self.constant_shapes = constant_shapes or {}
         self._calls: dict[Any, Call] = {}
         self._sufficient: set[tuple[str, ...]] = set()  # names of arguments that suffice
+        self._functions: dict[Any, autodiff.Functions | None] = {}  # of JAX and PyTorch
 
     def call(
         self,
@@ -211,8 +215,29 @@ class Computation:
         call = self.call(tuple(values), execution.backend, gravity, prepared=checked, derivative=derivative)
         out = check_out(out, call.outputs)
         if library is not None:
+            function = None
+            if out is None and execution == ("auto", 1) and derivative is None:
+                function = self._library_function(tuple(values), gravity, library)
+            if function is not None:
+                shape = broadcast_shape(shapes)
+                return call.foreign_result(autodiff.apply(function, call, values, library), shape, library)
             return call.run_foreign(values, shapes, library, out, execution.workers)
         return call.run(values, shapes, out, execution.workers, dtype, labels)
+
+    def _library_function(
+        self, given: tuple[str, ...], gravity: tuple[float, ...] | None, library: Library
+    ) -> autodiff.Functions | None:
+        """Return the function of another library that a kernel computes; None where the library computes."""
+        key = given, gravity, library.name, library.device
+        if key not in self._functions:
+            call_of = functools.partial(self._call_for_library, given, gravity)
+            self._functions[key] = autodiff.kernel_function(call_of, library) if not self._shape else None
+        return self._functions[key]
+
+    def _call_for_library(
+        self, given: tuple[str, ...], gravity: tuple[float, ...] | None, derivative: Derivative | None = None
+    ) -> Call:
+        return self.call(given, "auto", gravity, derivative=derivative)
 
     def count_operations(
         self, values: Mapping[str, Any], gravity: tuple[float, ...] | None = None

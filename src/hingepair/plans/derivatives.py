@@ -54,11 +54,13 @@ class Derivative(NamedTuple):
             of inverse or forward dynamics such as tau_q, of a free base with rows and columns of the base.
         outputs: names of the outputs; of a vjp those with weights, of matrices the names of the matrices.
         arguments: arguments by which derivatives are taken, name and shape of one sample.
+        entries: in a jacobian, whether attitudes change by their entries in place of rotations.
     """
 
     kind: str
     outputs: tuple[str, ...]
     arguments: tuple[tuple[str, ArrayShape], ...]
+    entries: bool = False
 
 
 def body_constants(joints: int, free: bool) -> dict[str, ArrayShape]:
@@ -84,6 +86,8 @@ def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
     tau_q, the weight of tau weight_tau, a gradient gradient_q, a change of q change_q, the rate of tau rate_tau.
     """
     changes = {name: change_shape(name, tail) for name, tail in (*plain.outputs, *derivative.arguments)}
+    if derivative.entries:
+        changes = dict((*plain.outputs, *derivative.arguments))
     inputs, names = dict(plain.inputs), [name for name, _ in derivative.arguments]
     if isinstance(plain.form, TreeForm) and not body_constants(0, False).keys().isdisjoint(names):
         inputs["axes"] = (9 * (len(plain.form.form.parents) + 1),)
@@ -111,7 +115,7 @@ def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
 
 def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the Jacobian of every output by every argument."""
-    values, moves = _variables(plain, given, derivative.arguments)
+    values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
     functions = _functions(plain, values)
     rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])
     found: dict[str, Any] = {}
@@ -119,7 +123,8 @@ def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
         parts = functions.results[output]
         columns = zip(*rows[output], strict=True)
         for name, changes in moves.items():
-            block = [_change_of(output, parts, column) for column in itertools.islice(columns, len(changes))]
+            kind = "" if derivative.entries else output
+            block = [_change_of(kind, parts, column) for column in itertools.islice(columns, len(changes))]
             found[f"{output}_{name}"] = tuple(itertools.chain(*zip(*block, strict=True)))
     return {**functions.results, **found}
 
@@ -196,7 +201,7 @@ def _time_rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -
 
 
 def _variables(
-    plain: Loop, given: Mapping[str, Any], arguments: Iterable[tuple[str, ArrayShape]]
+    plain: Loop, given: Mapping[str, Any], arguments: Iterable[tuple[str, ArrayShape]], entries: bool = False
 ) -> tuple[dict[str, Any], Moves]:
     """Return the values with variables in the place of arguments, and the changes of the arguments."""
     values, moves = dict(given), Moves()
@@ -210,9 +215,11 @@ def _variables(
             others = [x for other, group in values.items() if other != name for x in components(group)]
             parts = variables(components(values[name]), others)
             values[name] = parts if tail else parts[0]
-            moves[name] = [[(parts[k], rate) for k, rate in change] for change in _changes(name, parts)]
+            moves[name] = [
+                [(parts[k], rate) for k, rate in change] for change in _changes("" if entries else name, parts)
+            ]
         else:  # no output depends on it
-            moves[name] = [[] for _ in range(math.prod(change_shape(name, tail)))]
+            moves[name] = [[] for _ in range(math.prod(tail if entries else change_shape(name, tail)))]
     return values, moves
 
 
