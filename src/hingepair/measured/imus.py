@@ -8,17 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import FitError, ShapeError
+from hingepair.errors import ArgumentError, FitError
 from hingepair.measured.hinge import Hinge, home_of
-from hingepair.measured.inertial import AnchorFit, Axes, AxisFit, fit_anchor, fit_axis, report, solve_axes
+from hingepair.measured.imu_records import checked_vectors, local_slopes, report
+from hingepair.measured.inertial import AnchorFit, Axes, AxisFit, fit_anchor, fit_axis, solve_axes
 from hingepair.measured.inertial_angle import AngleFit, fit_angle
-from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only, vectors
+from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only
 from hingepair.numeric.instants import elapsed_seconds, increasing_seconds
 from hingepair.pair.hinge_pair import HingePair
-
-_MAX_SHIFT = 0.75  # of a sample along its own slope, in time steps
-_WINDOW = 3  # samples on either side that give the slope
-_ROUNDS = 4  # of alignment
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,10 +38,8 @@ class ImuRecording:
     def __post_init__(self) -> None:
         seconds, _ = increasing_seconds("t", self.t)
         object.__setattr__(self, "t", read_only(np.array(self.t)))
-        for name in ("omega", "force"):
-            array = np.array(vectors(name, getattr(self, name), 3), dtype=np.float64)
-            if array.shape != (seconds.size, 3):
-                raise ShapeError(name, f"shape ({seconds.size}, 3), as t", f"shape {array.shape}")
+        named = {"omega": self.omega, "force": self.force}
+        for name, array in zip(named, checked_vectors(named, seconds.size), strict=True):
             object.__setattr__(self, name, read_only(array))
 
 
@@ -94,8 +89,8 @@ def fit_imus(
     gyroscope_bias: float = 0.05,
     accelerometer_bias: float = 0.2,
 ) -> ImuFit:
-    """Fit the clock offset, the hinge axis, the hinge point and the hinge angle to the records of two inertial
-    sensors, one on each body, and return an ImuFit. `fit_axis`, `fit_anchor` and `fit_angle` do the same one by one.
+    """Fit clock offset, hinge axis, hinge point and hinge angle to the records of two inertial sensors, one on each
+    body. `fit_axis`, `fit_anchor` and `fit_angle` do the same one by one.
 
     Args:
         imu1: ImuRecording of the sensor on body 1.
@@ -110,7 +105,7 @@ def fit_imus(
 
     Raises:
         FitError: as `fit_axis`, `fit_anchor` and `fit_angle`.
-        ArgumentError: an argument cannot be used; the error names it.
+        ArgumentError: the recordings do not overlap in time.
         MissingDependencyError: SciPy is not installed.
 
     >>> import numpy as np
@@ -127,8 +122,9 @@ def fit_imus(
     """
     bias = number_not_below_0("gyroscope_bias", gyroscope_bias)
     step = float(np.median(np.diff(increasing_seconds("imu1.t", imu1.t)[0])))
+    _check_overlap(imu1, imu2)
     offset, shown = 0.0, None
-    for _ in range(_ROUNDS):
+    for _ in range(4):  # each with the records aligned by the offset of the last one
         there = _aligned(imu1, imu2, offset)
         found = _axes_or_none(imu1, there, bias)
         if found is None:
@@ -143,9 +139,9 @@ def fit_imus(
     known = (axis.n1, axis.n2) if np.isfinite(axis.std).all() else (None, None)
     anchor = fit_anchor(*records, *known, **options)
     angle = fit_angle(*records, axis.n1, axis.n2, anchor.u1, anchor.u2, **options)
-    if offset and shown is not None and np.isfinite(shown.offset_std):
-        # what one standard deviation of the offset does to the angle
-        later = _aligned(imu1, imu2, offset + step * shown.offset_std)
+    if offset and shown is not None and np.isfinite(shown.lag.std):
+        # What one standard deviation of the offset does to the angle.
+        later = _aligned(imu1, imu2, offset + step * shown.lag.std)
         records = imu1.t, imu1.omega, imu1.force, later.omega, later.force
         change = fit_angle(*records, axis.n1, axis.n2, anchor.u1, anchor.u2, **options).psi - angle.psi
         change -= 2 * np.pi * np.rint(change / (2 * np.pi))
@@ -163,11 +159,19 @@ def fit_imus(
         anchor=anchor,
         angle=angle,
         clock_offset=offset,
-        clock_offset_std=np.inf if shown is None else step * shown.offset_std,
+        clock_offset_std=np.inf if shown is None else step * shown.lag.std,
         imu2=there,
         ok=axis.ok and anchor.ok and angle.ok,
         findings=tuple(texts),
     )
+
+
+def _check_overlap(imu1: ImuRecording, imu2: ImuRecording) -> None:
+    stamps, first = increasing_seconds("imu1.t", imu1.t)
+    others, _ = elapsed_seconds("imu2.t", imu2.t, first)
+    if others[-1] < stamps[0] or others[0] > stamps[-1]:
+        expected = f"instants that overlap those of imu1, from {stamps[0]:.6g} to {stamps[-1]:.6g} s"
+        raise ArgumentError("imu2.t", expected, f"{others[0]:.6g} to {others[-1]:.6g} s")
 
 
 def _axes_or_none(imu1: ImuRecording, imu2: ImuRecording, bias: float) -> Axes | None:
@@ -192,12 +196,8 @@ def _aligned(imu1: ImuRecording, imu2: ImuRecording, offset: float) -> ImuRecord
     shift[np.abs(shift) < 1e-9 * step] = 0.0
     moved = []
     for values in (imu2.omega, imu2.force):
-        slope = np.full_like(values, np.nan)
-        weights = np.arange(-_WINDOW, _WINDOW + 1)
-        if t.size >= weights.size:
-            windows = np.lib.stride_tricks.sliding_window_view(values, weights.size, axis=0)
-            slope[_WINDOW:-_WINDOW] = windows @ weights / (weights @ weights) / step
-        there = values[near] + np.where(shift[:, None] == 0, 0.0, shift[:, None] * slope[near])
-        there[np.abs(shift) > _MAX_SHIFT * step] = np.nan
+        slopes = local_slopes(values) / step
+        there = values[near] + np.where(shift[:, None] == 0, 0.0, shift[:, None] * slopes[near])
+        there[np.abs(shift) > 0.75 * step] = np.nan
         moved.append(there)
     return ImuRecording(imu1.t, *moved)
