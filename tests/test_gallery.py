@@ -18,10 +18,12 @@ PRINTED = {
     ),  # 20/sin(5), ...
     "knee": (r"\nok\n", r"axis off by 0\.[01]", r"in the plane off by 0\.\d mm"),
     "landing_gear": (r"40 m/s, 1 g +down after 1\.0", r"65 m/s, 1 g +down after 0\.8"),
+    "panda_hand_down": (r"hand down: 7[45]% of", r"hand level, to the front: 8[01]% of"),
     "satellite_panel": (r"no damper .* ends at 14\.68 degrees", r"1 N m s/rad .* ends at 14\.68 degrees"),
     "suspension": (r"toe is out of 10 minutes in 1[12] %", r"to first order: toe 6\.3 minutes, camber 6\.1"),
     "talos_lift": (r"largest mass: 1\.7\d kg, limited by joint 4",),
     "trailer": (r"at 5\.43 m: passes",),
+    "ur5_circle": (r"each by itself: True [1-9]", r"as a path: +True 0 jumps", "8 solutions of the first point"),
     "ur5_workspace": (r"axis of joint 1: 0\.027 m", r"shoulder: 0\.9[45]"),
 }
 """Results that the text of each script speaks of, as patterns."""
@@ -55,7 +57,7 @@ def test_every_script_of_the_gallery_is_tested() -> None:
 @pytest.mark.parametrize("name", PRINTED)
 def test_a_figure_is_drawn_in_one_block(name: str) -> None:
     """The gallery takes a picture of a figure, and closes it, at the end of the block that makes it."""
-    (block,) = (block for block in (GALLERY / f"plot_{name}.py").read_text().split("# %%") if "plt.subplots" in block)
+    (block,) = (block for block in (GALLERY / f"plot_{name}.py").read_text().split("# %%") if "plt.subplot" in block)
     assert "plt.show()" in block
 
 
