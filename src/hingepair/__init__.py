@@ -83,7 +83,7 @@ if TYPE_CHECKING:
         matrix_to_euler,
     )
     from hingepair.scenes.derive import derive
-    from hingepair.scenes.scene import load_scene
+    from hingepair.scenes.load import load_scene
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
     from hingepair.validation.pinocchio_twin import to_pinocchio
 
@@ -210,7 +210,7 @@ _LAZY_MODULE_BY_NAME = {
         "rotations.angular_velocity": "angular_velocity angular_velocity_from_samples",
         "rotations.euler": "euler_kinematics euler_rate_matrix euler_rates euler_to_matrix matrix_to_euler",
         "scenes.derive": "derive",
-        "scenes.scene": "load_scene",
+        "scenes.load": "load_scene",
         "validation.cross_validate": "cross_validate cross_validate_from_body1",
         "validation.pinocchio_twin": "to_pinocchio",
     }.items()

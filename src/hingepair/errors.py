@@ -20,23 +20,27 @@ class ArgumentError(HingePairError, ValueError):
         name: name of the argument, key or option.
         expected: text that says which values are accepted.
         got: the value that was given, or a text that describes it.
+        said: the message behind the name.
+        loc: where the value stands in a file: tables and key; empty for an argument.
     """
 
-    def __init__(self, name: str, expected: str, got: object) -> None:
+    def __init__(self, name: str, expected: str, got: object, loc: tuple[str, ...] = ()) -> None:
+        super().__init__(name, expected, got, loc)
         self.name = name
         self.expected = expected
         self.got = got
-        super().__init__(printable(f"{name}: expected {expected}, got {shorten(got)}"))
+        self.said = f"expected {expected}, got {shorten(got)}"
+        self.loc = loc
 
-    def __reduce__(self) -> tuple[type, tuple[str, str, object]]:
-        return type(self), (self.name, self.expected, self.got)
+    def __str__(self) -> str:
+        return printable(f"{self.name}: {self.said}")
 
-    def renamed(self, name: str, kind: type[ArgumentError] | None = None) -> ArgumentError:
-        """Return a copy of the error, with its message and notes, that says `name` in place of the old name. `kind`
-        is the class of the copy, by default that of the error.
+    def renamed(self, name: str, kind: type[ArgumentError] | None = None, loc: tuple[str, ...] = ()) -> ArgumentError:
+        """Return a copy of the error, with its notes, about the same value under another name. `kind` is the class of
+        the copy, by default that of the error.
         """
-        error = (kind or type(self))(name, self.expected, self.got)
-        error.args = (printable(name + str(self).removeprefix(self.name)),)
+        error = (kind or type(self))(name, self.expected, self.got, loc or self.loc)
+        error.said = self.said
         for note in getattr(self, "__notes__", ()):
             error.add_note(note)
         return error

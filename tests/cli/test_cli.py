@@ -168,7 +168,7 @@ def test_run_json_is_strict_and_complete(short_scene: Path) -> None:
 
 
 def test_residuals_see_a_broken_constraint(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
-    from hingepair.cli import summary
+    from hingepair.scenes import pair_scene as summary
 
     scene = hp.load_scene(short_scene)
     assert max(r.ratio for r in summed(scene).residuals()) < 16
@@ -180,7 +180,7 @@ def test_residuals_see_a_broken_constraint(monkeypatch: pytest.MonkeyPatch, shor
 
 def test_residuals_are_those_of_both_constraints(monkeypatch: pytest.MonkeyPatch, short_scene: Path) -> None:
     """E2 where there are rates; each sees what breaks it, by how much."""
-    from hingepair.cli import summary
+    from hingepair.scenes import pair_scene as summary
 
     scene, genuine = hp.load_scene(short_scene), summary.compute_arrays
     assert [(r.label, r.unit) for r in summed(scene).residuals()] == [("E1", "m"), ("E2", "rad/s")]

@@ -43,7 +43,7 @@ def test_outputs_are_checked_before_work(command, ending, option, target, tmp_pa
     for module in (scenes, pictures, tolerance):
         monkeypatch.setattr(module, "load_named_scene", work)
     for module in (derive, pictures):
-        monkeypatch.setattr(module, "load_scene_or_pair", work)
+        monkeypatch.setattr(module, "has_motion", work)
     monkeypatch.setattr(fit, "read_recording", work)
     Path("a.toml").write_text("")
     Path(f"folder{ending}").mkdir()

@@ -27,7 +27,7 @@ def test_a_row_of_panels_shows_each_joint_and_its_limits(excavator):
     figure = hp.plot(excavator)
     assert figure.get_suptitle() == excavator.title
     *panels, paths = figure.axes
-    q, qd, _ = excavator.motion()
+    q, qd, _ = excavator.coordinates()
     tau = excavator.forces().tau
     assert len(panels) == 3 * 4
     for i, joint in enumerate(excavator.mechanism.names):

@@ -348,7 +348,7 @@ def test_a_scene_of_a_mechanism_is_played_with_its_base_and_its_frame(tmp_path):
     assert content_of(hp.view(scene.evaluate())) == content
     assert content["frame"] == "hook"
     np.testing.assert_array_equal(content["t"], scene.t)
-    np.testing.assert_array_equal(content["q"], scene.motion()[0])
+    np.testing.assert_array_equal(content["q"], scene.coordinates()[0])
     S, R = placements_of(content)
     np.testing.assert_array_equal(R + content["origin"], scene.base_motion().R)
     np.testing.assert_array_equal(S, scene.base_motion().S)

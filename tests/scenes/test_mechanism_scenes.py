@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.scenes.robot_scene import MechanismScene
+from hingepair.scenes.robot_scene import RobotScene
 
 U = 2.0**-53
 
@@ -56,10 +56,10 @@ samples = 41
 GOOD = JOINTS + MOTION + TIME
 
 
-def scene_of(tmp_path: Path, text: str) -> MechanismScene:
+def scene_of(tmp_path: Path, text: str) -> RobotScene:
     (tmp_path / "digger.toml").write_text(text, encoding="utf-8")
     scene = hp.load_scene(tmp_path / "digger.toml")
-    assert isinstance(scene, MechanismScene)
+    assert isinstance(scene, RobotScene)
     return scene
 
 
@@ -90,7 +90,7 @@ def test_joints_of_a_file_are_the_mechanism_by_hand(tmp_path: Path) -> None:
     scene, robot = scene_of(tmp_path, GOOD), by_hand()
     assert scene.mechanism.names == robot.names == ("boom", "stick", "ram")
     assert scene.mechanism.name == "digger"
-    q, qd, qdd = scene.motion()
+    q, qd, qdd = scene.coordinates()
     t = np.linspace(0, 2, 41)
     np.testing.assert_array_equal(scene.t, t)
     assert np.abs(q[:, 0] - 0.3 * t).max() <= 2 * U
@@ -140,7 +140,7 @@ def test_siblings_stand_in_the_order_of_their_names(tmp_path: Path) -> None:
     joints = "".join(f"[[joint]]\nname = '{name}'\n{place.format(k)}" for k, name in enumerate(names))
     scene = scene_of(tmp_path, joints + "[motion]\nleft = 't'\nright = '2*t'\n" + TIME)
     assert scene.mechanism.names == ("left", "middle", "right")
-    np.testing.assert_array_equal(scene.motion().q, np.stack([scene.t, 0 * scene.t, 2 * scene.t], axis=1))
+    np.testing.assert_array_equal(scene.coordinates().q, np.stack([scene.t, 0 * scene.t, 2 * scene.t], axis=1))
     result = scene.evaluate(("R",))
     assert scene.frames == ("left", "middle", "right")
     assert [result[name].R[0, 1] for name in scene.frames] == [1, 2, 0]
@@ -189,7 +189,7 @@ inertia = [0.2, 0.2, 0.1]
     robot = robot.with_payload("teeth", hp.Body(7, inertia=(0.2, 0.2, 0.1)))
     assert scene.mechanism.name == "small digger"
     assert scene.frames == ("wrist", "teeth")
-    q, qd, qdd = scene.motion()
+    q, qd, qdd = scene.coordinates()
     result = scene.evaluate(("R", "S_teeth"))
     expected = robot.forward_kinematics(q, frames=("wrist", "teeth"))
     assert np.abs(result.R - expected.R).max() < 1e-14
@@ -221,7 +221,7 @@ def test_what_is_written_is_a_log_that_comes_back_to_the_bit(tmp_path: Path) -> 
         scene.evaluate(("q", "qd", "qdd")).save(tmp_path / name)
         logged = scene_of(tmp_path, JOINTS + f"[motion]\nfile = '{name}'\n")
         np.testing.assert_array_equal(logged.t, scene.t)
-        for own, expected in zip(logged.motion(), scene.motion(), strict=True):
+        for own, expected in zip(logged.coordinates(), scene.coordinates(), strict=True):
             np.testing.assert_array_equal(own, expected)
         assert np.abs(logged.forces().tau - scene.forces().tau).max() <= 1e-9
         assert logged.files == (tmp_path / "digger.toml", tmp_path / name)
@@ -233,7 +233,7 @@ def test_a_log_of_some_joints_leaves_the_others_at_rest(tmp_path: Path) -> None:
     t = np.linspace(0, 2, 201)
     np.savetxt(tmp_path / "log.csv", np.stack([t, np.sin(t)], 1), delimiter=",", header="t,boom", comments="")
     scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.csv'\ndifferentiate = true\n")
-    q, qd, qdd = scene.motion()
+    q, qd, qdd = scene.coordinates()
     assert (q[:, 1:] == (-0.2, 0)).all()
     assert not qd[:, 1:].any()
     assert np.abs(qd[:, 0] - np.cos(t)).max() < 1e-9
@@ -241,7 +241,7 @@ def test_a_log_of_some_joints_leaves_the_others_at_rest(tmp_path: Path) -> None:
     assert any("boomd, boomdd were found by finite differences" in note for note in scene.notes())
     arrays = {"t": t, "q": np.stack([np.sin(t), t, 0 * t], 1)}
     np.savez(tmp_path / "log.npz", **arrays)
-    q = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.npz'\n").motion().q
+    q = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.npz'\n").coordinates().q
     np.testing.assert_array_equal(q, arrays["q"])
 
 
@@ -250,7 +250,7 @@ def test_wrapped_angles_are_unwrapped_and_shifts_are_not(tmp_path: Path) -> None
     turn = np.mod(3 * t + np.pi, 2 * np.pi) - np.pi
     np.savez(tmp_path / "log.npz", t=t, boom=turn, ram=turn)
     scene = scene_of(tmp_path, JOINTS + "[motion]\nfile = 'log.npz'\ndifferentiate = true\n")
-    qd = scene.motion().qd
+    qd = scene.coordinates().qd
     assert np.abs(qd[:, 0] - 3).max() < 1e-9
     assert np.abs(qd[:, 2]).max() > 100
     assert [note.split()[0] for note in scene.notes() if "unwrapped" in note] == ["boom"]
@@ -494,18 +494,17 @@ def test_what_a_motion_lacks_is_refused_where_it_is_needed(tmp_path: Path) -> No
     assert scene.cross_validate().ok
 
 
-def test_a_pair_is_not_asked_of_a_mechanism(tmp_path: Path) -> None:
+def test_the_closed_forms_of_a_scene_are_those_of_its_robot(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, GOOD)
-    with pytest.raises(hp.ArgumentError, match="scene_or_pair: expected a Scene"):
-        hp.derive(scene)  # type: ignore[arg-type]
+    assert hp.derive(scene).R == hp.derive(scene.mechanism).R
 
 
 def test_robots_rest_at_zero_or_at_the_closest_limit(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "[mechanism]\nrobot = 'panda'\n[motion]\n" + TIME)
-    q = scene.motion().q[0]
+    q = scene.coordinates().q[0]
     limits = scene.mechanism.position_limits
     assert ((q >= limits[:, 0]) & (q <= limits[:, 1])).all()
     assert dict(zip(scene.mechanism.names, q.tolist(), strict=True))["panda_joint4"] == -0.0698
     assert np.count_nonzero(q) == 1
-    assert scene.joint_motion.moving == ()
+    assert scene.motion.moving == ()
     assert scene.notes() == ()

@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
+from hingepair.scenes.load import load_pair
 from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
-from hingepair.scenes.scene import Scene, load_pair
+from hingepair.scenes.pair_scene import PairScene
 from support.work import bounded_calls
 
 U = 2.0**-53
@@ -41,7 +42,7 @@ samples = 21
 """
 
 
-def scene_of(tmp_path: Path, text: str | bytes) -> Scene:
+def scene_of(tmp_path: Path, text: str | bytes) -> PairScene:
     path = tmp_path / "my.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return hp.load_scene(path)
@@ -260,7 +261,7 @@ def test_models_say_what_they_are_and_move(model: Path) -> None:
     assert len(scene.title.split()) > 5
     result = scene.evaluate()
     assert all(np.isfinite(array).all() for array in result.state.arrays().values())
-    if not isinstance(scene, Scene):
+    if not isinstance(scene, PairScene):
         assert np.ptp(result.R, axis=0).max() > 0.5  # of the frame that the file names
         return
     bodies = scene.motion.source.part(slice(None), 1).body_arrays(scene.pair)

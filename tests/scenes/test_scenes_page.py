@@ -15,7 +15,6 @@ from hingepair.scenes.motions.logs import LOG_ARRAYS, LOG_COLUMNS
 from hingepair.scenes.motions.simulated import DYNAMICS_KEYS
 from hingepair.scenes.motions.waypoints import PROFILES
 from hingepair.scenes.pair_table import PAIR_TABLE_KEYS
-from hingepair.scenes.robot_scene import ROBOT_QUANTITIES
 from hingepair.scenes.robot_table import JOINT_TABLE_KEYS, MECHANISM_KEYS
 from hingepair.symbolic.expressions import BUILTIN_SYMPY_CONSTANT_BY_NAME, FUNCTION_SIGNATURE_BY_NAME
 from support.sparse import sparse
@@ -94,7 +93,7 @@ WORDS = (
     *DYNAMICS_KEYS,
     *MECHANISM_KEYS,
     *JOINT_TABLE_KEYS,
-    *ROBOT_QUANTITIES,
+    *("R", "S", "quat", "d", "v", "omega", "a", "alpha", "q", "qd", "qdd", "tau", "force1", "torque1"),
 )
 
 

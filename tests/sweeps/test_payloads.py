@@ -119,14 +119,16 @@ def test_variants_that_are_computed_together_are_the_scenes_with_their_payloads(
         loaded = bare.with_payload("jaw", hp.Body(mass, (0.01, lever, -0.1), (0.1, 0.12, moment)))
         loaded = loaded.with_payload("boom", hp.Body(boom, (0.3, 0, 0), shapes=[BEAM]))
         loaded = loaded.with_payload("trolley", hp.Body(0.25, inertia=(0.01, 0.01, 0.01)))
-        expected = loaded.inverse_dynamics(*scene.motion(), base_motion=scene.base_motion(), gravity=scene.gravity)
+        expected = loaded.inverse_dynamics(
+            *scene.coordinates(), base_motion=scene.base_motion(), gravity=scene.gravity
+        )
         forces = {f"tau_{name}": expected.tau[:, k] for k, name in enumerate(robot.names)}
         forces |= {"force1": expected.force1, "torque1": expected.torque1}
         size = max(np.abs(array).max() for array in forces.values())
         for name, array in forces.items():
             assert np.abs(together[name][i] - array).max() < 32 * U * size, name
         assert np.abs(together["R_jaw"][i] - scene.evaluate(("R_jaw",)).R[:, 0]).max() < 16 * U
-        assert (together["hook"][i] == scene.motion().q[:, 2]).all()
+        assert (together["hook"][i] == scene.coordinates().q[:, 2]).all()
         assert (together["t"][i] == scene.t).all()
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hingepair.cli.options import with_option_names
-from hingepair.cli.output import check_picture_suffix, make_console, terminal_width
+from hingepair.cli.output import check_picture_suffix, terminal_width
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
 from hingepair.numeric.whole_file import whole_file
@@ -54,13 +54,12 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
     if show_json:
         print(report.to_json())
         return
-    screen = make_console()
     machine = ", ".join(f"{key} {value}" for key, value in machine_facts().items())
-    for line in report.table(terminal_width(screen)):
-        screen.print(line)
+    for line in report.table(terminal_width()):
+        print(line)
     for sentence in (*report.notes, machine):
         for line in textwrap.wrap(sentence, 100):
-            screen.print(line)
+            print(line)
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hingepair.cli.output import JsonOption, make_console
+from hingepair.cli.output import JsonOption
 from hingepair.engine.object_cache import MAX_BYTES, MAX_FILES, cache_files, cache_folder, clear_cache
 from hingepair.numeric.tables import json_text
 
@@ -47,7 +47,7 @@ def cache_command(
             lines.append("this folder cannot be written: nothing more is kept, and every process compiles anew")
     if clear:
         lines.append(f"deleted: {len(deleted)} files")
-    make_console().print(*lines, sep="\n")
+    print(*lines, sep="\n")
 
 
 def _is_writable(folder: Path) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import typer
@@ -16,16 +16,22 @@ from hingepair.cli.pairs import (
     Body2FrameOption,
     JointArgument,
     TextFileOption,
+    has_motion,
     input_files,
+    is_scene_file,
     is_urdf,
+    load_named_pair,
     load_named_robot,
-    load_scene_or_pair,
+    print_suspicions,
 )
 from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.scenes.robot_scene import MechanismScene
-from hingepair.scenes.scene import FURTHER_OUTPUTS, Scene
+from hingepair.scenes.load import load_mechanism, load_scene
+from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
+
+if TYPE_CHECKING:
+    from hingepair.symbolic.derivation import Derivation
 
 _DERIVED = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""
@@ -94,10 +100,9 @@ def derive_command(
     check_output("--out", out, [source])
     output_format = "latex" if latex else "python" if python else "json" if as_json else "text"
     symbols, output_names = split_names("--symbolic", symbolic) or (), split_names("--outputs", outputs)
-    robot = None if joint or body1_frame or body2_frame else _load_snapped_robot(source, snap)
-    scene_or_pair = load_scene_or_pair(source, joint, body1_frame, body2_frame) if robot is None else None
-    if isinstance(scene_or_pair, MechanismScene) and snap is None:
-        robot = scene_or_pair.mechanism, ()
+    frames = body1_frame, body2_frame
+    print_suspicions(source, joint, *frames)
+    robot = None if joint or any(frames) else _load_snapped_robot(source, snap)
     if robot is not None:
         text = _derive_robot(*robot, frame, symbols, output_names, output_format, short is not False)
     elif frame is not None or snap is not None:
@@ -105,43 +110,44 @@ def derive_command(
             "--frame needs a whole robot or its scene, --snap a robot's name or a URDF file; both without a JOINT"
         )
     else:
-        any_motion = joint is None and not is_urdf(source)
-        text = _derive_pair(
-            scene_or_pair, source if any_motion else None, symbols, output_names, output_format, short
-        )
+        text = _formatted(_pair_forms(source, joint, frames, symbols), output_names, output_format, short)
     write_text(text, out, input_files(source))
 
 
-def _derive_pair(
-    scene_or_pair: Any,
-    scene_file: str | None,
-    symbols: Sequence[str],
-    outputs: Sequence[str] | None,
-    output_format: str,
-    short: bool | None,
-) -> str:
-    """Return the formulas of the motion of a Scene as text, or of an arbitrary motion if `scene_or_pair` is a pair or
-    a simulated Scene.
-    """
-    from hingepair.plans.arguments import check_outputs
-    from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, default_outputs
+class _PairForms(NamedTuple):
+    forms: Derivation
+    title: str
+    outputs: tuple[str, ...]  # those that the scene names
+
+
+def _pair_forms(
+    source: str, joint: str | None, frames: tuple[str | None, str | None], symbols: Sequence[str]
+) -> _PairForms:
+    """Return the formulas of a scene's motion, or of any motion of a pair whose scene has none or simulates it."""
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
-    if isinstance(scene_or_pair, Scene) and scene_or_pair.motion.simulated:
-        scene_or_pair = scene_or_pair.pair
-    is_scene = isinstance(scene_or_pair, Scene)
-    forms = (
-        closed_forms(scene_or_pair, symbols)
-        if is_scene or scene_file is None
-        else derive_any_motion(scene_file, symbols)
-    )
-    title, scene_outputs = (scene_or_pair.title, scene_or_pair.outputs) if is_scene else (scene_or_pair.name, None)
-    chosen = tuple(name for name in scene_outputs or () if name not in FURTHER_OUTPUTS)
-    default_names = (
-        default_outputs(ACCELERATION, PLANAR_MOTION_KIND) if forms.kind is PLANAR_MOTION_KIND else _DERIVED
-    )
-    names = chosen or default_names if outputs is None else check_outputs(outputs, forms.kind.levels)
+    if has_motion(source, joint, *frames):
+        scene = load_scene(source).require_pair()
+        named = tuple(name for name in scene.outputs or () if name not in FURTHER_OUTPUTS)
+        if not scene.motion.simulated:
+            return _PairForms(closed_forms(scene, symbols), scene.title, named)
+    pair = load_named_pair(source, joint, *frames)
+    of_file = is_scene_file(source, joint, *frames)  # whose exact values count
+    return _PairForms(derive_any_motion(source, symbols) if of_file else closed_forms(pair, symbols), pair.name, ())
+
+
+def _formatted(derived: _PairForms, outputs: Sequence[str] | None, output_format: str, short: bool | None) -> str:
+    """Return the formulas as text of one of the formats; repeated terms are abbreviated if `short` is True, or if it
+    is None and lines are long.
+    """
+    from hingepair.plans.arguments import check_outputs
+    from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, default_outputs
+
+    forms, title, named = derived
+    planar = forms.kind is PLANAR_MOTION_KIND
+    usual = named or (default_outputs(ACCELERATION, PLANAR_MOTION_KIND) if planar else _DERIVED)
+    names = usual if outputs is None else check_outputs(outputs, forms.kind.levels)
     if output_format == "latex":
         return forms.to_latex(names, short=bool(short))
     if output_format == "python":
@@ -156,6 +162,9 @@ def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tup
     """Return a tuple (robot, notes): the Mechanism of the robot or URDF file that `source` names, and a tuple of at
     most one sentence.
     """
+    if is_scene_file(source, None):
+        described = load_mechanism(source) if snap is None else None
+        return None if described is None else (described, ())
     robot = load_named_robot(source)
     if robot is None:
         if not os.path.exists(source) and not source.lower().endswith(".toml"):

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import typer
 
-from hingepair.cli.output import make_console
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.tables import align_columns
 
@@ -38,7 +37,7 @@ def examples_command(
     if name is None:
         rows = [("example", "description"), *((one, _read_toml(path)["title"]) for one, path in scenes.items())]
         lines = [*align_columns(rows, set()), "", "Copy one with: hingepair examples NAME [DIRECTORY]"]
-        make_console().print(*lines, sep="\n")
+        print(*lines, sep="\n")
         return
     if name != _ALL and name not in scenes:
         names = (_ALL, *scenes)
@@ -51,7 +50,7 @@ def examples_command(
     if name != _ALL:
         command = "sweep" if "scene" in _read_toml(scenes[name]) else "run"
         lines.append(f"Now try: hingepair {command} {directory / f'{name}.toml'}")
-    make_console().print(*lines, sep="\n")
+    print(*lines, sep="\n")
 
 
 def missing_file_hint(path: str) -> str | None:

@@ -16,7 +16,6 @@ from hingepair.cli.output import (
     JsonOption,
     check_output,
     check_picture_suffix,
-    make_console,
     naming_option,
     out_option,
     save_figure,
@@ -129,12 +128,12 @@ def fit_command(
         if as_json:
             print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2))
         else:
-            make_console().print(f"NO HINGE: {error}")
+            print(f"NO HINGE: {error}")
         raise typer.Exit(1) from None
     written = _save(fitted, recording.body1, files, out, plot, scene, report)
     print(fitted.to_json() if as_json else fitted)
     for path in () if as_json else written:
-        make_console().print(f"written: {path}")
+        print(f"written: {path}")
     raise typer.Exit(0 if fitted.ok else 1)
 
 

@@ -6,6 +6,7 @@ import contextlib
 import csv
 import functools
 import os
+import shutil
 import signal
 import sys
 import warnings
@@ -15,14 +16,13 @@ from types import FrameType
 from typing import Annotated, Any, TypeVar
 
 import typer
-from rich.console import Console
 
 from hingepair.errors import ArgumentError, printable, quoted
 from hingepair.numeric.tables import ruled_table
 from hingepair.numeric.whole_file import check_writable, whole_file
 from hingepair.pair.results import RESULT_ROWS_PER_BLOCK
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
-from hingepair.scenes.scene import FURTHER_OUTPUTS
+from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
 
 Piece = TypeVar("Piece")
 
@@ -52,23 +52,18 @@ def out_option(text: str) -> Any:
     return typer.Option("--out", "-o", metavar="FILE", help=text)
 
 
-def make_console() -> Console:
-    """Return a console that prints text to standard output without markup and without wrapping lines."""
-    return Console(highlight=False, markup=False, soft_wrap=True)
-
-
-def print_component_table(screen: Console, lines: Sequence[Sequence[str]]) -> None:
-    """Print a table of components on a console, with an empty line below each vector. `lines` are rows of strings,
-    headings first; the first two columns are names and units.
+def print_component_table(lines: Sequence[Sequence[str]]) -> None:
+    """Print a table of components, with an empty line below each vector. The first of the rows is the heading; the
+    first two columns are names and units.
     """
     spaced = [row for line in lines for row in ((line, ()) if line[0].endswith(("_z", "_zz")) else (line,))]
     spaced = spaced[:-1] if not spaced[-1] else spaced
-    screen.print("", *ruled_table(spaced, 2, terminal_width(screen)), "", sep="\n")
+    print("", *ruled_table(spaced, 2, terminal_width()), "", sep="\n")
 
 
-def terminal_width(screen: Console) -> int | None:
-    """Return the width of a console's terminal [characters]; None if its text goes into a file or a pipe."""
-    return screen.width if screen.is_terminal else None
+def terminal_width() -> int | None:
+    """Return the width of the terminal [characters]; None if the output goes into a file or a pipe."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def check_picture_suffix(option: str, path: Path) -> None:
@@ -103,17 +98,16 @@ def save_figure(option: str, figure: Any, path: Path, inputs: Iterable[Path], **
         figure.savefig(file, format=path.suffix.lower()[1:], **settings)
 
 
-def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterable[Piece]:
-    """Return an iterable of the same `parts` that shows a progress bar while it is iterated over; return `parts`
-    itself if standard error is not a terminal or there is only one part. Each part except the last has
-    RESULT_ROWS_PER_BLOCK instants, and `num_instants` is the number of instants of all parts.
+def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterator[Piece]:
+    """Yield the parts of a motion of `num_instants` instants, and show a progress bar if there are several and
+    standard error is a terminal.
     """
-    screen = Console(stderr=True)
-    if num_instants <= RESULT_ROWS_PER_BLOCK or not screen.is_terminal:
-        return parts
-    from rich.progress import track
-
-    return track(parts, "computing", -(-num_instants // RESULT_ROWS_PER_BLOCK), console=screen, transient=True)
+    count = -(-num_instants // RESULT_ROWS_PER_BLOCK)
+    if count == 1 or not sys.stderr.isatty():
+        yield from parts
+        return
+    with typer.progressbar(parts, count, "computing", file=sys.stderr) as bar:
+        yield from bar
 
 
 @contextlib.contextmanager
@@ -152,7 +146,7 @@ def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
         return
     with whole_file(out, inputs) as file:
         file.write(text.encode())
-    make_console().print(f"written: {out}")
+    print(f"written: {out}")
 
 
 def set_up_process() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import typer
 
 from hingepair.cli.output import out_option, write_text
-from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices
+from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices, printable
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.robots import load_robot, robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
@@ -25,21 +25,22 @@ from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.pair.results import RESULT_FILE_SUFFIXES
-from hingepair.scenes.motions.motion import PRESCRIBED
-from hingepair.scenes.scene import (
-    Scene,
+from hingepair.scenes.load import (
     describes_motion,
     load_dynamics_setup,
     load_mechanism,
     load_pair,
     load_scene,
+    load_suspicions,
     scene_files,
 )
+from hingepair.scenes.motions.motion import PRESCRIBED
+from hingepair.scenes.pair_scene import PairScene
 from hingepair.urdf.reader import read_urdf
 
 if TYPE_CHECKING:
     from hingepair.scenes.motions.simulated import DynamicsSetup
-    from hingepair.scenes.robot_scene import MechanismScene
+    from hingepair.scenes.robot_scene import RobotScene
 
 SourceArgument = Annotated[
     str,
@@ -106,8 +107,8 @@ def load_named_robot(source: str) -> Mechanism | None:
     return load_robot(source) if _names_robot(source) else None
 
 
-def load_named_scene(path: Path) -> Scene | MechanismScene:
-    """Read a scene file that has a motion, and return its Scene (of a pair) or MechanismScene."""
+def load_named_scene(path: Path) -> PairScene | RobotScene:
+    """Read a scene file that has a motion."""
     word = str(path)
     if _names_robot(word):
         expected = f"a scene file with a motion, and [mechanism] robot = {word!r}"
@@ -133,26 +134,15 @@ def _names_robot(source: str) -> bool:
     return False
 
 
-def load_scene_or_pair(
-    source: str, joint: str | None, *frames: str | None
-) -> Scene | MechanismScene | HingePair | PlanarPair:
-    """Return the Scene or MechanismScene of a scene file that has a table [motion] or [dynamics], if `joint` and the
-    further arguments are None. Otherwise return the HingePair or PlanarPair that `load_named_pair` returns for the
-    same arguments: source, hinge's name, and the links whose frames are those of body 1 and body 2.
-    """
-    scene = joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
-    if scene and describes_motion(source):
-        return load_scene(source)
-    return load_named_pair(source, joint, *frames)
+def has_motion(source: str, joint: str | None, *frames: str | None) -> bool:
+    """Return whether `source` alone names a scene file with a motion."""
+    return is_scene_file(source, joint, *frames) and describes_motion(source)
 
 
-def require_pair(value: Scene | MechanismScene | HingePair | PlanarPair) -> Scene | HingePair | PlanarPair:
-    """Return `value` unchanged if it is a pair or the Scene of a pair; raise an ArgumentError if it is a
-    MechanismScene.
-    """
-    if not isinstance(value, Scene | HingePair | PlanarPair):
-        raise ArgumentError("SCENE", "the scene of a pair, or a hinge", "the scene of a mechanism")
-    return value
+def print_suspicions(source: str, joint: str | None, *frames: str | None) -> None:
+    """Print notes on numbers of a scene file that are probably in another unit to standard error."""
+    for sentence in load_suspicions(source) if is_scene_file(source, joint, *frames) else ():
+        print(f"hingepair: note: {printable(sentence)}", file=sys.stderr)
 
 
 def input_files(source: str) -> tuple[Path, ...]:
@@ -192,11 +182,12 @@ def urdf_command(
     """
     if fixed_base and floating_base:
         raise HingePairError("--fixed-base and --floating-base exclude each other; give one of them")
+    print_suspicions(source, joint, body1_frame, body2_frame)
     requested_base = "fixed" if fixed_base else "floating" if floating_base else None
-    robot = load_mechanism(source) if _is_scene_file(source, joint, body1_frame, body2_frame) else None
+    robot = load_mechanism(source) if is_scene_file(source, joint, body1_frame, body2_frame) else None
     if robot is not None:
         return write_text(to_urdf(robot, base=requested_base or "free"), out, input_files(source))
-    pair = _to_spatial(load_named_pair(source, joint, body1_frame, body2_frame))
+    pair = to_spatial(load_named_pair(source, joint, body1_frame, body2_frame))
     setup = _load_dynamics_setup(source, joint, body1_frame, body2_frame)
     if setup is None:
         return write_text(to_urdf(pair, base=requested_base or "free"), out, input_files(source))
@@ -226,6 +217,7 @@ def mjcf_command(
     """
     if fixed_base and free_base:
         raise HingePairError("--fixed-base and --free-base exclude each other; give one of them")
+    print_suspicions(source, joint, body1_frame, body2_frame)
     pair = load_named_pair(source, joint, body1_frame, body2_frame)
     setup = _load_dynamics_setup(source, joint, body1_frame, body2_frame)
     assumed = []
@@ -248,7 +240,7 @@ def mjcf_command(
     hinge_keys = ("stiffness", "rest", "damping", "friction", "stops")
     hinge = {} if setup is None else {key: value for key, value in setup.hinge.items() if key in hinge_keys}
     text = to_mjcf(
-        _to_spatial(pair),
+        to_spatial(pair),
         base=base,
         hinge_torque=HingeLoad(**hinge),
         body1=None if setup is None else setup.body1,
@@ -281,13 +273,11 @@ _START_POSE: Final = ("R1_0", "S1_0", "phi_0")
 
 def _load_dynamics_setup(source: str, joint: str | None, *frames: str | None) -> DynamicsSetup | None:
     """Return the DynamicsSetup of the table [dynamics] of a scene file."""
-    return load_dynamics_setup(source) if _is_scene_file(source, joint, *frames) else None
+    return load_dynamics_setup(source) if is_scene_file(source, joint, *frames) else None
 
 
-def _is_scene_file(source: str, joint: str | None, *frames: str | None) -> bool:
-    """Return whether `source` is an existing file other than a URDF file, and `joint` and all further arguments, the
-    names of frames, are None.
-    """
+def is_scene_file(source: str, joint: str | None, *frames: str | None) -> bool:
+    """Return whether `source` is an existing file other than a URDF file, and nothing of a robot is named beside."""
     return joint is None and not any(frames) and os.path.isfile(source) and not is_urdf(source)
 
 
@@ -304,7 +294,7 @@ def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, wri
     return commented(text, sentence)
 
 
-def _to_spatial(pair: HingePair | PlanarPair) -> HingePair:
+def to_spatial(pair: HingePair | PlanarPair) -> HingePair:
     """Convert a planar pair to a spatial one; return a spatial pair unchanged."""
     return pair if isinstance(pair, HingePair) else pair.to_spatial()
 

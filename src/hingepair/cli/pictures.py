@@ -12,7 +12,6 @@ from hingepair.cli.output import (
     OutputsOption,
     check_output,
     check_picture_suffix,
-    make_console,
     out_option,
     save_figure,
     split_names,
@@ -21,16 +20,18 @@ from hingepair.cli.pairs import (
     Body1FrameOption,
     Body2FrameOption,
     JointArgument,
+    has_motion,
     input_files,
+    load_named_pair,
     load_named_robot,
     load_named_scene,
-    load_scene_or_pair,
+    to_spatial,
 )
 from hingepair.cli.scenes import SceneArgument
 from hingepair.errors import ArgumentError
-from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pictures.page import view as make_page
 from hingepair.pictures.plot import plot as plot_figure
+from hingepair.scenes.load import load_scene
 
 # Part of the help of --out.
 _DEFAULT_OUT = "default: the scene's name in the current folder, unless that file exists."
@@ -59,7 +60,7 @@ def plot_command(
         scene.plan(names)  # raises an error about an unknown output
     figure = plot_figure(scene, names)
     save_figure("--out", figure, out, scene.files, dpi=110)
-    make_console().print(f"written: {out}")
+    print(f"written: {out}")
 
 
 def view_command(
@@ -80,12 +81,16 @@ def view_command(
     check_output("--out", out, [source])
     frames = (body1_frame, body2_frame)
     robot = None if joint is not None or any(frames) else load_named_robot(source)
-    shown = robot or load_scene_or_pair(source, joint, *frames)
-    page = make_page(shown.to_spatial() if isinstance(shown, PlanarPair) else shown)
+    if robot is not None:
+        page = make_page(robot)
+    elif has_motion(source, joint, *frames):
+        page = make_page(load_scene(source))
+    else:
+        page = make_page(to_spatial(load_named_pair(source, joint, *frames)))
     path = page.save(out, input_files(source))
     content = page.shown if page.frames else page.joints
     unit = "instants" if page.frames else "joint" if page.joints == 1 else "joints"
-    make_console().print(f"written: {path} ({content} {unit}; open it in a browser)")
+    print(f"written: {path} ({content} {unit}; open it in a browser)")
 
 
 def _check_new_file(name: str) -> Path:

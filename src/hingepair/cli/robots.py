@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hingepair.cli.output import JsonOption, make_console
+from hingepair.cli.output import JsonOption
 from hingepair.cli.pairs import is_urdf
 from hingepair.errors import ArgumentError, URDFError, printable
 from hingepair.formats.robots import robot_names, robot_urdf
@@ -84,7 +84,7 @@ def robots_command(
     if as_json:
         print(json_text(report))
     else:
-        make_console().print(*lines, sep="\n")
+        print(*lines, sep="\n")
 
 
 def _robot_table_row(robot: str) -> dict[str, Any]:

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
-from rich.console import Console
 
 from hingepair.cli.output import (
     JsonOption,
     OutputsOption,
     check_output,
-    make_console,
     out_option,
     print_component_table,
     report_if_stopped,
@@ -28,14 +23,11 @@ from hingepair.cli.output import (
 from hingepair.cli.pairs import GravityOption, load_named_robot, load_named_scene, parse_gravity
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
-from hingepair.numeric.tables import instant_text, json_text, number_texts, unit_of
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.results import RESULT_FILE_SUFFIXES, check_ending, column_names, result_file
-from hingepair.scenes.robot_forces import joint_load_table_rows
-from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
-from hingepair.scenes.scene import Scene, SceneResult, load_scene
+from hingepair.numeric.tables import json_text
+from hingepair.pair.results import RESULT_FILE_SUFFIXES, check_ending, result_file
+from hingepair.scenes.load import load_scene
+from hingepair.scenes.scene import Scene
 from hingepair.validation.cross_validate import cross_validate
-from hingepair.validation.report import CrossValidation
 from hingepair.validation.states import random_and_hard_states
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
@@ -71,37 +63,30 @@ def run_command(
         if out is not None:
             exit_stack.enter_context(report_if_stopped(out))
             add = exit_stack.enter_context(result_file(out, scene.samples, scene.title, scene.files, scene.unit))
-        parts: Iterable[SceneResult | MechanismSceneResult] = scene.blocks(names)
-        for part in with_progress_bar(parts, scene.samples):
+        for part in with_progress_bar(scene.blocks(names), scene.samples):
             summary.add(part)
             if add is not None:
                 add(part.t, part.recorded())
     residuals, notes = summary.residuals(), summary.notes()
     if as_json:
         largest = {r.label: {"largest": r.largest, "in_u_scale": r.ratio} for r in residuals}
-        result = {
-            **_scene_facts(scene),
-            "not_finite": summary.lost,
-            "outputs": summary.ranges(),
-            "residuals": largest,
-        }
+        result = {**scene.facts(), "not_finite": summary.lost, "outputs": summary.ranges(), "residuals": largest}
         result |= {"notes": notes, "file": None if out is None else str(out)}
         print(json_text(result | ({"plan": asdict(plan)} if plan else {})))
         return
-    screen = make_console()
-    _print_heading(screen, scene)
+    _print_heading(scene)
     if plan:
-        screen.print(str(plan))
-    print_component_table(screen, summary.table())
+        print(str(plan))
+    print_component_table(summary.table())
     for frame, shown in summary.coincident_frames.items():
-        screen.print(printable(f"{frame} moves exactly as {shown} and is not shown"))
+        print(printable(f"{frame} moves exactly as {shown} and is not shown"))
     some = summary.lost < scene.samples
     if summary.lost:
         others = "ranges and residuals are those of the other instants" if some else "the table has no numbers"
-        screen.print(f"{summary.lost} of {scene.samples} instants are not finite; {others}")
+        print(f"{summary.lost} of {scene.samples} instants are not finite; {others}")
     for r in residuals if some else ():
-        screen.print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
-    _print_notes(screen, notes, out)
+        print(f"{r.label}  largest {r.meaning}: {r.largest:.2g} {r.unit} ({r.ratio:.2g} u * scale)")
+    _print_notes(notes, out)
 
 
 def check_command(
@@ -128,28 +113,18 @@ def check_command(
         print(compared.to_json() if as_json else compared)
         raise typer.Exit(0 if compared.ok else 1)
     scene = load_scene(Path(source))
-    report: CrossValidation
-    if isinstance(scene, Scene):
-        report, notes = (
-            scene.cross_validate(10_001),
-            (*scene.suspicions(), *scene.motion.notes),
-        )  # these instants take about a second
-    else:
-        report, notes = (
-            scene.cross_validate(501),
-            (*scene.suspicions(), *scene.joint_motion.notes),
-        )  # of a humanoid, some seconds
+    report = scene.cross_validate(scene.max_check_instants)
+    notes = (*scene.suspicions(), *scene.motion.notes)
     if report.samples < scene.samples:
         notes = (f"{report.samples} of the {scene.samples} instants are compared, evenly spread", *notes)
     if as_json:
         facts = json.loads(report.to_json())
         print(json_text(facts | {"notes": [*facts.get("notes", ()), *notes]}))
     else:
-        screen = make_console()
-        _print_heading(screen, scene)
+        _print_heading(scene)
         print(report)
         for note in notes:
-            screen.print(f"note: {note}")
+            print(f"note: {note}")
     raise typer.Exit(0 if report.ok else 1)
 
 
@@ -175,147 +150,32 @@ def forces_command(
         check_ending(out)
         check_output("--out", out, [scene_file])
     scene = load_named_scene(scene_file)
-    if not isinstance(scene, Scene):
-        _show_mechanism_forces(scene, gravity, out, as_json)
-        return
-    gravity_vector = None if gravity is None else parse_gravity(gravity, len(scene.pair.u1))
+    fall = None if gravity is None else parse_gravity(gravity, scene.dimensions)
     try:
-        result = scene.forces(gravity_vector)
+        result = scene.forces(fall)
     except ArgumentError as error:
-        if not error.name.startswith("pair."):
-            raise
-        raise type(error)(f"{scene_file}: {error.name}", error.expected, error.got) from None
+        raise error.renamed(f"{scene_file}: {error.name}") if error.name.startswith("pair.") else error from None
     written = None if out is None else str(result.save(out))
-    rows = _component_ranges(result.t, result.recorded(), result.noise)
-    doubt = scene.motion.doubt if result.noise else ""  # the note on noise is more precise
+    doubt = getattr(scene.motion, "doubt", "") if result.noise else ""  # the note on noise is more precise
     notes = (*result.notes, *(note for note in scene.notes() if note != doubt))
     if as_json:
-        facts = {"scene": str(scene.path), "samples": scene.samples, "gravity": list(result.gravity), "file": written}
-        print(json_text(facts | {"outputs": rows, "notes": notes}))
+        facts = {"scene": str(scene.path), "samples": scene.samples, "file": written}
+        print(json_text(facts | result.facts() | {"notes": notes}))
         return
-    screen = make_console()
-    _print_heading(screen, scene)
-    _print_gravity(screen, result.gravity)
-    print_component_table(screen, _component_rows(rows, with_noise=bool(result.noise)))
-    _print_notes(screen, notes, out)
+    _print_heading(scene)
+    print(f"gravity = ({', '.join(f'{component:g}' for component in result.gravity)}) m/s^2")
+    for rows in result.tables():
+        print_component_table(rows)
+    _print_notes(notes, out)
 
 
-def _show_mechanism_forces(scene: MechanismScene, gravity: str | None, out: Path | None, as_json: bool) -> None:
-    """Compute the joint efforts and the forces on the base of a MechanismScene."""
-    result = scene.forces(None if gravity is None else parse_gravity(gravity, 3))
-    written = None if out is None else str(result.save(out))
-    notes = (*result.notes, *scene.notes())
-    base = _component_ranges(result.t, {name: result[name] for name in ("force1", "torque1")})
-    if as_json:
-        facts = {"scene": str(scene.path), "samples": scene.samples, "gravity": list(result.gravity), "file": written}
-        joints = {
-            load.joint: {key: value for key, value in asdict(load).items() if key != "joint"} for load in result.loads
-        }
-        print(json_text(facts | {"joints": joints, "outputs": base, "notes": notes}))
-        return
-    screen = make_console()
-    _print_heading(screen, scene)
-    _print_gravity(screen, result.gravity)
-    print_component_table(screen, joint_load_table_rows(result.loads))
-    print_component_table(screen, _component_rows(base))
-    _print_notes(screen, notes, out)
-
-
-def _print_gravity(screen: Console, gravity: tuple[float, ...]) -> None:
-    """Print the acceleration of gravity, a tuple of components [m/s^2], on a console."""
-    screen.print(f"gravity = ({', '.join(f'{component:g}' for component in gravity)}) m/s^2")
-
-
-def _component_rows(
-    ranges_by_component: dict[str, dict[str, float]], with_noise: bool = False
-) -> list[tuple[str, ...]]:
-    """Return the rows of a table of components as tuples of strings, headings first."""
-    headings = (
-        "",
-        "unit",
-        "first",
-        "smallest",
-        "largest",
-        "rms",
-        "max |.| at t",
-        *(["by noise"] if with_noise else []),
-    )
-    lines: list[tuple[str, ...]] = [headings]
-    cells = [_component_cells(row) for row in ranges_by_component.values()]
-    texts = number_texts([*ranges_by_component], [sizes for *sizes, _, _ in cells], digits=5)
-    for name, numbers, (*_, t, noises) in zip(ranges_by_component, texts, cells, strict=True):
-        lines.append((name, unit_of(name), *numbers, instant_text(t), *(f"{value:.2g}" for value in noises)))
-    return lines
-
-
-def _component_cells(row: dict[str, float]) -> tuple[Any, ...]:
-    """Return the numbers of one component, from its dict of ranges, as a tuple of six: the first, smallest, largest
-    and rms value, the time of the largest absolute value [s], and a list of the noise, which is empty if there is
-    none.
-    """
-    sizes = [row[key] for key in ("first", "smallest", "largest", "rms", "t_of_largest_size")]
-    return *sizes, [row["noise"]] if "noise" in row else []
-
-
-def _component_ranges(
-    t: NDArray[Any], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, NDArray[Any]] | None = None
-) -> dict[str, dict[str, float]]:
-    """Return a dict from the name of each component of `arrays`, a dict of outputs by name at the instants t, to a
-    dict of floats: the first, smallest, largest and rms value, and the time of the largest absolute value [s].
-    """
-    v = np.concatenate([array.reshape(len(t), -1) for array in arrays.values()], axis=1)
-    v = np.where(np.isfinite(v), v, np.nan)
-    finite_once = np.isfinite(v).any(axis=0)
-    largest = np.where(np.isfinite(v), np.abs(v), -1.0).argmax(axis=0)
-    squares, count = np.nansum(v * v, axis=0), np.maximum(np.isfinite(v).sum(axis=0), 1)
-    columns = {"first": v[0], "smallest": np.fmin.reduce(v), "largest": np.fmax.reduce(v)}
-    columns |= {"rms": np.where(finite_once, np.sqrt(squares / count), np.nan)}
-    columns |= {"t_of_largest_size": np.where(finite_once, t[largest], np.nan)}
-    if noise:
-        columns["noise"] = np.concatenate([np.ravel(noise[name]) for name in arrays])
-    return {
-        name: {key: float(values[i]) for key, values in columns.items()}
-        for i, name in enumerate(column_names(arrays))
-    }
-
-
-def _scene_facts(scene: Scene | MechanismScene) -> dict[str, Any]:
-    """Return a dict for JSON of a Scene or MechanismScene: path, title, number of samples, first and last instant."""
-    facts: dict[str, Any] = {"scene": str(scene.path), "title": scene.title, "samples": scene.samples}
-    facts |= {"start": scene.start, "stop": scene.stop}
-    if isinstance(scene, Scene):
-        vectors = {key: getattr(scene.space, key).tolist() for key in ("u1", "u2", "n", "home")}
-        return {**facts, "sequence": scene.sequence, "error_estimate": scene.motion.error_estimate, "pair": vectors}
-    robot = scene.mechanism
-    mechanism = {"name": robot.name, "base": robot.base, "joints": robot.names, "frames": scene.frames}
-    return {**facts, "mechanism": mechanism, "moving": scene.joint_motion.moving}
-
-
-def _print_heading(screen: Console, scene: Scene | MechanismScene) -> None:
-    """Print the title, if any, of a Scene or MechanismScene, a line on its pair or mechanism, and a line on its
-    instants.
-    """
+def _print_heading(scene: Scene) -> None:
     if scene.title:
-        screen.print(printable(scene.title), style="bold")
-    if isinstance(scene, Scene):
-        pair, origin = scene.pair, scene.motion.motion_description
-        keys = ("u1", "u2", "n") if isinstance(pair, HingePair) else ("u1", "u2")
-        vectors = ", ".join(f"{key} = ({', '.join(f'{c:g}' for c in getattr(pair, key))})" for key in keys)
-        screen.print(f"{printable(pair.name)}: {vectors}")
-    else:
-        robot, moving, origin = scene.mechanism, scene.joint_motion.moving, scene.joint_motion.origin
-        resting_text = f", {robot.dof - len(moving)} rest" if len(moving) < robot.dof else ""
-        names = printable(", ".join(moving)) or "none"
-        screen.print(f"{printable(robot.name)}: {robot.dof} joints, {robot.base} base; moving: {names}{resting_text}")
-    plural = "s" * (scene.samples != 1)
-    t = f"t = {instant_text(scene.start)} to {instant_text(scene.stop)} s"
-    screen.print(f"{scene.samples} instant{plural}, {t}; {origin}")
+        typer.secho(printable(scene.title), bold=True)
+    print(*map(printable, scene.heading()), sep="\n")
 
 
-def _print_notes(screen: Console, notes: tuple[str, ...], out: Path | None) -> None:
-    """Print each note, a sentence, on a line of the console, and a last line that says that the file `out` was
-    written, or, if `out` is None, that nothing was.
-    """
+def _print_notes(notes: tuple[str, ...], out: Path | None) -> None:
     for note in notes:
-        screen.print(f"note: {note}")
-    screen.print(f"written: {out}" if out else "nothing written (--out FILE writes all instants)")
+        print(f"note: {note}")
+    print(f"written: {out}" if out else "nothing written (--out FILE writes all instants)")

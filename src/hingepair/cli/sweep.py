@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from hingepair.cli.output import JsonOption, make_console, out_option
+from hingepair.cli.output import JsonOption, out_option
 from hingepair.errors import printable
 from hingepair.numeric.tables import json_text
 from hingepair.sweeps.stores import STORE_SUFFIXES
@@ -51,24 +50,24 @@ def sweep_command(
         facts = {"title": loaded.title, "variants": loaded.variants, "chunks": loaded.chunks, "keys": loaded.keys}
         print(json_text(facts | {"file": str(path)}))
         return
-    screen = make_console()
-    screen.print(printable(loaded.title), style="bold")
-    screen.print(f"{loaded.variants} variants of {', '.join(loaded.keys)} in {loaded.chunks} chunks")
-    screen.print(f"written: {path}")
+    typer.secho(printable(loaded.title), bold=True)
+    print(f"{loaded.variants} variants of {', '.join(loaded.keys)} in {loaded.chunks} chunks")
+    print(f"written: {path}")
 
 
 @contextlib.contextmanager
 def _sweep_progress_bar() -> Iterator[Progress | None]:
-    """Return a context manager that shows a progress bar if standard error is a terminal."""
-    screen = Console(stderr=True)
-    if not screen.is_terminal:
+    """Yield a function that updates a progress bar; None if standard error is not a terminal."""
+    if not sys.stderr.isatty():
         yield None
         return
-    from rich.progress import Progress as Bar
+    with typer.progressbar(length=1, label="computing", file=sys.stderr) as bar:
 
-    with Bar(console=screen, transient=True) as bar:
-        task = bar.add_task("computing", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        def show(done: int, total: int) -> None:
+            bar.length = total
+            bar.update(done - bar.pos)
+
+        yield show
 
 
 @contextlib.contextmanager

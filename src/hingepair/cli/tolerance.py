@@ -12,7 +12,6 @@ from hingepair.cli.output import (
     JsonOption,
     check_output,
     check_picture_suffix,
-    make_console,
     save_figure,
     terminal_width,
 )
@@ -66,18 +65,17 @@ def tolerance_command(
     if as_json:
         print(study.to_json())
         return
-    screen = make_console()
     if study.title:
-        screen.print(printable(study.title), style="bold")
+        typer.secho(printable(study.title), bold=True)
     sizes = ", ".join(f"{name} = {value}" for name, value in study.tolerances.items())
-    screen.print(f"{study.samples} pairs at {len(study.t)} instants; {sizes} (standard deviations, m and rad)", "")
+    print(f"{study.samples} pairs at {len(study.t)} instants; {sizes} (standard deviations, m and rad)", "", sep="\n")
     bands, shares = study.tables()
-    screen.print(*ruled_table(bands, 2, terminal_width(screen)), "", sep="\n")
-    screen.print(*ruled_table(shares, 1, terminal_width(screen)), "", sep="\n")
-    screen.print(study.verdict)
+    print(*ruled_table(bands, 2, terminal_width()), "", sep="\n")
+    print(*ruled_table(shares, 1, terminal_width()), "", sep="\n")
+    print(study.verdict)
     for note in study.notes:
-        screen.print(f"note: {note}")
-    screen.print(f"written: {plot}" if plot else "nothing drawn (--plot FILE draws the bands over time)")
+        print(f"note: {note}")
+    print(f"written: {plot}" if plot else "nothing drawn (--plot FILE draws the bands over time)")
 
 
 def _parse_numbers(name: str, text: str) -> float | list[float]:

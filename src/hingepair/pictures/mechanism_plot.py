@@ -20,7 +20,7 @@ from hingepair.pictures.curves import (
     finish_figure,
 )
 from hingepair.pictures.motion_samples import Array
-from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.robot_scene import RobotResult, RobotScene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,15 +36,15 @@ _TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the 
 _COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
 
-def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Iterable[str] | None) -> Figure:
+def plot_mechanism(source: RobotScene | RobotResult, outputs: Iterable[str] | None) -> Figure:
     """Draw the motion of a scene of a mechanism, or of its result, in a new figure, and return the figure: position,
     rate and motor torque or force of each moving joint over time, and the paths of the scene's frames in space.
 
     Args:
         source: a scene of a mechanism, or its result, whose scene is drawn.
-        outputs: names of the outputs to draw instead, as for `MechanismScene.evaluate`.
+        outputs: names of the outputs to draw instead, as for `RobotScene.evaluate`.
     """
-    scene = source if isinstance(source, MechanismScene) else source.scene
+    scene = source if isinstance(source, RobotScene) else source.scene
     collector = CurveCollector()
     if outputs is not None:
         for part in scene.blocks(outputs):
@@ -54,7 +54,7 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
             figure_type, collector.curves(), lambda name: _mechanism_title_and_unit(scene, name)
         )
         return finish_figure(figure, scene.title)
-    quantities = _QUANTITIES[: scene.joint_motion.level + 1]
+    quantities = _QUANTITIES[: scene.motion.level + 1]
     frames = [f"R_{frame}" for frame in scene.frames]
     for part in scene.blocks((*quantities, *frames)):
         columns = {
@@ -69,16 +69,16 @@ def plot_mechanism(source: MechanismScene | MechanismSceneResult, outputs: Itera
     return finish_figure(_draw_joint_panels(figure_type, scene, quantities, collector.curves()), scene.title)
 
 
-def _columns_by_joint(piece: MechanismSceneResult, quantity: str) -> dict[str, Array]:
+def _columns_by_joint(piece: RobotResult, quantity: str) -> dict[str, Array]:
     """Return a dict from the name of each moving joint to an array (N,): its q, qd or tau, whichever `quantity`
     names, in a piece of a result.
     """
     array = getattr(piece, quantity)
-    moving = piece.scene.joint_motion.moving
+    moving = piece.scene.motion.moving
     return {joint: array[:, i] for i, joint in enumerate(piece.scene.mechanism.names) if joint in moving}
 
 
-def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, str]:
+def _mechanism_title_and_unit(scene: RobotScene, name: str) -> tuple[str, str]:
     """Return the title of the panel of the output called `name` of a scene, and the unit of the output, as a tuple of
     strings.
     """
@@ -88,12 +88,12 @@ def _mechanism_title_and_unit(scene: MechanismScene, name: str) -> tuple[str, st
 
 
 def _draw_joint_panels(
-    figure_type: type[Figure], scene: MechanismScene, quantities: tuple[str, ...], curves: dict[str, Curve]
+    figure_type: type[Figure], scene: RobotScene, quantities: tuple[str, ...], curves: dict[str, Curve]
 ) -> Figure:
     """Draw a row of panels for each joint or group of joints, with a column for each of `quantities` (q, qd, tau),
     and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure.
     """
-    joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.joint_motion.moving]
+    joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.motion.moving]
     groups = _panel_groups(scene, joints)
     rows, columns = max(1, len(groups)), len(quantities)
     width, height, paths_width = 3.5, 1.5, 5.0  # inches
@@ -130,7 +130,7 @@ def _draw_joint_panels(
     return figure
 
 
-def _panel_groups(scene: MechanismScene, joints: Sequence[Joint]) -> list[list[Joint]]:
+def _panel_groups(scene: RobotScene, joints: Sequence[Joint]) -> list[list[Joint]]:
     """Return a list of lists of joints; each list holds the joints of one row of panels."""
     size = -(-len(joints) // 12)  # joints in a row
     if size <= 1:

@@ -15,7 +15,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.scenes.instants import Rows
-from hingepair.scenes.scene import Scene, SceneResult
+from hingepair.scenes.pair_scene import PairResult, PairScene
 
 Array: TypeAlias = NDArray[Any]
 
@@ -25,7 +25,7 @@ MAX_SHOWN: Final = 2000
 # By increasing level of derivatives.
 BODY2_RATES: Final = ("v2", "omega2", "a2", "alpha2")
 
-MotionSource: TypeAlias = HingePair | Scene | SceneResult | Trajectory | SimulatedPlanarMotion
+MotionSource: TypeAlias = HingePair | PairScene | PairResult | Trajectory | SimulatedPlanarMotion
 
 RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str, Array]]
 """A motion in memory: instants [s], pair, motion of body 1, psi [rad], and further arrays by name."""
@@ -63,8 +63,8 @@ def spread_samples(source: object) -> ShownMotion:
     """Return a `ShownMotion` of at most MAX_SHOWN evenly spread samples of the motion of a scene or its result, a
     trajectory or a pair, with the available velocities and accelerations of body 2.
     """
-    source = source.scene if isinstance(source, SceneResult) else source
-    if isinstance(source, Scene):
+    source = source.scene if isinstance(source, PairResult) else source
+    if isinstance(source, PairScene):
         return _scene_samples(source, source.sampled(MAX_SHOWN, _scene_outputs(source, None)), None)
     motion = _recorded_motion(source)
     return _recorded_samples(motion, spread_rows(len(motion[0])), None)
@@ -88,15 +88,15 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
         outputs = () if isinstance(outputs, str) else tuple(outputs)
         if not outputs:
             raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none, or a text")
-    source = source.scene if isinstance(source, SceneResult) else source
-    if isinstance(source, Scene):
+    source = source.scene if isinstance(source, PairResult) else source
+    if isinstance(source, PairScene):
         for part in source.blocks(_scene_outputs(source, outputs)):
             yield _scene_samples(source, part, outputs)
     else:
         yield _recorded_samples(_recorded_motion(source), slice(None), outputs)
 
 
-def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
+def _scene_outputs(scene: PairScene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
     """Return a tuple of the names of the outputs to evaluate: `outputs` itself or, if `outputs` is None, the
     velocities and accelerations of body 2 that the scene's motion has, and psi.
     """
@@ -105,7 +105,7 @@ def _scene_outputs(scene: Scene, outputs: tuple[str, ...] | None) -> tuple[str, 
     return (*BODY2_RATES[: 2 * scene.motion.level], "psi")
 
 
-def _scene_samples(scene: Scene, piece: SceneResult, outputs: tuple[str, ...] | None) -> ShownMotion:
+def _scene_samples(scene: PairScene, piece: PairResult, outputs: tuple[str, ...] | None) -> ShownMotion:
     """Return a `ShownMotion` of one piece of a scene's result, with the outputs named in `outputs`, or with the
     velocities and accelerations of body 2 if `outputs` is None.
     """

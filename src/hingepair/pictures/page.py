@@ -36,12 +36,12 @@ from hingepair.pictures.motion_samples import (
 )
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
 from hingepair.plans.arguments import CoordinateNames
-from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
-from hingepair.scenes.scene import Scene, SceneResult
+from hingepair.scenes.pair_scene import PairResult, PairScene
+from hingepair.scenes.robot_scene import RobotResult, RobotScene
 
 
 def view(
-    source: MotionSource | Mechanism | MechanismScene | MechanismSceneResult,
+    source: MotionSource | Mechanism | RobotScene | RobotResult,
     path: str | os.PathLike[str] | None = None,
     q: ArrayLike | None = None,
     t: ArrayLike | None = None,
@@ -88,11 +88,11 @@ def view(
         for name, value in (("q", q), ("t", t), ("base_motion", base_motion)):
             if value is not None:
                 raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
-        source = source.scene if isinstance(source, SceneResult | MechanismSceneResult) else source
-        model, motion = _robot_content(source) if isinstance(source, MechanismScene) else _pair_content(source)
+        source = source.scene if isinstance(source, PairResult | RobotResult) else source
+        model, motion = _robot_content(source) if isinstance(source, RobotScene) else _pair_content(source)
     page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], _page_html(model, motion))
     if path is not None:
-        page.save(path, source.files if isinstance(source, Scene | MechanismScene) else ())
+        page.save(path, source.files if isinstance(source, PairScene | RobotScene) else ())
     return page
 
 
@@ -176,7 +176,7 @@ def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
     return pair_model(samples.pair, samples.title), motion
 
 
-def _robot_content(scene: MechanismScene) -> tuple[PageModel, _PageMotion]:
+def _robot_content(scene: RobotScene) -> tuple[PageModel, _PageMotion]:
     """Return a tuple of the page model and a _PageMotion of the scene of a mechanism, with at most MAX_SHOWN samples
     of the motion.
     """

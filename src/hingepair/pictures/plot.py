@@ -23,7 +23,7 @@ from hingepair.pictures.curves import (
 from hingepair.pictures.mechanism_plot import plot_mechanism
 from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, sample_pieces
 from hingepair.pictures.smoothed_plot import plot_smoothed
-from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.robot_scene import RobotResult, RobotScene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,7 @@ _TITLES: Final = {
 
 
 def plot(
-    source: MotionSource | MechanismScene | MechanismSceneResult | SmoothedMotion | SmoothedAngle,
+    source: MotionSource | RobotScene | RobotResult | SmoothedMotion | SmoothedAngle,
     outputs: Iterable[str] | None = None,
 ) -> Figure:
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`).
@@ -89,7 +89,7 @@ def plot(
     """
     if isinstance(source, SmoothedMotion | SmoothedAngle):
         return plot_smoothed(source, outputs)
-    if isinstance(source, MechanismScene | MechanismSceneResult):
+    if isinstance(source, RobotScene | RobotResult):
         return plot_mechanism(source, outputs)
     title, curves = _collect_curves(source, outputs)
     figure_type = figure_class()

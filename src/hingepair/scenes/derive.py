@@ -12,8 +12,10 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.scenes.load import load_pair, load_tables
+from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.pair_table import pair_expressions
-from hingepair.scenes.scene import Scene, load_pair, load_tables
+from hingepair.scenes.robot_scene import RobotScene
 from hingepair.scenes.tables import Table
 from hingepair.symbolic.closed_forms import PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS
 from hingepair.symbolic.derivation import Derivation
@@ -22,16 +24,19 @@ from hingepair.symbolic.kinks import Expr, constant_value
 
 
 @overload
-def derive(scene_or_pair: Scene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation: ...
+def derive(scene_or_pair: PairScene | HingePair | PlanarPair, symbolic: Iterable[str] = ()) -> Derivation: ...
 @overload
-def derive(scene_or_pair: Mechanism, symbolic: Iterable[str] = (), frame: str | None = None) -> FrameForms: ...
 def derive(
-    scene_or_pair: Scene | HingePair | PlanarPair | Mechanism,
+    scene_or_pair: RobotScene | Mechanism, symbolic: Iterable[str] = (), frame: str | None = None
+) -> FrameForms: ...
+def derive(
+    scene_or_pair: PairScene | RobotScene | HingePair | PlanarPair | Mechanism,
     symbolic: Iterable[str] = (),
     frame: str | None = None,
 ) -> Derivation | FrameForms:
     r"""Return closed forms as SymPy expressions. A Scene, a HingePair or a PlanarPair gives a Derivation with the
-    equations E1-E11 (docs/concepts/equations.md). A Mechanism gives the FrameForms of one link, joint or frame.
+    equations E1-E11 (docs/concepts/equations.md). A Mechanism, or its scene, gives the FrameForms of one
+    link, joint or frame.
 
     The coordinates of a HingePair are functions of t: x(t), y(t), z(t), the XYZ Euler angles phi_x(t), phi_y(t),
     phi_z(t), and psi(t). The coordinates of a PlanarPair are x(t), y(t), phi(t), psi(t). The coordinates of a Scene
@@ -96,11 +101,13 @@ def derive(
     [2*sin(q_1) + sin(q_1 + q_2)],
     [                          0]])
     """
+    if isinstance(scene_or_pair, RobotScene):
+        scene_or_pair = scene_or_pair.mechanism
     if isinstance(scene_or_pair, Mechanism):
         return FrameForms(scene_or_pair, frame, symbolic)
     if frame is not None:
         raise ArgumentError("frame", "a robot, whose frame it is", quoted(scene_or_pair))
-    if isinstance(scene_or_pair, Scene):
+    if isinstance(scene_or_pair, PairScene):
         scene = scene_or_pair
         names = _symbolic_names(symbolic, scene.pair, scene.constants)
         symbolic_constants = tuple(name for name in names if name in scene.constants)

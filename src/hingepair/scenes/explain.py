@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,3 +120,35 @@ def explain(
         if name in constant and any(step.result in {"trig", "hinge"} for step in plan.steps):
             skipped.append((f"sine and cosine of {name} at each instant", f"{name} is constant"))
     return ScenePlan(plan.outputs, tuple(computed), tuple(skipped), operations)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPlan:
+    """What a robot's scene computes and skips."""
+
+    #: number of operations by the description of the computed outputs
+    computed: Mapping[str, OperationCounts]
+    #: names of the joints that do not move
+    still: tuple[str, ...]
+    #: highest order of the needed derivatives
+    order: int
+    #: highest order of the derivatives that the motion has
+    level: int
+    #: whether the base rests at the origin
+    base_rests: bool
+
+    def __str__(self) -> str:
+        lines = ["computed:"]
+        for what, operations in self.computed.items():
+            left = f"{operations.per_sample} operations at each instant"
+            lines.append(f"  {what}: {left}, of {operations.unfolded} in all")
+            if operations.shared:
+                lines.append(f"    and {operations.shared} once, since they depend on constants only")
+        skipped = [f"joints that do not move, whose sines and cosines are constants: {', '.join(self.still)}"]
+        reasons = ["no output needs them" if i < self.level else "the motion does not give them" for i in range(2)]
+        skipped = skipped if self.still else []
+        skipped += [
+            f"{('first', 'second')[i]} derivatives of the coordinates: {reasons[i]}" for i in range(self.order, 2)
+        ]
+        skipped += ["the motion of the base: it rests at the origin"] * self.base_rests
+        return "\n".join([*lines, *(["skipped:"] if skipped else []), *(f"  {reason}" for reason in skipped)])

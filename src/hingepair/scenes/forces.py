@@ -1,9 +1,10 @@
-"""The forces that the motion of a scene takes (D1-D5), with what limits, gravity and noise mean for them."""
+"""The forces that the motion of a scene takes (D1-D5, T1-T3), with what limits, gravity and noise mean for them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,79 +12,183 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array, one_constant
-from hingepair.numeric.tables import Sheet, instant_text, unit_of
+from hingepair.numeric.tables import Sheet, cell_text, instant_text, number_texts, unit_of
 from hingepair.pair.hinge_load import HINGE_TORQUE_PART_NAMES
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import Record
-from hingepair.plans.plan import ACCELERATION
+from hingepair.pair.results import Record, column_names
+from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND
+from hingepair.scenes.motions.joints import RATE_SUFFIXES, KnownJointMotion
 from hingepair.scenes.motions.known import KnownMotion, MotionByBody1
 from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
-from hingepair.scenes.motions.motion import Motion, massive, non_finite_sentences
-from hingepair.scenes.motions.noise import (
-    NOISY_EFFORT,
-    LogNoise,
-    finite_rms,
-    motion_with_errors,
-    noise_rows,
+from hingepair.scenes.motions.motion import massive, non_finite_sentences
+from hingepair.scenes.motions.noise import LogNoise, finite_rms, motion_with_errors, noise_rows
+from hingepair.scenes.pair_scene import PairScene
+from hingepair.scenes.robot_scene import RobotScene
+from hingepair.scenes.scene import Scene
+
+_NOISY = 0.01  # noise of a torque or force to its rms; above, a note recommends smoothing
+
+# Torques or forces against their limits, then positions and rates.
+_HEADINGS = (
+    *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of limit"),
+    *("min q", "limit", "max q", "limit", "max |q'|", "limit"),
 )
 
 
-class SceneForces(Record):
-    """Forces of a pair at the instants of a scene.
-
-    Args:
-        gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
-        noise: standard deviation that the noise of a log causes in each force array, away from the ends of the log;
-            dict by name, shape () or (k,). Empty if the motion is not from a log.
-        notes: sentences for readers of the forces.
-        record: the arguments of a `Record`.
+@dataclass(frozen=True, slots=True)
+class JointLoad:
+    """Summary of one joint over all instants: its effort (torque of a hinge [N m], force of a slider [N]), position
+    and rate beside their limits, which are infinite where there are none.
     """
 
-    __slots__ = ("gravity", "noise", "notes")
+    #: name of the joint
+    joint: str
+    #: "hinge" or "slider"
+    kind: str
+    #: root mean square of the joint's effort: torque of a hinge [N m], force of a slider [N]; NaN if no value is
+    #: finite
+    rms: float
+    #: largest absolute value of the effort
+    largest: float
+    #: instant of the largest effort [s]
+    t_of_largest: float
+    #: largest absolute value of the effort that the joint allows
+    effort_limit: float
+    #: number of instants at which the effort exceeds effort_limit
+    beyond: int
+    #: the first of these instants [s]; NaN if there are none
+    t_of_first: float
+    #: least and greatest coordinate [rad or m]
+    position: tuple[float, float]
+    #: limits of the coordinate
+    position_limits: tuple[float, float]
+    #: largest absolute value of the rate [rad/s or m/s]
+    rate: float
+    #: limit of the absolute value of the rate
+    rate_limit: float
+    #: standard deviation of the torque or force that the noise of a log causes, away from the log's ends; NaN without
+    #: a log
+    noise: float
+
+    @property
+    def unit(self) -> str:
+        """Unit of the joint's effort: N m for a hinge, N for a slider."""
+        return "N m" if self.kind == "hinge" else "N"
+
+    @property
+    def use(self) -> float:
+        """The largest effort as a fraction of the effort limit; NaN without a limit."""
+        if not math.isfinite(self.effort_limit):
+            return math.nan
+        if not self.effort_limit:  # a joint that may take no load
+            return math.inf if self.largest else 0.0
+        return self.largest / self.effort_limit
+
+
+class SceneForces(Record):
+    """Forces at the instants of a scene. They print as a table and can be saved to a file.
+
+    Args:
+        scene: the scene.
+        t: its instants.
+        arrays: the forces by name.
+        gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
+        notes: sentences for readers of the forces.
+        noise: of a pair, the standard deviation that the noise of a log causes in each array away from the ends of
+            the log, by name; shape () or (k,). Empty without a log.
+        tau: of a robot, joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).
+        loads: of a robot, a JointLoad for each joint that has a coordinate of its own.
+    """
+
+    __slots__ = ("gravity", "loads", "noise", "notes", "tau")
 
     def __init__(
         self,
-        *record: Any,
+        scene: Scene,
+        t: Float64Array,
+        arrays: Mapping[str, NDArray[Any]],
+        *,
         gravity: tuple[float, ...],
-        noise: Mapping[str, Float64Array],
         notes: tuple[str, ...],
+        noise: Mapping[str, Float64Array] | None = None,
+        tau: Float64Array | None = None,
+        loads: tuple[JointLoad, ...] = (),
     ) -> None:
-        super().__init__(*record)
-        self.gravity = gravity
-        self.noise = noise
-        self.notes = notes
+        super().__init__(t, arrays, f"forces: {scene.title}", scene.files, scene.unit)
+        self.gravity, self.notes, self.noise = gravity, notes, noise or {}
+        self.tau, self.loads = tau, loads
 
     def _sheet(self) -> Sheet:
+        if self.loads:
+            return Sheet(f"{self.described}: {len(self.t)} instants", _load_rows(self.loads), self.notes)
         return super()._sheet()._replace(notes=self.notes)
 
+    def ranges(self) -> dict[str, dict[str, float]]:
+        """Return, by component, the first, smallest, largest and rms value, the instant of the largest size, and the
+        noise of a log. The efforts of joints are in `loads`.
+        """
+        arrays = {name: array for name, array in self.recorded().items() if not name.startswith("tau_")}
+        v = np.concatenate([array.reshape(len(self.t), -1) for array in arrays.values()], axis=1)
+        finite = np.isfinite(v)
+        v = np.where(finite, v, np.nan)
+        known = finite.any(axis=0)
+        largest = np.where(finite, np.abs(v), -1.0).argmax(axis=0)
+        squares, count = np.nansum(v * v, axis=0), np.maximum(finite.sum(axis=0), 1)
+        columns = {"first": v[0], "smallest": np.fmin.reduce(v), "largest": np.fmax.reduce(v)}
+        columns |= {"rms": np.where(known, np.sqrt(squares / count), np.nan)}
+        columns |= {"t_of_largest_size": np.where(known, self.t[largest], np.nan)}
+        if self.noise:
+            columns["noise"] = np.concatenate([np.ravel(self.noise[name]) for name in arrays])
+        return {
+            name: {key: float(values[i]) for key, values in columns.items()}
+            for i, name in enumerate(column_names(arrays))
+        }
 
-def pair_scene_forces(
-    motion: Motion,
-    pair: HingePair | PlanarPair,
-    t: Float64Array,
-    gravity: ArrayLike | None,
-    title: str,
-    files: tuple[Path, ...],
-) -> SceneForces:
-    """Return the SceneForces that a pair's Motion requires; `t` holds all instants of the motion. `gravity` is a
-    vector, with two components in the plane, or None for the motion's own gravity. `title` and `files` are the
-    scene's title and input files.
-    """
-    if motion.level < ACCELERATION:
-        raise ArgumentError("scene", f"a motion with accelerations, which forces need{motion.hint}", motion.origin)
-    flat, size = isinstance(pair, PlanarPair), 2 if isinstance(pair, PlanarPair) else 3
-    fall = motion.gravity(pair)
+    def tables(self) -> list[list[tuple[str, ...]]]:
+        """Return the rows of the tables that `hingepair forces` prints, headings first."""
+        ranges = self.ranges()
+        keys = ("first", "smallest", "largest", "rms", "t_of_largest_size")
+        texts = number_texts([*ranges], [[row[key] for key in keys[:-1]] for row in ranges.values()], digits=5)
+        rows = [("", "unit", *keys[:-1], "max |.| at t", *["by noise"] * bool(self.noise))]
+        for (name, row), numbers in zip(ranges.items(), texts, strict=True):
+            noise = [f"{row['noise']:.2g}"] if self.noise else []
+            rows.append((name, unit_of(name), *numbers, instant_text(row["t_of_largest_size"]), *noise))
+        return [_load_rows(self.loads), rows] if self.loads else [rows]
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON of `hingepair forces` says."""
+        loads = {load.joint: {key: own for key, own in asdict(load).items() if key != "joint"} for load in self.loads}
+        joints = {} if self.tau is None else {"joints": loads}
+        return {"gravity": list(self.gravity), **joints, "outputs": self.ranges()}
+
+
+def _check_accelerations(scene: Scene) -> None:
+    if scene.motion.level < ACCELERATION:
+        wanted = f"a motion with accelerations, which forces need{scene.motion.hint}"
+        raise ArgumentError("scene", wanted, scene.motion.origin)
+
+
+# ---- pairs
+
+
+def pair_forces(scene: PairScene, gravity: ArrayLike | None) -> SceneForces:
+    """Return the forces that the motion of a pair requires, as `Scene.forces` describes them."""
+    _check_accelerations(scene)
+    pair, motion, t = scene.pair, scene.motion, scene.times()
+    flat = scene.kind == PLANAR_MOTION_KIND
+    size, fall = 2 if flat else 3, motion.gravity(pair)
     if gravity is not None:
         if motion.simulated:
             raise ArgumentError("gravity", "None, since the table [dynamics] of the scene has a gravity", gravity)
         fall = (*one_constant("gravity", gravity, size).tolist(), 0.0)[:3]
-    known_motion = motion.source.part(slice(None), ACCELERATION)
-    arrays = _required_forces(pair, known_motion.in_space(pair), fall)
+    known = motion.source.part(slice(None), ACCELERATION)
+    arrays = _required_forces(pair, known.in_space(pair), fall)
     if motion.simulated:
-        given_already = _forces_from_body2_loads(massive(pair), motion.simulated)
-        arrays = {name: array - given_already[name] for name, array in arrays.items()}
+        given = _forces_from_body2_loads(massive(pair), motion.simulated)
+        arrays = {name: array - given[name] for name, array in arrays.items()}
         loads = motion.simulated.loads
         parts = {name: loads[name] for part in HINGE_TORQUE_PART_NAMES if (name := f"{part}_torque") in loads}
         arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
@@ -93,13 +198,13 @@ def pair_scene_forces(
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
     noise: dict[str, Float64Array] = {}
     if motion.deviations is not None:
-        noise, sentence = _smoothed_force_noise(pair, known_motion.in_space(pair), motion.deviations, fall, arrays)
+        noise, sentence = _smoothed_force_noise(pair, known.in_space(pair), motion.deviations, fall, arrays)
         notes.append(sentence)
     elif motion.derived is not None and len(t) > DIFFERENCE_ORDER:
-        noise, sentence = _force_noise(pair, t, known_motion, motion.derived, fall, arrays)
+        noise, sentence = _force_noise(pair, t, known, motion.derived, fall, arrays)
         notes.append(sentence)
-    record = t, _plane_components(arrays) if flat else arrays, f"forces: {title}", files
-    return SceneForces(*record, gravity=fall[:size], noise=noise, notes=tuple(notes))
+    shown = _plane_components(arrays) if flat else arrays
+    return SceneForces(scene, t, shown, gravity=fall[:size], notes=tuple(notes), noise=noise)
 
 
 def _required_forces(
@@ -192,7 +297,7 @@ def _force_noise(
         f"{_two_digits(torque)} N m of hinge_torque, whose rms is {_two_digits(rms)} "
         "(standard deviations; more near the ends)"
     )
-    if torque > NOISY_EFFORT * rms:
+    if torque > _NOISY * rms:
         sentence += "; hp.smooth(t, psi) finds psi'' of noisy samples, hp.smooth(t, body1) the motion of body 1"
     return noise, sentence
 
@@ -222,3 +327,119 @@ def _smoothed_force_noise(
 
 def _two_digits(number: float) -> str:
     return f"{float(f'{number:.2g}'):g}"
+
+
+# ---- robots
+
+
+def robot_forces(scene: RobotScene, gravity: ArrayLike | None) -> SceneForces:
+    """Return the forces that the motion of a robot requires, as `Scene.forces` describes them."""
+    _check_accelerations(scene)
+    robot, t = scene.mechanism, scene.times()
+    fall = scene.gravity if gravity is None else tuple(one_constant("gravity", gravity, 3).tolist())
+    known = scene.known(slice(len(t)), ACCELERATION)
+    acting = robot.inverse_dynamics(*known.arguments(), gravity=fall, base_motion=known.base)
+    tau = np.asarray(acting.tau, dtype=np.float64)
+    arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
+    arrays |= {"force1": acting.force1, "torque1": acting.torque1}
+    deviations, notes = np.full(robot.dof, math.nan), [*non_finite_sentences(arrays)]
+    if scene.motion.derived is not None and len(t) > DIFFERENCE_ORDER:
+        deviations, sentence = _effort_noise(scene, t, fall, tau)
+        notes.append(sentence)
+    loads = tuple(
+        _summarize_joint(joint, i, t, known, tau[:, i], float(deviations[i]))
+        for i, joint in enumerate(robot.tree.coordinates)
+    )
+    for load in loads:
+        notes += _effort_limit_sentences(load, len(t))
+    return SceneForces(scene, t, arrays, gravity=fall, notes=tuple(notes), tau=tau, loads=loads)
+
+
+def _effort_noise(
+    scene: RobotScene, t: Float64Array, gravity: tuple[float, ...], tau: Float64Array
+) -> tuple[Float64Array, str]:
+    """Return the standard deviation that noise of the log causes in each joint effort, shape (dof,) [N m or N], and a
+    sentence on the noise.
+    """
+    robot, motion, rows = scene.mechanism, scene.motion, noise_rows(len(t))
+    middle = scene.known(rows, ACCELERATION)
+    log = LogNoise(t[rows] - t[rows.start], motion.derived or (), DIFFERENCE_ORDER)
+    derivatives = [list(values) for values in middle.derivatives]
+    for column, joint in enumerate(robot.names):
+        if joint in motion.moving:
+            names = tuple(joint + rate for rate in RATE_SUFFIXES)
+            values = tuple(middle.column(order, column) for order in range(len(names)))
+            for order, noisy in enumerate(log.column_with_noise_added(names, values)):
+                derivatives[order][column] = noisy
+    arguments = replace(middle, derivatives=tuple(map(tuple, derivatives))).arguments()
+    acting = robot.inverse_dynamics(*arguments, gravity=gravity, base_motion=middle.base, outputs=("tau",))
+    half = DIFFERENCE_ORDER // 2  # what the differences at the ends reach
+    noise = finite_rms((np.asarray(acting.tau, np.float64) - tau[rows])[half:-half])
+    sizes = ", ".join(f"{size:.2g} {scene.unit(name)} of {name}" for name, size in log.sizes.items())
+    note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
+    if (noise > _NOISY * finite_rms(tau)).any():
+        note += "; hp.smooth(t, q) finds the rates of a noisy column"
+    return noise, note
+
+
+def _load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
+    """Return the rows of a table of loads; an infinite limit is an empty cell."""
+    logged = any(math.isfinite(load.noise) for load in loads)
+    rows: list[tuple[str, ...]] = [(*_HEADINGS, "by noise") if logged else _HEADINGS]
+    for load in loads:
+        use = "" if math.isnan(load.use) else f"{load.use:.0%}"
+        sizes = (
+            cell_text(load.rms),
+            cell_text(load.largest),
+            instant_text(load.t_of_largest),
+            _limit_text(load.effort_limit),
+            use,
+        )
+        both = zip(load.position, load.position_limits, strict=True)
+        q = (text for value, limit in both for text in (cell_text(value), _limit_text(limit)))
+        noise = [f"{load.noise:.2g}"] if logged else []
+        rows.append((load.joint, load.unit, *sizes, *q, cell_text(load.rate), _limit_text(load.rate_limit), *noise))
+    return rows
+
+
+def _limit_text(value: float) -> str:
+    return cell_text(value) if math.isfinite(value) else ""
+
+
+def _summarize_joint(
+    joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array, noise: float
+) -> JointLoad:
+    """Return the JointLoad of the joint with the index `joint_index`: the extremes of its effort `tau` (N,), of its
+    position and of its rate at the instants t, and their limits.
+    """
+    finite = np.isfinite(tau)
+    largest, when = (math.nan, math.nan)
+    if finite.any():
+        largest_index = int(np.where(finite, np.abs(tau), -1.0).argmax())
+        largest, when = float(abs(tau[largest_index])), float(t[largest_index])
+    beyond = np.flatnonzero(np.abs(tau) > joint.effort_limit)
+    q, qd = known_motion.column(0, joint_index), np.abs(known_motion.column(1, joint_index))
+    return JointLoad(
+        joint.name,
+        joint.kind,
+        float(np.sqrt(np.mean(tau[finite] ** 2))) if finite.any() else math.nan,
+        largest,
+        when,
+        joint.effort_limit,
+        int(beyond.size),
+        float(t[beyond[0]]) if beyond.size else math.nan,
+        (float(np.fmin.reduce(q)), float(np.fmax.reduce(q))),
+        joint.position_limits,
+        float(np.fmax.reduce(qd)),
+        joint.rate_limit,
+        noise,
+    )
+
+
+def _effort_limit_sentences(load: JointLoad, instant_count: int) -> Iterator[str]:
+    """Yield one sentence if a JointLoad exceeds the joint's effort limit at some instants, otherwise nothing."""
+    if load.beyond:
+        yield (
+            f"{load.joint} takes up to {load.largest:.4g} {load.unit}, more than its limit of {load.effort_limit:g}, "
+            f"at {load.beyond} of {instant_count} instants, first at t = {instant_text(load.t_of_first)} s"
+        )

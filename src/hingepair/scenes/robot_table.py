@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.errors import URDFError, choices, nearest, printable, quoted
+from hingepair.errors import SceneError, URDFError, choices, nearest, printable, quoted
 from hingepair.mechanism.building import BASE_KINDS
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.slider import Slider
@@ -192,3 +192,23 @@ def with_payload(robot: Mechanism, table: Table) -> Mechanism:
         with payload.naming(link=link):
             robot = robot.with_payload(link, body)
     return robot
+
+
+def is_stray_joint(tables: Table, folder: Path, error: SceneError) -> bool:
+    """Return whether the key that an error is about is a joint of the robot outside the table [motion]."""
+    *parents, key = error.loc or ("",)
+    if not parents or parents[0] == "motion" or parents[-1] == "locked":
+        return False
+    value: Any = tables.values
+    for step in (*parents, key):
+        value = value.get(step) if isinstance(value, dict) else None
+    if isinstance(value, dict) and "value" not in value:  # no way points: a frame, or a payload
+        return False
+    if "joint" in tables.values:
+        return key in (joint.get("name") for joint in tables.values["joint"] if isinstance(joint, dict))
+    table = tables.table("mechanism")
+    source = {name: entry for name, entry in table.values.items() if name in {"robot", "urdf"}}
+    try:
+        return key in read_mechanism(replace(tables, values={"mechanism": source}), folder).names
+    except SceneError:
+        return False

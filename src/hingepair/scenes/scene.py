@@ -1,240 +1,133 @@
-"""Scenes: a pair and its motion as functions of time, from a TOML file. docs/scenes.md describes the format."""
+"""Scenes: a pair or a robot, its motion, and the instants to compute, from a TOML file.
+
+docs/scenes.md describes the format. What depends on what moves is in `pair_scene` and `robot_scene`.
+"""
 
 from __future__ import annotations
 
-import math
-import os
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+import abc
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.simulate import describe_stop_overrun
-from hingepair.engine.results import missing_attribute_error
-from hingepair.errors import ArgumentError, SceneError, choices, quoted
+from hingepair.errors import ArgumentError
 from hingepair.integration.trajectory import describe_instants
-from hingepair.numeric.arrays import Frozen, read_only
-from hingepair.numeric.suspicions import DEGREES_IN_SCENES
-from hingepair.numeric.suspicions import suspicions as judge
-from hingepair.numeric.tables import Sheet, cell_text, unit_of
-from hingepair.pair.dynamics import Energy, Momentum
-from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import Result
-from hingepair.pair.states import PairState, PlanarState
-from hingepair.plans.arguments import check_outputs
-from hingepair.plans.plan import (
-    ACCELERATION,
-    PLANAR_MOTION_KIND,
-    POSE,
-    SPATIAL_MOTION_KIND,
-    VELOCITY,
-    MotionKind,
-)
-from hingepair.scenes.explain import ScenePlan, explain
-from hingepair.scenes.instants import Instants, Rows, SampledScene
-from hingepair.scenes.motions.known import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
-from hingepair.scenes.motions.motion import LimitCounter, Motion, kink_sentences, massive
-from hingepair.scenes.pair_table import read_pair
-from hingepair.scenes.tables import Table, read_tables
+from hingepair.numeric.arrays import Float64Array, Frozen, read_only
+from hingepair.numeric.tables import Sheet, Shown, cell_text, instant_text, unit_of
+from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY, RESULT_ROWS_PER_BLOCK, Result
+from hingepair.plans.plan import VELOCITY
+from hingepair.scenes import suspicions
+from hingepair.scenes.instants import Instants, Rows
+from hingepair.scenes.motions.motion import LimitCounter, Motion, kink_sentences
+from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
-    from hingepair.mechanism.mechanism import Mechanism
     from hingepair.scenes.forces import SceneForces
-    from hingepair.scenes.motions.functions import FunctionsOfTime
-    from hingepair.scenes.motions.simulated import DynamicsSetup
-    from hingepair.scenes.robot_scene import MechanismScene
-    from hingepair.symbolic.kinks import Expr
+    from hingepair.scenes.pair_scene import PairScene
     from hingepair.validation.report import CrossValidation
 
-_PAIR_TABLES = ("title", "planar", "pair", "motion", "dynamics", "time", "outputs", "tolerances")
-"""Keys and tables that the file of a scene of a pair may have."""
-_ROBOT_TABLES = ("title", "mechanism", "joint", "base", "motion", "time", "outputs")
-"""Keys and tables that the file of a scene of a mechanism may have."""
-COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
-"""Names of the outputs that are coordinates, all or psi alone, and their derivatives."""
-_ATTITUDES: Final = {"quat1": "S1", "quat2": "S2"}
-"""Attitude by the output that gives it as a quaternion (x, y, z, w)."""
-FURTHER_OUTPUTS: Final = (*COORDINATE_OUTPUTS, *_ATTITUDES)
-"""Outputs that a scene has beside those of the equations; the quaternions only in space."""
+
+class Residual(NamedTuple):
+    """A constraint whose residual a run reports."""
+
+    label: str
+    meaning: str
+    unit: str
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SceneResult(Frozen, Result):
-    """Results of a pair's scene: its instants `t`, the `state` (a PairState or PlanarState), every attribute of the
-    state (R2, S2, d, v2, ...), and the coordinates.
-
-    q, qd and qdd have shape (samples, 7), in the plane (samples, 4); psi, psid and psidd have shape (samples,). If
-    the attitude of body 1 is not given by Euler angles, q is x, y, z, the quaternion qx, qy, qz, qw (qw >= 0) and
-    psi; qd is v1, omega1 and psi'; qdd is a1, alpha1 and psi''. quat1 and quat2, shape (samples, 4), are the
-    quaternions (x, y, z, w), w >= 0, of S1 and S2. An output is None if it was not requested or the motion does not
-    have it.
-    """
+class SceneResult(Frozen, Result, abc.ABC):
+    """Results of a scene at its instants; an output that was not computed is None."""
 
     #: instants; shape (samples,) s
     t: NDArray[np.float64]
-    #: the PairState, or PlanarState, at these instants
-    state: PairState | PlanarState
-    #: the Scene that was evaluated
-    scene: Scene
+    #: the computed states; None if no output needs them
+    state: Any
+    #: the scene that was evaluated
+    scene: Any
     #: the motion that the state was computed from
-    known: KnownMotion
-    #: names of the requested outputs; None for all outputs of body 2, and the hinge angle
-    names: tuple[str, ...] | None
+    known: Any
+    #: the requested outputs
+    requested: Any
     #: index of the first instant; 0 except in blocks
     first: int = 0
     _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
-        "requested_arrays",
-        "energy",
-        "first",
-        "known",
-        "momentum",
-        "names",
+        *("coincident_frames", "energy", "first", "known", "momentum", "requested"),
+        *("requested_arrays", "residual_sizes"),
     }
 
     @property
     def described(self) -> str:
         """The title of the scene."""
-        return self.scene.title
+        title: str = self.scene.title
+        return title
 
     @property
     def inputs(self) -> tuple[Path, ...]:
         """The files of the scene, which `save` refuses to overwrite."""
-        return self.scene.files
+        files: tuple[Path, ...] = self.scene.files
+        return files
 
+    def unit(self, name: str) -> str:
+        """Return the unit of a recorded array, or of one of its components, by its name."""
+        unit: str = self.scene.unit(name)
+        return unit
+
+    @abc.abstractmethod
     def requested_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the requested outputs as a dict of arrays by name, shape (samples, ...). Each component of q, qd,
-        qdd, quat1 and quat2 is a separate array, named like the column of a log. If no outputs were requested, return
-        all computed outputs, and psi with its known derivatives.
-        """
-        names, state = self.names, self.state.arrays()
-        if names is None:
-            names = (*state, *(name for name in ("psi", "psid", "psidd") if _output_level(name) <= self.known.level))
-        arrays: dict[str, NDArray[Any]] = {name: array for name, array in state.items() if name in names}
-        for name in names:
-            components = self._components(name) if name in FURTHER_OUTPUTS else {}
-            arrays |= {
-                key: components[key] for key in components if key.partition("_")[0] not in arrays
-            }  # v1 has v1_x already
-        return arrays
+        """Return the requested outputs by name; shape (samples, ...). Coordinates are named like columns of a log."""
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the requested outputs and the coordinates as a dict of arrays by name; shape (samples, ...)."""
-        return self.requested_arrays() | self.known.coordinates()
+        """Return the requested outputs and the coordinates by name; shape (samples, ...)."""
+        coordinates: dict[str, NDArray[Any]] = self.known.coordinates()
+        return self.requested_arrays() | coordinates
 
-    def energy(self) -> Energy:
-        """Compute the kinetic and potential Energy [J] of the pair at the instants (equation D7), in the scene's
-        gravity; return an Energy.
+    def residual_sizes(self) -> NDArray[np.float64]:
+        """Return, for each of the scene's `residuals`, the largest one and its ratio to u * scale; NaN if none is
+        finite.
         """
-        moved, gravity = self._motion_in_space(), self.scene.motion.gravity(self.scene.pair)
-        return massive(self.scene.pair).energy(moved.body1, moved.psi, moved.hinge[1], gravity=gravity)
+        return np.empty((0, 2))
 
-    def momentum(self) -> Momentum:
-        """Compute the linear and angular Momentum of the pair at the instants (equation D8); return a Momentum."""
-        moved = self._motion_in_space()
-        return massive(self.scene.pair).momentum(moved.body1, moved.psi, moved.hinge[1])
-
-    def _motion_in_space(self) -> MotionByBody1:
-        """Return the motion of the result in space as a MotionByBody1."""
-        if self.known.level < ACCELERATION:
-            raise ArgumentError("outputs", "some that need second derivatives, such as a2", self.state.outputs)
-        return self.known.in_space(self.scene.pair)
-
-    def _components(self, name: str) -> dict[str, NDArray[np.float64]]:
-        """Return the components of the output `name` (q, qd, qdd, psi, psid, psidd, quat1 or quat2) as a dict of
-        arrays (samples,) by column name; empty if the output was not computed.
-        """
-        if name in _ATTITUDES:
-            S = getattr(self.state, _ATTITUDES[name], None)
-            return {} if S is None else quaternion_columns(S, name[-1])
-        if _output_level(name) > self.known.level:
-            return {}
-        return (
-            self.known.log_columns(_output_level(name))
-            if name[0] == "q"
-            else {name: self.known.hinge_angle(_output_level(name))}
-        )
-
-    def __getattr__(self, name: str) -> Any:
-        if name in FURTHER_OUTPUTS:
-            components = [*self._components(name).values()]
-            return None if not components else np.stack(components, -1) if name[0] == "q" else components[0]
-        if not name.startswith("_") and name not in self.__dataclass_fields__ and hasattr(type(self.state), name):
-            return getattr(self.state, name)
-        raise missing_attribute_error(self, name)
+    def coincident_frames(self) -> dict[str, str]:
+        """Return the frames of a robot that move exactly as an earlier one, and these."""
+        return {}
 
     def __repr__(self) -> str:
-        return f"SceneResult({describe_instants(self.t)}, state={self.state!r})"
+        return f"SceneResult({describe_instants(self.t)}, {self._of_what()})"
 
-    def _available_names(self) -> Iterable[str]:
-        """Return a tuple of the names of the attributes and methods that are available in this result, for `dir`."""
-        pair, level = self.scene.pair, self.known.level
-        bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
-        masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
-        beside = (name for name in self.scene.additional_output_names(level) if getattr(self, name) is not None)
-        return *dir(self.state), *beside, *masses
+    @abc.abstractmethod
+    def _of_what(self) -> str: ...
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scene(SampledScene):
-    """Scene of a pair, as read from a scene file: the pair, its motion, and the instants."""
+@dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
+class Scene(Shown, abc.ABC):
+    """Scene as read from a scene file: what moves, how, and when to look."""
 
     #: path of the scene file
     path: Path
     #: title of the scene, a sentence
     title: str
-    #: the HingePair, or for a planar scene the PlanarPair
-    pair: HingePair | PlanarPair
-    #: the motion of the pair and its instants
+    #: the motion and its instants
     motion: Motion
-    #: names of the outputs that `evaluate` computes by default; None for all outputs of body 2 that the motion allows
+    #: names of the outputs that `evaluate` computes by default; None for all of body 2, or for the motion of a
+    #: robot's frames and moving joints
     outputs: tuple[str, ...] | None
     #: constants of the file by name
     constants: Mapping[str, float]
-    #: absolute paths of the files that the scene was read from: the scene file and the log, if any
+    #: absolute paths of the files that the scene was read from
     files: tuple[Path, ...]
     #: contents of the file; expressions are kept as text
     tables: Table
 
-    def __repr__(self) -> str:
-        return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
+    #: number of instants that are compared with Pinocchio in a second or some
+    max_check_instants: ClassVar[int]
+    _noted: ClassVar[str]  # output whose blocks notes are collected from
 
-    def _sheet(self) -> Sheet:
-        """Return the Sheet that prints the scene: title, and rows of name, value and unit."""
-        rows = [
-            ("pair", self.pair.name, ""),
-            ("motion", f"{self.motion.origin}; {self.motion.motion_description}", ""),
-            ("instants", str(self.samples), ""),
-            ("t", self.span, "s"),
-            ("outputs", ", ".join(self.outputs or ("all of body 2",)), ""),
-            *((name, cell_text(value), "") for name, value in self.constants.items()),
-        ]
-        return Sheet(self.title, (("", "value", "unit"), *rows))
-
-    @property
-    def space(self) -> HingePair:
-        """The pair as a HingePair; a PlanarPair is converted by `to_spatial`."""
-        return self.pair if isinstance(self.pair, HingePair) else self.pair.to_spatial()
-
-    @property
-    def kind(self) -> MotionKind:
-        """The kind of motion, SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND, which says which outputs exist."""
-        return SPATIAL_MOTION_KIND if isinstance(self.pair, HingePair) else PLANAR_MOTION_KIND
-
-    @property
-    def sequence(self) -> str | None:
-        """Euler sequence of body 1, such as "XYZ"; None if its attitude is not given by three Euler angles."""
-        return self.motion.source.sequence
-
-    def additional_output_names(self, level: int) -> tuple[str, ...]:
-        """Return a tuple of the names of the coordinate outputs, and in space of the quaternion outputs, that need
-        derivatives of order `level` at most.
-        """
-        names = FURTHER_OUTPUTS if self.kind == SPATIAL_MOTION_KIND else COORDINATE_OUTPUTS
-        return tuple(name for name in names if _output_level(name) <= level)
+    # ---- the instants
 
     @property
     def instants(self) -> Instants:
@@ -242,103 +135,134 @@ class Scene(SampledScene):
         return self.motion.t
 
     @property
-    def expressions(self) -> dict[str, Expr | None]:
-        """SymPy expressions of the coordinates by name (x, y, z, phi_x, phi_y, phi_z, psi; in the plane x, y, phi,
-        psi). The value of a coordinate given by way points is None.
+    def start(self) -> float:
+        """First instant [s]."""
+        return float(self.instants[0])
+
+    @property
+    def stop(self) -> float:
+        """Last instant [s]."""
+        return float(self.instants[-1])
+
+    @property
+    def span(self) -> str:
+        """First and last instant as a short text such as 0..10."""
+        return f"{instant_text(self.start)}..{instant_text(self.stop)}"
+
+    @property
+    def samples(self) -> int:
+        """Number of instants."""
+        return len(self.instants)
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """All instants; shape (samples,) s. Raises an ArgumentError if they are too many to be held in memory."""
+        return self.times()
+
+    def times(self) -> NDArray[np.float64]:
+        """Return all instants as a read-only array; shape (samples,) s."""
+        if self.samples > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY:
+            way = (
+                "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
+            )
+            most = f"at most {MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY} instants to be held in memory; {way}"
+            raise ArgumentError("samples", most, self.samples)
+        return np.asarray(read_only(self.instants[:]))
+
+    def spread(self, max_instants: int) -> Rows:
+        """Return the indices of `max_instants` evenly spread instants, or of all if there are fewer."""
+        return np.unique(np.linspace(0, self.samples - 1, min(self.samples, max_instants)).astype(np.intp))
+
+    @property
+    def backend(self) -> str:
+        """Name of the backend that computes the scene, one for all blocks, so that they and the whole agree to the
+        bit.
         """
-        return self.functions().expressions()
+        return "auto" if self.samples <= RESULT_ROWS_PER_BLOCK else "compiled"
 
-    def functions(self) -> FunctionsOfTime:
-        """Return the coordinates as FunctionsOfTime, which evaluate and differentiate them."""
-        from hingepair.scenes.motions.functions import MotionByFunctions
+    @property
+    def dimensions(self) -> int:
+        """Number of components of a vector such as gravity."""
+        return 3
 
-        source = self.motion.source
-        if not isinstance(source, MotionByFunctions):
-            wanted = "a scene whose motion is coordinates as expressions in t"
-            raise ArgumentError("motion", wanted, f"one whose motion is {self.motion.origin}")
-        return source.functions
+    # ---- results
 
-    def coordinates(self, t: ArrayLike) -> Derivatives:
-        """Return the coordinates and their exact derivatives, (q, qd, qdd), at any instants t. Each of q, qd and qdd
-        is a tuple with one array or float per coordinate.
+    def evaluate(self, outputs: Iterable[str] | None = None) -> Any:
+        """Compute outputs at all instants of the scene.
 
         Args:
-            t: instants [s]; shape (...).
+            outputs: names of outputs; only the derivatives that they need are computed. By default the outputs that
+                the scene file names; if it names none, all outputs of body 2 that the motion allows, or the motion of
+                a robot's frames and of the joints that move.
+
+                Of a pair in space: R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, and the
+                quaternions quat1, quat2; in the plane: R2, phi2, d, v2, omega2, a2, alpha2; in both: the coordinates
+                q, qd, qdd, psi, psid, psidd.
+
+                Of a robot: R, S, quat, d, v, omega, a or alpha for all frames of the scene; the name of a link, a
+                joint or another frame for all motion of it; a name such as R_tool for one quantity of one frame; q,
+                qd, qdd or tau for all joints; tau_elbow for tau of one joint; force1 and torque1, the load on the
+                base.
 
         Returns:
-            (q, qd, qdd), tuples of seven (in the plane four): arrays of t's shape, Python floats for what does not
-            depend on t. Samples where an expression has no real value are NaN; derivatives at a kink are those from
-            the right.
-        """
-        return self.functions().derivatives(t, ACCELERATION)
-
-    def evaluate(self, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute outputs of the pair at all instants of the scene; return a SceneResult.
-
-        Args:
-            outputs: names of outputs. In space: R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1,
-                and the quaternions quat1, quat2. In the plane: R2, phi2, d, v2, omega2, a2, alpha2. In both: the
-                coordinates q, qd, qdd, psi, psid, psidd. By default the outputs that the scene file names; if it
-                names none, all outputs of body 2 that the motion allows. Only the derivatives that the outputs need
-                are computed.
+            A SceneResult, whose attributes are the outputs.
 
         Raises:
             ArgumentError: an unknown output, one that needs what the motion does not have, or more instants than can
                 be held in memory.
         """
-        return self._evaluate_rows(slice(len(self.times())), self._check_outputs(outputs))
+        return self._evaluated(slice(len(self.times())), self.request(outputs))
 
-    def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> SceneResult:
-        """Compute outputs of the pair at `max_instants` evenly spread instants, or at every instant if there are
-        fewer; return a SceneResult whose motion has all derivatives of the scene.
+    def sampled(self, max_instants: int, outputs: Iterable[str] | None = None) -> Any:
+        """Compute outputs at evenly spread instants; the motion of the result has all derivatives of the scene.
 
         Args:
             max_instants: largest number of instants.
             outputs: as for `evaluate`.
         """
-        return self._evaluate_rows(self.spread(max_instants), self._check_outputs(outputs), self.motion.level)
+        return self._evaluated(self.spread(max_instants), self.request(outputs), self.motion.level)
 
-    def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[SceneResult]:
+    def blocks(self, outputs: Iterable[str] | None = None) -> Iterator[Any]:
         """Yield a SceneResult for each block of 131,072 instants in turn, for scenes that do not fit into memory.
 
-        The `known` motion of each block has first derivatives if the scene's motion has them.
+        The motion of each block has first derivatives if the scene's motion has them.
 
         Args:
             outputs: as for `evaluate`.
         """
-        names = self._check_outputs(outputs)
-        for rows in self.block_rows():
-            yield self._evaluate_rows(rows, names, min(self.motion.level, VELOCITY))
+        request = self.request(outputs)
+        for start in range(0, self.samples, RESULT_ROWS_PER_BLOCK):
+            rows = slice(start, start + RESULT_ROWS_PER_BLOCK)
+            yield self._evaluated(rows, request, min(self.motion.level, VELOCITY))
 
-    def _evaluate_rows(self, rows: Rows, names: tuple[str, ...] | None, min_order: int = 0) -> SceneResult:
-        """Return the SceneResult of the outputs `names` at the instants with the indices `rows`, a slice or an array;
-        `names` None means all outputs of body 2.
+    @abc.abstractmethod
+    def request(self, outputs: Iterable[str] | None) -> Any:
+        """Return what `evaluate` computes for these outputs; raise an ArgumentError for unknown ones, or for outputs
+        that need derivatives that the motion lacks.
         """
-        t = np.asarray(read_only(self.motion.t[rows]))
-        state_outputs, order = self._needed_outputs_and_order(names)
-        known_motion = self.motion.source.part(rows, max(order, min_order))
-        if state_outputs == ():
-            state: PairState | PlanarState = (PairState if self.kind == SPATIAL_MOTION_KIND else PlanarState)(
-                {}, t.shape
-            )
-        else:
-            state = known_motion.part(slice(None), order).forward_kinematics(self.pair, state_outputs, self.backend)
-        first = (rows.start or 0) if isinstance(rows, slice) else 0
-        return SceneResult(t, state, self, known_motion, names, first)
 
-    def plan(self, outputs: Iterable[str] | None = None) -> ScenePlan:
-        """Return the ScenePlan of `evaluate` with these outputs: its text lists what is computed and what is skipped,
-        and why.
+    @abc.abstractmethod
+    def _evaluated(self, rows: Rows, request: Any, min_order: int = 0) -> SceneResult:
+        """Return the result at some of the instants; its motion has derivatives of `min_order` at least."""
+
+    @abc.abstractmethod
+    def plan(self, outputs: Iterable[str] | None = None) -> Any:
+        """Return what `evaluate` would compute and skip, and why, as an object whose text says so.
 
         Args:
             outputs: as for `evaluate`.
         """
-        state_outputs, order = self._needed_outputs_and_order(self._check_outputs(outputs))
-        return explain(self.pair, self.motion.source.part(slice(1), order), state_outputs, self.motion.level)
+
+    @abc.abstractmethod
+    def arrays(self, outputs: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
+        """Return outputs by name, those of `forces` too; shape (samples, ...)."""
+
+    def unit(self, name: str) -> str:
+        """Return the unit of an output, or of one of its components such as R2_x."""
+        return unit_of(name)
 
     def cross_validate(self, max_instants: int | None = None) -> CrossValidation:
-        """Compare the equations of body 2's motion with Pinocchio at `max_instants` evenly spread instants, by
-        default at all; return a CrossValidation. For a simulated motion, compare forces and rates too.
+        """Compare the equations with Pinocchio along the motion, as far as it has derivatives.
 
         For a motion that [dynamics] simulates, two more comparisons are made. Where loads alone determine the forces,
         the loads are compared with the forces that Pinocchio's `rnea` computes from the motion. The rates are
@@ -346,353 +270,162 @@ class Scene(SampledScene):
         the motion itself exceeds the bound of the comparison.
 
         Args:
-            max_instants: largest number of instants to compare, evenly spread; all instants by default. The slopes
-                are computed from all instants.
-
-        Returns:
-            A `CrossValidation` (hingepair.validation.report). `.forces` and `.rates` are filled for a simulated
-            motion.
-
-        Raises:
-            MissingDependencyError: Pinocchio is not installed.
+            max_instants: largest number of instants to compare, evenly spread; all instants by default. Slopes are
+                computed from all instants.
         """
-        rows = slice(len(self.times())) if max_instants is None else self.spread(max_instants)
-        report = self.motion.source.part(rows, self.motion.level).cross_validate(self.pair)
-        report = replace(report, notes=self._error_notes(report.u))
-        motion = self.motion.simulated
-        if motion is None:
-            return report
-        from hingepair.validation.simulated import compare_forces, compare_rates
+        return self._compared(slice(len(self.times())) if max_instants is None else self.spread(max_instants))
 
-        whole, flat = (
-            self.motion.source.part(slice(None), ACCELERATION).in_space(self.pair),
-            self.kind == PLANAR_MOTION_KIND,
-        )
-        part = whole.part(rows, ACCELERATION)
-        loads = {name: load[rows] for name, load in motion.loads.items()}
-        forces = compare_forces(
-            motion.space, part.body1, part.hinge, loads, motion.gravity, base=motion.base, is_planar=flat
-        )
-        moves = motion.base in {"free", "pinned"}
-        rates = compare_rates(self.times(), whole.body1, whole.hinge, body1_moves=moves)
-        return replace(report, forces=forces, rates=rates)
+    @abc.abstractmethod
+    def _compared(self, rows: Rows) -> CrossValidation: ...
 
-    def _error_notes(self, u: float) -> tuple[str, ...]:
-        """Return a tuple of at most two sentences for a comparison with Pinocchio."""
-        from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE
-
-        estimates = {unit: error() for unit, error in self.motion.errors.items()}
-        large = [
-            f"{error:.1g} {unit}"
-            for unit, error in estimates.items()
-            if error > MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE * u
-        ]
-        notes = [self.motion.doubt] if math.isnan(self.motion.error_estimate) and self.motion.doubt else []
-        if large:
-            bound = f"the bound of {MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE * u:.1g} rad"
-            held = "the comparison is one of the equations at each instant, not of the way there"
-            notes.append(
-                f"by its own estimate the motion is off by about {' and '.join(large)}, above {bound}: {held}"
-            )
-        return tuple(notes)
-
+    @abc.abstractmethod
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
-        """Compute the forces that the scene's motion requires at its instants (equations D1 to D5); return a
-        SceneForces.
+        """Compute the forces that the motion requires at the instants.
 
         Args:
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,), in the plane (2,). By default the
-                gravity of [dynamics], otherwise 9.81 along -z, in the plane along -y.
+                gravity of the scene, otherwise 9.81 along -z, in the plane along -y.
 
         Returns:
-            A `SceneForces` (hingepair.scenes.forces) with these attributes, vectors in world axes:
+            A `SceneForces` (hingepair.scenes.forces) with arrays in world axes and these attributes:
+
+            - gravity: the gravity that was used;
+            - notes: sentences on forces that are not finite, on limits that are exceeded and on noise of a log;
+            - noise: standard deviation that the noise of a log causes in each array.
+
+            Of a pair (equations D1 to D5):
 
             - hinge_force [N], (N, 3): force of body 1 on body 2 at the hinge point;
             - hinge_torque [N m], (N,): torque of body 1 on body 2 about the hinge axis;
             - bearing_torque [N m], (N, 3): torque of body 1 on body 2 perpendicular to the axis;
-            - force1 [N] and torque1 [N m], (N, 3): the load that must act on body 1 at R1, if it has mass properties;
-            - gravity: the gravity that was used;
-            - notes: sentences on forces that are not finite, on the torque_limit of the pair and on noise of a log;
-            - noise: standard deviation that the noise of a log causes in each array.
+            - force1 [N] and torque1 [N m], (N, 3): the load that must act on body 1 at R1, if it has mass properties.
 
             In the plane, forces have two components, torques one, and there is no bearing torque. If [dynamics]
             simulates the motion, the loads on body 2 are subtracted, since the hinge need not supply them, and
             hinge_torque is split into motor_torque, spring_torque, damper_torque, friction_torque and stop_torque, as
             far as they act.
-        """
-        from hingepair.scenes.forces import pair_scene_forces
 
-        return pair_scene_forces(self.motion, self.pair, self.times(), gravity, self.title, self.files)
+            Of a robot (equations T1 to T3):
+
+            - tau, (N, dof): torques of hinges [N m] and forces of sliders [N];
+            - force1 [N] and torque1 [N m], (N, 3): the load on the base about its reference point; of a fixed base,
+              its reaction;
+            - loads: a JointLoad for each joint with a coordinate of its own, with the rms and the largest value of
+              its effort, its extremes beside its limits, and the effect of the noise of a log.
+
+        Raises:
+            ArgumentError: the motion has no accelerations, body 2 of a pair has no mass properties, or gravity is
+                given although [dynamics] has a gravity of its own.
+        """
+
+    # ---- what is said about a scene
 
     def notes(self) -> tuple[str, ...]:
-        """Evaluate the whole motion, and return a tuple of sentences for readers of the results: on psi and its rate
-        outside their limits, on kinks, on angles that look like degrees, and on doubts about the motion itself.
+        """Evaluate the whole motion, and return sentences for readers of the results: on limits that are left, on
+        kinks, on numbers in another unit, and on doubts about the motion itself.
         """
-        notes = self.note_collector()
-        for block in self.blocks(("psi",)):
-            notes.add(block)
-        return notes.sentences()
+        collector = self.note_collector()
+        for block in self.blocks((self._noted,)):
+            collector.add(block)
+        return collector.sentences()
+
+    def note_collector(self) -> NoteCollector:
+        """Return a collector of notes from blocks of results."""
+        return NoteCollector(self)
+
+    @abc.abstractmethod
+    def watches(self) -> list[LimitCounter]:
+        """Return a new counter for each quantity that has limits."""
+
+    def last_notes(self, _watches: Sequence[LimitCounter]) -> Iterable[str]:
+        """Return sentences on the motion itself, from what was watched of it."""
+        return self.motion.notes
 
     def suspicions(self) -> tuple[str, ...]:
-        """Return a tuple of sentences on numbers of the file, and on the motion at up to 101 instants, that are
-        probably in another unit, such as degrees or millimetres.
+        """Return sentences on numbers of the file, and on the motion at up to 101 instants, that are probably in
+        another unit, such as degrees or millimetres.
         """
-        from hingepair.scenes import suspicions
-
-        rows, level = self.spread(suspicions.MAX_JUDGED), self.motion.level
-        t = np.asarray(self.motion.t[rows])
-        sentences = judge("written angles", "limits of psi", self.space.limits or (), radians=DEGREES_IN_SCENES)
-        sentences += suspicions.table_suspicions(self.tables.values, {})
-        sentences += suspicions.function_suspicions(self.motion.functions, t, {})
-        if level:
-            known = self.motion.source.part(rows, level).in_space(self.pair)
-            omega = np.broadcast_to(np.asarray(known.body1.omega), (len(t), 3))
-            rates = np.linalg.norm(omega, axis=1) + np.abs(known.hinge[1])
-            a = known.body1.a if level == ACCELERATION else None
-            sentences += suspicions.motion_suspicions(self.motion.t, rates, known.body1.v, a)
+        rows, motion, limits = self.spread(suspicions.MAX_JUDGED), self.motion, self.angle_limits()
+        sentences = suspicions.file_suspicions(self.tables.values, limits)
+        sentences += suspicions.function_suspicions(motion.functions, np.asarray(motion.t[rows]), limits)
+        if motion.level:
+            sentences += suspicions.motion_suspicions(motion.t, *self._sizes(rows))
         return tuple(dict.fromkeys(sentences))
 
-    def note_collector(self) -> SceneNoteCollector:
-        """Return a SceneNoteCollector, which collects notes from blocks of results."""
-        return SceneNoteCollector(self)
+    @abc.abstractmethod
+    def angle_limits(self) -> dict[str, Sequence[float]]:
+        """Return the limits of the hinges by the names of their angles; empty where there are none."""
 
-    def _check_outputs(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
-        """Return the output names as a tuple."""
-        if outputs is None:
-            return self.outputs
-        names, level = (
-            check_outputs(outputs, (*self.kind.levels, *FURTHER_OUTPUTS)),
-            self.motion.level,
-        )
-        known_names = (
-            *(name for name in self.kind.levels if _output_level(name) <= level),
-            *self.additional_output_names(level),
-        )
-        for name in names:
-            if name not in known_names:
-                hint = self.motion.hint if _output_level(name) > level else ""
-                raise ArgumentError("outputs", choices(known_names) + hint, quoted(name))
-        return names
+    @abc.abstractmethod
+    def _sizes(self, rows: Rows) -> tuple[Float64Array, Any, Any]:
+        """Return sizes of the rates [rad/s], (N,), and velocity and acceleration of body 1, (N, 3) or None."""
 
-    def _needed_outputs_and_order(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
-        """Return (outputs, order) for the requested output names."""
-        if names is None:
-            return None, self.motion.level
-        equation_outputs = (_ATTITUDES.get(name, name) for name in names if name not in COORDINATE_OUTPUTS)
-        return tuple(dict.fromkeys(equation_outputs)), max(map(_output_level, names))
+    @property
+    def residuals(self) -> tuple[Residual, ...]:
+        """Constraints whose residuals results have."""
+        return ()
+
+    @abc.abstractmethod
+    def is_moved_by(self, keys: Sequence[Sequence[str | int]]) -> bool:
+        """Return whether the motion may depend on numbers of the file, to which paths of keys and indices lead."""
+
+    @abc.abstractmethod
+    def require_pair(self) -> PairScene:
+        """Return the scene if it is one of a pair; otherwise raise an ArgumentError."""
+
+    # ---- how a scene is shown
+
+    def heading(self) -> tuple[str, str]:
+        """Return a line on what moves, and a line on the instants."""
+        t = f"t = {instant_text(self.start)} to {instant_text(self.stop)} s"
+        return self._subject(), f"{self.samples} instant{'s' * (self.samples != 1)}, {t}; {self.motion.description}"
+
+    @abc.abstractmethod
+    def _subject(self) -> str: ...
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the JSON of a command says of the scene."""
+        facts = {"scene": str(self.path), "title": self.title, "samples": self.samples}
+        return {**facts, "start": self.start, "stop": self.stop, **self._own_facts()}
+
+    @abc.abstractmethod
+    def _own_facts(self) -> dict[str, Any]: ...
+
+    def __repr__(self) -> str:
+        return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
+
+    def _sheet(self) -> Sheet:
+        what, *more = self._own_rows()
+        rows = [
+            what,
+            ("instants", str(self.samples)),
+            ("t", self.span, "s"),
+            *more,
+            *((name, cell_text(value)) for name, value in self.constants.items()),
+        ]
+        return Sheet(self.title, (("", "value", "unit"), *((*row, "")[:3] for row in rows)))
+
+    @abc.abstractmethod
+    def _own_rows(self) -> list[tuple[str, str]]:
+        """Return rows of a table on what moves, on the motion, and on the outputs."""
 
 
-class SceneNoteCollector:
-    """Collector of notes on a pair's scene that is evaluated in blocks."""
+class NoteCollector:
+    """Collector of notes on a scene that is evaluated in blocks."""
 
     def __init__(self, scene: Scene) -> None:
-        self._scene = scene
-        rate = scene.space.rate_limit if scene.motion.level else None
-        self._psi = LimitCounter("psi", scene.space.limits or (-math.inf, math.inf), unit_of("psi"))
-        self._psid = None if rate is None else LimitCounter("psi'", (-rate, rate), unit_of("psid"))
-        self._kinks = 0
+        self._scene, self._watches, self._kinks = scene, scene.watches(), 0
 
     def add(self, block: SceneResult) -> None:
-        """Update the counts of kinks and of instants outside limits with one block of results, a SceneResult; the
-        blocks must come in order of time.
-        """
+        """Count kinks and instants outside limits in one block of results; the blocks come in order of time."""
         self._kinks += self._scene.motion.count_kinks(block.first, block.first + len(block.t))
-        self._psi.add(block.t, block.known.psi)
-        if self._psid is not None:
-            self._psid.add(block.t, block.known.hinge_angle(1))
+        for watch in self._watches:
+            watch.add(block.t, block.known)
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the notes on all added blocks and on the motion itself as a tuple of sentences."""
-        motion, samples = self._scene.motion, self._scene.samples
-        least, most = self._psi.least, self._psi.most
-        sentences = [
-            *self._scene.suspicions(),
-            *self._psi.sentences(samples),
-            *(self._psid.sentences(samples) if self._psid is not None else ()),
-            *kink_sentences(self._kinks),
-        ]
-        if motion.simulated is not None:  # between the instants, too
-            least, most = motion.simulated.psi_range
-        if soft := describe_stop_overrun(motion.stops, least, most):
-            sentences.append(f"{soft}; stop_stiffness hardens them")
-        sentences += motion.notes
-        sentences += [motion.doubt] if math.isnan(motion.error_estimate) else []
-        return tuple(dict.fromkeys(sentences))
-
-
-def load_scene(path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Read a TOML scene file, whose format docs/scenes.md describes. Return a Scene if the file describes a pair, or
-    a MechanismScene if it describes a robot.
-
-    Args:
-        path: path of the scene file. Relative paths in the file start from the folder of the file.
-
-    Returns:
-        A Scene or a MechanismScene. Both have a method `evaluate()`, which computes the outputs at the instants of
-        the scene.
-
-    Raises:
-        SceneError: the file cannot be read as a scene. The message is one line; it names the file and, if a key of
-            the scene is wrong, the table and the key.
-        MissingDependencyError: the file names a robot of example-robot-data, and that package is not installed.
-    """
-    return scene_from_tables(load_tables(path), path)
-
-
-def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> Scene | MechanismScene:
-    """Return the Scene or MechanismScene that `tables`, the top-level Table of the scene file at `path`, defines.
-    Paths in the tables are relative to the folder of the file.
-    """
-    files = tuple(file.absolute() for file in _source_files(tables, Path(path)))
-    if _is_of_mechanism(tables):
-        from hingepair.scenes.robot_scene import read_mechanism_scene
-
-        return read_mechanism_scene(tables, Path(path), files)
-    pair, outputs = _read_pair(tables), tables.table("outputs", required=False)
-    motion = _read_motion(tables, Path(path).parent, pair)
-    constants = {key: float(value) for key, value in tables.constants.items()}
-    scene = Scene(Path(path), tables.text("title", default=pair.name), pair, motion, None, constants, files, tables)
-    outputs.check_keys(("names",))
-    if "names" not in outputs.values:
-        return scene
-    names = outputs.values["names"]
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        outputs.fail("names", 'a list of names such as ["R2", "v2"]')
-    with outputs.naming("names"):
-        return replace(scene, outputs=scene._check_outputs(names))
-
-
-def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
-    """Read the pair of a scene file, which need not have a motion; return a HingePair or PlanarPair."""
-    return _read_pair(load_tables(path))
-
-
-def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
-    """Read the mechanism of a scene file, which need not have a motion; return a Mechanism, or None if the scene
-    describes a pair.
-    """
-    tables = load_tables(path)
-    if not _is_of_mechanism(tables):
-        return None
-    from hingepair.scenes.robot_table import read_mechanism
-
-    return read_mechanism(tables, Path(path).parent)
-
-
-def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
-    """Read the table [dynamics] of a scene file without simulating it; return a DynamicsSetup, or None if there is no
-    such table.
-    """
-    from hingepair.scenes.motions.simulated import read_dynamics_setup
-
-    tables = load_tables(path)
-    return read_dynamics_setup(tables.table("dynamics"), _read_pair(tables)) if "dynamics" in tables.values else None
-
-
-def load_tables(path: str | os.PathLike[str]) -> Table:
-    """Read a scene file, evaluate its constants, and return its top-level Table."""
-    return with_constants_evaluated(read_tables(path))
-
-
-def with_constants_evaluated(tables: Table) -> Table:
-    """Return a copy of a scene's top-level Table whose attribute `constants` holds the evaluated constants of
-    [motion.constants].
-    """
-    if {"scene", "vary"} <= tables.values.keys():
-        raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
-    if _is_of_mechanism(tables):
-        for key in tables.values:
-            if key in _PAIR_TABLES and key not in _ROBOT_TABLES:
-                tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
-        tables.check_keys(_ROBOT_TABLES)
-    else:
-        tables.check_keys((*_PAIR_TABLES, "mechanism", "joint"))
-    motion = tables.table("motion", required=False)
-    constants = motion.table("constants", required=False)
-    value_by_name: dict[str, Any] = {}
-    for key, value in constants.values.items():
-        from hingepair.symbolic.expressions import constant_name_fault, parse_constant
-
-        fault = constant_name_fault(key)
-        if fault:
-            constants.refuse(key, fault, quoted(key))
-        with constants.naming(key):
-            value_by_name[key] = (
-                parse_constant(key, value, value_by_name) if isinstance(value, str) else constants.number(key)
-            )
-    return replace(tables, constants=value_by_name)
-
-
-def _is_of_mechanism(tables: Table) -> bool:
-    """Return whether a scene file, of which `tables` is the top-level Table, describes a mechanism by a table
-    [mechanism] or [[joint]].
-    """
-    return not tables.values.keys().isdisjoint({"mechanism", "joint"})
-
-
-def _read_pair(tables: Table) -> HingePair | PlanarPair:
-    """Return the HingePair or PlanarPair of a scene's top-level Table."""
-    if _is_of_mechanism(tables):
-        tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
-    return read_pair(tables.table("pair"), tables.flag("planar"))
-
-
-def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> Motion:
-    """Return the Motion of a pair that the tables [motion], [dynamics] and [time] define."""
-    planar = isinstance(pair, PlanarPair)
-    if "dynamics" in tables.values:
-        from hingepair.scenes.motions.simulated import read_simulated_motion
-
-        motion_table = tables.table("motion", required=False)
-        return read_simulated_motion(tables.table("dynamics"), motion_table, tables.table("time"), pair)
-    motion = tables.table("motion")
-    if "file" not in motion.values:
-        if "psi_dot" in motion.values and "omega1" not in motion.values:
-            motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")
-        from hingepair.scenes.motions.functions import read_expression_motion
-
-        return read_expression_motion(motion, tables.table("time"), planar)
-    from hingepair.scenes.motions.logs import read_log
-
-    if planar:
-        motion.fail("file", "no such key in a planar scene, whose motion is expressions")
-    if "time" in tables.values:
-        tables.fail("time", "no such table, since the column t of motion.file has the instants")
-    return read_log(motion, folder)
-
-
-def describes_motion(path: str | os.PathLike[str]) -> bool:
-    """Return whether a scene file has a motion: a table [dynamics], or a table [motion] with more than constants."""
-    tables = read_tables(path)
-    motion = tables.table("motion", required=False).values
-    return (
-        "dynamics" in tables.values
-        or bool(motion.keys() - {"constants"})
-        or {"motion", "time"} <= tables.values.keys()
-    )
-
-
-def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return a tuple of the paths of the files that a scene is read from: the scene file, and its URDF file and log
-    if any.
-    """
-    return _source_files(read_tables(path), Path(path))
-
-
-def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
-    """Return a tuple of paths: the scene file `path`, and the URDF file and the log that its top-level Table names,
-    if any, relative to the folder of the scene.
-    """
-    named = (("mechanism", "urdf"), ("motion", "file"))
-    files = [tables.table(table, required=False).values.get(key) for table, key in named]
-    return (path, *(path.parent / file for file in files if isinstance(file, str)))
-
-
-def _output_level(output: str) -> int:
-    """Return the derivative order that an output needs, by its name: 1 for rates, 2 for accelerations,
-    otherwise 0.
-    """
-    quantity = output.rstrip("12")
-    if quantity in {"v", "omega", "qd", "psid"}:
-        return VELOCITY
-    return ACCELERATION if quantity in {"a", "alpha", "qdd", "psidd"} else POSE
+        """Return the notes on all added blocks and on the motion itself."""
+        scene = self._scene
+        sentences = [*scene.suspicions()]
+        for watch in self._watches:
+            sentences += watch.sentences(scene.samples)
+        return tuple(dict.fromkeys((*sentences, *kink_sentences(self._kinks), *scene.last_notes(self._watches))))

@@ -5,7 +5,7 @@ What each quantity is judged by stands in `hingepair.numeric.suspicions`; here i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -33,13 +33,23 @@ _FUNCTION_KINDS: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}
 """Quantity of samples of a function, by the quantity of its numbers."""
 
 
-def table_suspicions(values: Mapping[str, Any], kind_by_joint: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence for each key of a scene's tables whose numbers are probably in another unit. Texts are left
-    out: what is computed is in radians, and functions are judged by their samples. `kind_by_joint` has the quantity
-    of each joint that is a key.
+def file_suspicions(values: Mapping[str, Any], limits: Mapping[str, Sequence[float]]) -> list[str]:
+    """Return a sentence for each number of a scene's tables that is probably in another unit. Texts are left out:
+    what is computed is in radians, and functions are judged by their samples.
+
+    Args:
+        values: the tables of the file.
+        limits: limits of the hinges, by the names of their angles.
     """
+    sentences: list[str] = []
+    for name, own in limits.items():
+        sentences += suspicions(_ANGLES, f"limits of {name}", own, radians=DEGREES_IN_SCENES)
+    return [*sentences, *_table_suspicions(values, limits)]
+
+
+def _table_suspicions(values: Mapping[str, Any], hinges: Iterable[str]) -> Iterator[str]:
     lengths: dict[str, list[float]] = {}
-    for kind, name, numbers in _judged_numbers("", values, {**_KIND_BY_KEY, **kind_by_joint}):
+    for kind, name, numbers in _judged_numbers("", values, {**_KIND_BY_KEY, **dict.fromkeys(hinges, _ANGLES)}):
         doubts = suspicions(kind, name, numbers, radians=DEGREES_IN_SCENES)
         if doubts and kind == _LENGTHS:  # a scene in millimetres has many, told in one sentence
             lengths[name] = numbers
@@ -73,10 +83,12 @@ def _judged_numbers(
 
 
 def function_suspicions(
-    functions: Iterable[FunctionsOfTime], t: Float64Array, kind_by_joint: Mapping[str, str]
+    functions: Iterable[FunctionsOfTime], t: Float64Array, hinges: Iterable[str]
 ) -> Iterator[str]:
-    """Yield a sentence for each expression in t whose samples at the instants t are probably in another unit."""
-    kinds = {**_KIND_BY_KEY, **kind_by_joint}
+    """Yield a sentence for each expression in t whose samples at the instants t are probably in another unit. The
+    functions of the named hinges are angles.
+    """
+    kinds = {**_KIND_BY_KEY, **dict.fromkeys(hinges, _ANGLES)}
     for group in (group for group in functions if group.names):
         for name, values in zip(group.names, group.derivatives(t, 0)[0], strict=True):
             kind = kinds.get(name.partition("[")[0])

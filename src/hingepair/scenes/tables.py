@@ -49,11 +49,15 @@ class NamedSource:
         shown = key if key.isprintable() else repr(key)
         return ": ".join(filter(None, (self.file, ".".join(filter(None, (self.name, shown))))))
 
+    def loc(self, key: str) -> tuple[str, ...]:
+        """Return the tables that lead to a key of this source, and the key."""
+        return tuple(filter(None, (*self.name.split("."), *key.split("."))))
+
     def refuse(self, key: str, expected: str, got: object) -> NoReturn:
         """Raise a SceneError on a key. The message says what was `expected`, a phrase, and what value was found,
         `got`.
         """
-        raise SceneError(self.label(key), expected, got) from None
+        raise SceneError(self.label(key), expected, got, self.loc(key)) from None
 
     @contextlib.contextmanager
     def naming(self, key: str = "", **key_by_argument: str) -> Iterator[None]:
@@ -66,8 +70,8 @@ class NamedSource:
         except SceneError:
             raise
         except ArgumentError as error:
-            label = self.label(key_by_argument.get(error.name) or key or error.name)
-            raise error.renamed(label, SceneError) from None
+            place = key_by_argument.get(error.name) or key or error.name
+            raise error.renamed(self.label(place), SceneError, self.loc(place)) from None
 
 
 @dataclass(eq=False)

@@ -32,7 +32,7 @@ from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
 from hingepair.plans.computation import Cache
 from hingepair.scenes.pair_table import BODY_KEYS, construct_from_table
-from hingepair.scenes.robot_scene import MechanismScene, MechanismSceneResult
+from hingepair.scenes.robot_scene import RobotResult, RobotScene
 from hingepair.scenes.robot_table import with_payload
 from hingepair.scenes.tables import Table
 
@@ -115,7 +115,7 @@ class PayloadVariantComputer:
 
     def __init__(
         self,
-        scene: MechanismScene,
+        scene: RobotScene,
         robot: Mechanism,
         payloads: Mapping[str, _VariedPayload],
         outputs: Sequence[str] | None,
@@ -146,9 +146,10 @@ class PayloadVariantComputer:
         return [moment for payload in self._payloads for moment in payload.mass_moments(numbers)]
 
     @lock_free_cached_property
-    def _result(self) -> MechanismSceneResult:
+    def _result(self) -> RobotResult:
         """Result of the scene as its file describes it, computed at first access."""
-        return self._scene.evaluate(self._outputs)
+        result: RobotResult = self._scene.evaluate(self._outputs)
+        return result
 
     @lock_free_cached_property
     def _program(self) -> _PayloadForceProgram | None:
@@ -164,9 +165,7 @@ class _PayloadForceProgram:
     variants of the payloads in one call.
     """
 
-    def __init__(
-        self, result: MechanismSceneResult, outputs: Sequence[str], robot: Mechanism, links: Sequence[str]
-    ) -> None:
+    def __init__(self, result: RobotResult, outputs: Sequence[str], robot: Mechanism, links: Sequence[str]) -> None:
         tree, free = robot.tree, robot.base == "free"
         slopes = [row for link in links for row in payload_derivatives(tree, free, tree.known_frame("link", link))]
         exact = exact_mass_numbers(tree, free)
@@ -222,13 +221,13 @@ def _twofold(number: Fraction) -> Twofold:
 
 
 def payload_variant_computer(
-    scene: MechanismScene,
+    scene: RobotScene,
     unloaded_robot: Mechanism,
     mechanism_table: Table,
     keys: Sequence[Sequence[str | int]],
     outputs: Sequence[str] | None,
 ) -> PayloadVariantComputer | None:
-    """Return a PayloadVariantComputer of variants of a MechanismScene if all `keys`, paths of the varied numbers in
+    """Return a PayloadVariantComputer of variants of a RobotScene if all `keys`, paths of the varied numbers in
     the scene file, lead to masses, centres of mass or principal inertias of payloads; otherwise return None.
 
     Args:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, SceneError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.scene import scene_files
+from hingepair.scenes.load import scene_files
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.sweeps.designs import DESIGN_NAMES, design_values, read_varied_number
 from hingepair.sweeps.reductions import REDUCTIONS, is_reduction, reduce_arrays

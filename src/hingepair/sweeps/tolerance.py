@@ -18,12 +18,12 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.tolerances import STANDARD_DEVIATION_ARGUMENT_NAMES, sample_pairs
 from hingepair.plans.plan import POSE
 from hingepair.rotations.matrices import rotation_log
+from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from hingepair.scenes.robot_scene import MechanismScene
 
 POSE_COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
 """Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
@@ -200,7 +200,7 @@ class ToleranceStudy(Frozen, Shown):
         return bands, shares
 
 
-def read_tolerances(scene: Scene) -> dict[str, Any]:
+def read_tolerances(scene: PairScene) -> dict[str, Any]:
     """Return the standard deviations in the table [tolerances] of a Scene as a dict. The keys are argument names of
     `sample_pairs`, such as u1_std; each value is a float or three floats. The dict is empty if there is no table.
     """
@@ -212,9 +212,7 @@ def read_tolerances(scene: Scene) -> dict[str, Any]:
     }
 
 
-def study_tolerances(
-    scene: Scene | MechanismScene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike
-) -> ToleranceStudy:
+def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike) -> ToleranceStudy:
     """Return a `ToleranceStudy` of the pose of body 2 at up to 101 instants of a Scene, to first order and with
     `samples` random pairs that `seed` determines. Keyword arguments such as u1_std are standard deviations, which
     override the values in the scene's table [tolerances].
@@ -225,8 +223,7 @@ def study_tolerances(
         seed: seed of the sampled pairs; None for other pairs at every call.
         **std: standard deviations by argument name of `sample_pairs`; the others are those of [tolerances].
     """
-    if not isinstance(scene, Scene):
-        scene.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
+    scene = scene.require_pair()
     tolerances = {**read_tolerances(scene), **std}
     if not tolerances:
         expected = "standard deviations, such as [tolerances] u1_std = 0.001, or --u1-std 0.001"

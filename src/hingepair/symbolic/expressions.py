@@ -516,7 +516,7 @@ class _ExpressionBuilder:
         hint = f" ({_HINT_BY_UNKNOWN_NAME[short]})" if short in _HINT_BY_UNKNOWN_NAME else nearest(short, names)
         got = f"unknown name '{short}' at column {column}{hint}"
         error = ArgumentError(self.name, ", ".join(names), got)
-        error.args = (f"{self.name}: {got}; known: {error.expected}",)
+        error.said = f"{got}; known: {error.expected}"
         error.add_note(line_with_caret(self.line, column))
         raise error
 

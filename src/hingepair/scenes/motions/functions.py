@@ -22,7 +22,7 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array
 from hingepair.scenes.motions.integrated import integrate_motion
 from hingepair.scenes.motions.known import MotionByCoordinates
-from hingepair.scenes.motions.motion import Motion, euler_axes_phrase
+from hingepair.scenes.motions.motion import PairMotion, euler_axes_phrase
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
 from hingepair.scenes.tables import Table
 from hingepair.symbolic.exact_constants import exact
@@ -118,8 +118,8 @@ class MotionByFunctions:
         return MotionByCoordinates(t.size, self.functions.derivatives(t, order), self.sequence)
 
 
-def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
-    """Return the Motion that the Tables [motion] and [time] define by functions of t: coordinates, or angular
+def read_expression_motion(motion: Table, time: Table, planar: bool) -> PairMotion:
+    """Return the PairMotion that the Tables [motion] and [time] define by functions of t: coordinates, or angular
     velocity and hinge rate, which are integrated (equation E12). `planar` True means a motion in the plane, with
     fewer coordinates.
     """
@@ -130,7 +130,8 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> Motion:
     t = read_instants(time)
     how = euler_axes_phrase(sequence) if sequence else "in the plane z = 0"
     given = MotionByFunctions(t, functions, sequence)
-    return Motion(t, given, "coordinates as expressions in t", how, functions=(functions,))
+    origin = "coordinates as expressions in t"
+    return PairMotion(t=t, source=given, origin=origin, how=how, functions=(functions,))
 
 
 def read_coordinate_functions(
@@ -144,8 +145,8 @@ def read_coordinate_functions(
     return read_functions(motion, names), None if planar else motion.choice("sequence", SEQUENCE_NAMES, "XYZ")
 
 
-def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> Motion:
-    """Return the Motion at the instants t that results from integrating the angular velocity omega1 and the hinge
+def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> PairMotion:
+    """Return the PairMotion at the instants t that results from integrating the angular velocity omega1 and the hinge
     rate psi_dot (equation E12).
     """
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")

@@ -15,7 +15,7 @@ from hingepair.integration.trajectory import LazyValue, quaternions_to_matrices,
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.rotations.matrices import check_rotation
 from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
-from hingepair.scenes.motions.motion import Motion
+from hingepair.scenes.motions.motion import PairMotion
 from hingepair.scenes.tables import Table
 
 
@@ -28,10 +28,8 @@ def integrate_motion(
     *,
     planar: bool = False,
     **motion_fields: Any,
-) -> Motion:
-    """Integrate `signals`, the angular velocity of body 1 and the hinge rate as two Signal objects, over the instants
-    t (equation E12; in the plane E11), and return the Motion. Start values, axes and method are read from the Table
-    [motion]. Further keyword arguments become fields of the Motion.
+) -> PairMotion:
+    """Integrate the angular velocity of body 1 and the hinge rate (equation E12; in the plane E11).
 
     Args:
         table: the table [motion], with the start attitude and angle, the axes (`frame`) and the method.
@@ -40,7 +38,7 @@ def integrate_motion(
         arrays: R1, v1, omega1 and psid at t by name; also a1, alpha1 and psidd where these are known.
         tol: error to aim at [rad]. A SceneError is raised if it is missed and the table has the key `tol`.
         planar: whether the motion is in the plane.
-        **motion_fields: further fields of the Motion by name, such as functions, hint and notes.
+        **motion_fields: further fields of the motion by name, such as functions, hint and notes.
     """
     body = not planar and table.choice("frame", RATE_FRAME_NAMES) == "body"
     method = table.text("method", "magnus6")
@@ -72,5 +70,12 @@ def integrate_motion(
                 name: rotate_to_world(arrays["S1"], arrays[name]) for name in ("omega1", "alpha1") if name in arrays
             }
         source = motion_by_body1(arrays)
-    how, doubt = f"omega1 and psi' integrated by {method}", "too few samples to tell how far the integration is off"
-    return Motion(read_only(t), source, "integrated from rates", how, {"rad": error}, doubt, **motion_fields)
+    return PairMotion(
+        t=read_only(t),
+        source=source,
+        origin="integrated from rates",
+        how=f"omega1 and psi' integrated by {method}",
+        errors={"rad": error},
+        doubt="too few samples to tell how far the integration is off",
+        **motion_fields,
+    )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.motions.known import Derivatives, MotionByCoordinates
 from hingepair.scenes.motions.logs import Log, LogLayout, log_path, read_ignored_columns
+from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
@@ -85,6 +86,10 @@ class KnownJointMotion:
         columns = [self.column(order, joint) for joint in range(len(self.names))]
         return np.stack(columns, axis=-1) if columns else np.zeros((self.count, 0))
 
+    def coordinates(self) -> dict[str, Float64Array]:
+        """Return the coordinates of all joints by name; shape (count,) each."""
+        return {name: self.column(0, i) for i, name in enumerate(self.names)}
+
     def arguments(self) -> tuple[Any, ...]:
         """Return (q[, qd[, qdd]]) as methods of Mechanism take them. Each is a dict by joint name, with an array for
         each joint or a float for a joint that does not move. For a robot without joints, each is an array of shape
@@ -96,19 +101,6 @@ class KnownJointMotion:
         if not any(np.ndim(value) for value in rows[0].values()):
             rows[0][self.names[0]] = self.column(0, 0)  # an array shows the number of instants
         return tuple(rows)
-
-
-class JointMotionSource(Protocol):
-    """Protocol of the joint coordinates at all instants of a scene."""
-
-    @property
-    def level(self) -> int:
-        """Order of the highest derivative that there is: 0, 1 or 2."""
-
-    def part(self, rows: Rows, order: int, /) -> Derivatives:
-        """Return (q[, qd[, qdd]]), the joint coordinates and the derivatives up to `order`, at the instants with the
-        indices `rows`. Each entry is a tuple with one array or float for each joint.
-        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,51 +171,22 @@ class BaseMotion:
         return MotionByCoordinates(t.size, rows, self.sequence).in_space(_CARRIER).body1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JointMotion:
-    """Motion of a mechanism's joints and base at the instants `t` of a scene."""
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class JointMotion(Motion):
+    """Motion of a robot's joints and base at the instants of a scene."""
 
-    #: instants [s]
-    t: Instants
-    #: the coordinates of the joints at all of them
-    source: JointMotionSource
-    #: motion of the base; None where it rests at the origin
-    base: BaseMotion | None
+    #: names of all joints, in order
+    names: tuple[str, ...]
     #: names of the joints that the scene moves
     moving: tuple[str, ...]
-    #: where the motion comes from, in words
-    origin: str
-    #: how to get derivatives that are missing, for messages
-    hint: str = ""
-    #: functions of t that define the motion; they tell in which intervals they have kinks
-    functions: tuple[FunctionsOfTime, ...] = ()
-    #: sentences that every reader of the results should see
-    notes: tuple[str, ...] = ()
-    #: names of the rates of a log that were found by finite differences, such as boomdd; None if it is no log
-    derived: tuple[str, ...] | None = None
+    #: motion of the base; None where it rests at the origin
+    base: BaseMotion | None = None
 
-    @property
-    def level(self) -> int:
-        """Order of the highest derivative that there is: 0, 1 or 2."""
-        return self.source.level
-
-    def part(self, names: tuple[str, ...], rows: Rows, order: int) -> KnownJointMotion:
-        """Return the KnownJointMotion at the instants with the indices `rows`, with derivatives up to `order`.
-        `names` are the names of all joints in order.
-        """
+    def part(self, rows: Rows, order: int) -> KnownJointMotion:
+        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
         t = np.asarray(self.t[rows])
         base = None if self.base is None else self.base.at(t, order)
-        return KnownJointMotion(names, t.size, self.source.part(rows, order), base)
-
-    def count_kinks(self, start: int, stop: int) -> int:
-        """Return the number of intervals between neighbouring instants in which a function of t has a kink or a jump.
-        Only the intervals that end at the instants with the indices start to stop - 1 are counted.
-        """
-        t = self.t[max(start - 1, 0) : stop]
-        switched = np.zeros(max(0, t.size - 1), dtype=bool)
-        for functions in self.functions:
-            switched |= functions.switches(t)
-        return int(switched.sum())
+        return KnownJointMotion(self.names, t.size, self.source.part(rows, order), base)
 
 
 def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMotion:
@@ -246,7 +209,15 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     functions = read_functions(motion, moving)
     t = read_instants(tables.table("time"))
     source = JointFunctions(t, functions, _rest_positions(robot), robot.names)
-    return JointMotion(t, source, base, moving, "functions of t", functions=(functions, *base_functions))
+    return JointMotion(
+        t=t,
+        source=source,
+        origin="functions of t",
+        functions=(functions, *base_functions),
+        names=robot.names,
+        moving=moving,
+        base=base,
+    )
 
 
 def _check_joint_names(motion: Table, robot: Mechanism) -> None:
@@ -351,10 +322,17 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
         tuple(_float_if_constant(parts[name][k]) if name in parts else rests[name] * (k == 0) for name in robot.names)
         for k in range(level + 1)
     )
-    notes = [*log.notes, *filter(None, [log.unknown_error_note()])]
-    origin = "samples in a file" + ", rates by finite differences" * bool(derived)
-    hint = log.hint
-    return JointMotion(log.t, JointSamples(rows), base, tuple(parts), origin, hint, (), tuple(notes), derived)
+    return JointMotion(
+        t=log.t,
+        source=JointSamples(rows),
+        origin="samples in a file" + ", rates by finite differences" * bool(derived),
+        hint=log.hint,
+        notes=(*log.notes, *filter(None, [log.unknown_error_note()])),
+        derived=derived,
+        names=robot.names,
+        moving=tuple(parts),
+        base=base,
+    )
 
 
 def _joint_log_layout(robot: Mechanism) -> LogLayout:

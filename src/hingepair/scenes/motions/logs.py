@@ -38,7 +38,7 @@ from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.motions.integrated import integrate_motion
 from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
-from hingepair.scenes.motions.motion import Motion, PairMotionSource, euler_axes_phrase
+from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.motions.noise import derivative_noise
 from hingepair.scenes.tables import NamedSource, Table
 
@@ -110,10 +110,8 @@ _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
 _NOISY: Final = 0.1  # noise of a derivative to its rms; above, a note recommends smoothing
 
 
-def read_log(table: Table, folder: Path) -> Motion:
-    """Return the Motion of the log file that the Table [motion] names; a relative path is relative to `folder`. The
-    samples are used as they are, differentiated, smoothed or integrated, as the table says.
-    """
+def read_log(table: Table, folder: Path) -> PairMotion:
+    """Return the motion of the log that [motion] names, as it is, differentiated, smoothed or integrated."""
     integrated, completed = table.flag("integrate"), table.flag("differentiate")
     integration_keys = ("psi_0", "method", "S1_0")
     for key in integration_keys:
@@ -369,10 +367,8 @@ class Log(NamedSource):
         return f"{', '.join(self.derived)} {be} found by finite differences; how far off is not known"
 
 
-def _read_stated_motion(table: Table, log: Log) -> Motion:
-    """Return the Motion of a Log's position, attitude and psi, with derivatives up to the highest order that the log
-    has.
-    """
+def _read_stated_motion(table: Table, log: Log) -> PairMotion:
+    """Return the motion of a log, with derivatives up to the highest order that the log has."""
     attitude = _attitude_names(log)
     if attitude is _QUATERNION and "sequence" in table.values:
         table.fail("sequence", "nothing, since the file has quaternions")
@@ -401,12 +397,20 @@ def _read_stated_motion(table: Table, log: Log) -> Motion:
     how += ", rates by finite differences" * bool(log.derived)
     if hint := log.smoothing_hint():
         log.notes.append(hint)
-    doubt, notes, derived = log.unknown_error_note(), tuple(log.notes), tuple(log.derived)
-    return Motion(log.t, source, "samples in a file", how, {}, doubt, log.hint, notes=notes, derived=derived)
+    return PairMotion(
+        t=log.t,
+        source=source,
+        origin="samples in a file",
+        how=how,
+        doubt=log.unknown_error_note(),
+        hint=log.hint,
+        notes=tuple(log.notes),
+        derived=tuple(log.derived),
+    )
 
 
-def _read_smoothed_motion(table: Table, log: Log) -> Motion:
-    """Return the Motion found by smoothing a Log's position, attitude and psi, with first and second derivatives."""
+def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
+    """Return the motion that smoothing of position, attitude and psi finds, with first and second derivatives."""
     attitude = _attitude_names(log)
     read = {
         "t",
@@ -472,14 +476,11 @@ def _read_smoothed_motion(table: Table, log: Log) -> Motion:
     noise = ", ".join(f"{size:.2g} {unit} of {name}" for name, (size, unit) in deviations.items())
     texts = [f"smoothed: noise of {noise} (standard deviation of a component)", *texts]
     notes = tuple(dict.fromkeys((*log.notes, *texts)))
-    return Motion(
-        log.t,
-        motion_by_body1(arrays),
-        "samples in a file",
-        "smoothed, with their rates",
-        {},
-        "",
-        "",
+    return PairMotion(
+        t=log.t,
+        source=motion_by_body1(arrays),
+        origin="samples in a file",
+        how="smoothed, with their rates",
         notes=notes,
         deviations=deviations_by_name,
     )
@@ -501,10 +502,8 @@ def _missing_log_sample_sentences(
     return sentences
 
 
-def _integrate_rates(table: Table, log: Log) -> Motion:
-    """Return the Motion found by integrating a Log's omega1 and psi' (equation E12); without columns of its position,
-    body 1 stays at the origin.
-    """
+def _integrate_rates(table: Table, log: Log) -> PairMotion:
+    """Return the motion by rates (E12); without columns of its position, body 1 stays at the origin."""
     rates = (
         _QUATERNION[1:],
         _HINGE[1:],

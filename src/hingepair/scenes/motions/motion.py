@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import abc
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
@@ -24,12 +25,19 @@ PRESCRIBED: Final = "prescribed"
 """Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""
 
 
-class PairMotionSource(Protocol):
-    """Protocol of a pair's motion at all instants of a scene."""
+class MotionSource(Protocol):
+    """Protocol of a motion at all instants of a scene."""
 
     @property
     def level(self) -> int:
         """Order of the highest derivative that the motion has: 0, 1 or 2."""
+
+    def part(self, rows: Rows, order: int, /) -> Any:
+        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
+
+
+class PairMotionSource(MotionSource, Protocol):
+    """Protocol of a pair's motion at all instants of a scene."""
 
     @property
     def sequence(self) -> str | None:
@@ -39,43 +47,61 @@ class PairMotionSource(Protocol):
         """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """Motion of a pair at the instants `t` of a scene."""
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Motion(abc.ABC):
+    """Motion at the instants of a scene."""
 
     #: instants [s]
     t: Instants
     #: the motion at all instants
-    source: PairMotionSource
+    source: MotionSource
     #: where the motion comes from, in words
     origin: str
+    #: how to get derivatives that are missing, for messages
+    hint: str = ""
+    #: functions of t that define the motion; they tell in which intervals they have kinks
+    functions: tuple[Any, ...] = ()
+    #: sentences that every reader of the results should see
+    notes: tuple[str, ...] = ()
+    #: names of the rates of a log that were found by finite differences; None if it is no log, or was smoothed
+    derived: tuple[str, ...] | None = None
+
+    @property
+    def level(self) -> int:
+        """Order of the highest derivative that the motion has: 0, 1 or 2."""
+        return self.source.level
+
+    @property
+    def description(self) -> str:
+        """Where the motion comes from, or how it was computed, for reports."""
+        return self.origin
+
+    def count_kinks(self, start: int, stop: int) -> int:
+        """Return the number of intervals that end at the instants start to stop - 1 and contain a kink or a jump of a
+        function of t.
+        """
+        t = self.t[max(start - 1, 0) : stop]
+        return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PairMotion(Motion):
+    """Motion of a pair at the instants of a scene."""
+
+    source: PairMotionSource
     #: how body 1 turns, or how the motion was computed, in words
     how: str
     #: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion
     errors: Mapping[str, LazyValue] = field(default_factory=dict)
     #: why an error is unknown, in words; otherwise empty
     doubt: str = ""
-    #: how to get derivatives that are missing, for messages
-    hint: str = ""
-    #: functions of t that define the motion; they tell in which intervals they have kinks
-    functions: tuple[Any, ...] = ()
     #: the simulated motion; None if the motion was not simulated
     simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
     #: lower and upper stop of the simulated hinge [rad]; infinite without a stop
     stops: tuple[float, float] = (-math.inf, math.inf)
-    #: sentences that every reader of the results should see
-    notes: tuple[str, ...] = ()
-    #: names of the rates of a log that were found by finite differences; None if it is no log, or if the log was
-    #: smoothed
-    derived: tuple[str, ...] | None = None
     #: standard deviations of a smoothed log at each instant: (N, 3) by R1, v1, a1, S1 (of a rotation vector), omega1
     #: and alpha1, and (N,) by psi, psid and psidd; None if the motion was not smoothed
     deviations: Mapping[str, Float64Array] | None = None
-
-    @property
-    def level(self) -> int:
-        """Order of the highest derivative that the motion has: 0, 1 or 2."""
-        return self.source.level
 
     @property
     def error_estimate(self) -> float:
@@ -84,61 +110,52 @@ class Motion:
         return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
 
     @property
-    def motion_description(self) -> str:
-        """Text for reports on how body 1 turns or how the motion was computed, with the estimated error of a computed
-        motion.
-        """
+    def description(self) -> str:
+        """How body 1 turns or how the motion was computed, with the estimated error of a computed motion."""
         if not self.errors:
             return self.how
         estimates = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
         return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
 
-    def count_kinks(self, start: int, stop: int) -> int:
-        """Return the number of intervals between neighbouring instants in which a function of t has a kink or a jump.
-        Only the intervals that end at the instants with the indices start to stop - 1 are counted.
-        """
-        t = self.t[max(start - 1, 0) : stop]
-        return int(np.logical_or.reduce([functions.switches(t) for functions in self.functions]).sum())
-
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
-        """Return the gravity vector in space [m/s^2], three floats. It is the gravity of a simulated motion,
-        otherwise the default (along -z; for a planar pair along -y).
-        """
+        """Return the gravity in space [m/s^2]: that of a simulated motion, otherwise the pair's default."""
         if self.simulated:
             return self.simulated.gravity
         return (*DEFAULT_PLANAR_GRAVITY_VECTOR, 0.0) if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY_VECTOR
 
 
 class LimitCounter:
-    """Counter of the instants at which a quantity is outside its limits: `add` takes values, and `sentences` yields a
-    sentence on the instants outside.
+    """Counter of the instants at which a quantity is outside its limits.
 
     Args:
         shown: name of the quantity in the sentence.
         limits: least and greatest value; infinite where there is none.
         unit: unit of both limits.
+        values: function that returns the quantity, shape (N,), of a known motion.
     """
 
-    def __init__(self, shown: str, limits: tuple[float, float], unit: str) -> None:
-        self._shown, self._limits, self._unit = shown, limits, unit
+    def __init__(
+        self, shown: str, limits: tuple[float, float], unit: str, values: Callable[[Any], Float64Array]
+    ) -> None:
+        self._shown, self._limits, self._unit, self._values = shown, limits, unit, values
         self._outside, self._first = 0, ""
         self.least, self.most = math.inf, -math.inf
 
-    def add(self, t: Float64Array, values: Float64Array) -> None:
-        """Update the counter and the extremes with the values at further instants; t and values have shape (N,)."""
+    def add(self, t: Float64Array, known: Any) -> None:
+        """Update the counter and the extremes with the known motion at further instants t."""
+        values = self._values(known)
         self.least = float(np.fmin.reduce(values, initial=self.least))
         self.most = float(np.fmax.reduce(values, initial=self.most))
         lower, upper = self._limits
         outside = np.flatnonzero((values < lower) | (values > upper))
         if outside.size:
-            self._first = (
-                self._first or f"first at t = {instant_text(t[outside[0]])} s ({values[outside[0]] + 0.0:.6g})"
-            )
+            first = f"first at t = {instant_text(t[outside[0]])} s ({values[outside[0]] + 0.0:.6g})"
+            self._first = self._first or first
             self._outside += outside.size
 
     def sentences(self, instant_count: int) -> Iterator[str]:
         """Yield one sentence if any value was outside the limits, otherwise nothing. `instant_count` is the number of
-        all instants, for the sentence.
+        all instants.
         """
         if self._outside:
             lower, upper = self._limits

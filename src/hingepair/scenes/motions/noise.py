@@ -8,7 +8,6 @@ differences: the change of a result is as large as what the log's own noise has 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
 
 import numpy as np
 
@@ -21,8 +20,6 @@ from hingepair.scenes.motions.known import KnownMotion, MotionByBody1, MotionByC
 
 _HINGE_NAMES = ("psi", "psid", "psidd")
 """Names of the hinge angle and its derivatives."""
-NOISY_EFFORT: Final = 0.01
-"""Ratio of the noise of a joint's torque or force to its root mean square above which a note recommends smoothing."""
 
 
 def noise_rows(count: int) -> slice:

@@ -31,7 +31,7 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.functions import read_coordinate_functions
 from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
-from hingepair.scenes.motions.motion import PRESCRIBED, Motion
+from hingepair.scenes.motions.motion import PRESCRIBED, PairMotion
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.expressions import parse_expression
@@ -181,9 +181,9 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
     return DynamicsSetup(base, body1, hinge, others, tuple(table.values))
 
 
-def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> Motion:
+def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingePair | PlanarPair) -> PairMotion:
     """Simulate the motion of a pair that the Tables [dynamics] (`table`), [motion] and [time] define, and return it
-    as a Motion.
+    as a PairMotion.
     """
     kind, body1, hinge, arguments, _ = read_dynamics_setup(table, pair)
     for name in ("body1", "body2") if kind in {"free", "pinned"} else ("body2",):
@@ -217,13 +217,13 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
     if kind in {"free", "pinned"}:
         errors = {"rad of body 1": LazyValue(lambda: estimate("error_estimate")), **errors}
     how = f"simulated in {simulated.steps} steps, base {kind}"
-    return Motion(
-        t,
-        _known_motion(simulated),
-        "simulated from what acts",
-        how,
-        errors,
-        "a second run with a smaller tolerance, which tells the error, cannot be followed",
+    return PairMotion(
+        t=t,
+        source=_known_motion(simulated),
+        origin="simulated from what acts",
+        how=how,
+        errors=errors,
+        doubt="a second run with a smaller tolerance, which tells the error, cannot be followed",
         simulated=simulated,
         stops=torque.tightest_stops,
     )

@@ -1,0 +1,230 @@
+"""Scenes, or only what moves in them, read from TOML files."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hingepair.errors import SceneError, quoted
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.planar_pair import PlanarPair
+from hingepair.scenes.motions.motion import PairMotion
+from hingepair.scenes.pair_scene import PairScene
+from hingepair.scenes.pair_table import read_pair
+from hingepair.scenes.scene import Scene
+from hingepair.scenes.suspicions import file_suspicions
+from hingepair.scenes.tables import Table, read_tables
+
+if TYPE_CHECKING:
+    from hingepair.mechanism.mechanism import Mechanism
+    from hingepair.scenes.motions.simulated import DynamicsSetup
+    from hingepair.scenes.robot_scene import RobotScene
+
+_COMMON_TABLES = ("title", "constants", "motion", "time", "outputs")
+_PAIR_TABLES = (*_COMMON_TABLES, "planar", "pair", "dynamics", "tolerances")
+_ROBOT_TABLES = (*_COMMON_TABLES, "mechanism", "joint", "base")
+
+
+def load_scene(path: str | os.PathLike[str]) -> PairScene | RobotScene:
+    """Read a TOML scene file, whose format docs/scenes.md describes.
+
+    Args:
+        path: path of the scene file. Relative paths in the file start from the folder of the file.
+
+    Returns:
+        A `PairScene` or, if the file describes a robot, a `RobotScene`. Both have a method `evaluate()`, which
+        computes the outputs at the instants of the scene.
+
+    Raises:
+        SceneError: the file cannot be read as a scene. The message is one line; it names the file and, if a key of
+            the scene is wrong, the table and the key.
+        MissingDependencyError: the file names a robot of example-robot-data, and that package is not installed.
+    """
+    return scene_from_tables(load_tables(path), path)
+
+
+def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> PairScene | RobotScene:
+    """Return the scene that the top-level table of the file at `path` defines."""
+    place = Path(path)
+    common: dict[str, Any] = {
+        "path": place,
+        "outputs": None,
+        "constants": {key: float(value) for key, value in tables.constants.items()},
+        "files": tuple(file.absolute() for file in _source_files(tables, place)),
+        "tables": tables,
+    }
+    scene: PairScene | RobotScene
+    scene = _robot_scene(tables, common) if _is_of_robot(tables) else _pair_scene(tables, common)
+    outputs = tables.table("outputs", required=False)
+    outputs.check_keys(("names",))
+    if "names" not in outputs.values:
+        return scene
+    names = outputs.values["names"]
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        outputs.fail("names", 'a list of names such as ["R2", "v2"], of a robot ["R", "tau"]')
+    with outputs.naming("names"):
+        scene.request(names)
+    return replace(scene, outputs=tuple(dict.fromkeys(names)))
+
+
+def _pair_scene(tables: Table, common: dict[str, Any]) -> PairScene:
+    pair = _read_pair(tables)
+    motion = _read_motion(tables, common["path"].parent, pair)
+    return PairScene(title=tables.text("title", default=pair.name), pair=pair, motion=motion, **common)
+
+
+def _robot_scene(tables: Table, common: dict[str, Any]) -> RobotScene:
+    from hingepair.scenes.motions.joints import read_joint_motion
+    from hingepair.scenes.robot_scene import RobotScene
+    from hingepair.scenes.robot_table import is_stray_joint, read_gravity, read_mechanism
+
+    folder = common["path"].parent
+    try:
+        robot = read_mechanism(tables, folder)
+        motion = read_joint_motion(tables, folder, robot)
+    except SceneError as error:
+        if is_stray_joint(tables, folder, error):
+            raise SceneError(error.name, "the motion of a joint under [motion]", "a joint in another table") from None
+        raise
+    frames = tuple(tables.table("mechanism", required=False).table("frames", required=False).values)
+    return RobotScene(
+        title=tables.text("title", default=robot.name),
+        mechanism=robot,
+        motion=motion,
+        gravity=read_gravity(tables) or DEFAULT_GRAVITY_VECTOR,
+        frames=frames or robot.tips,
+        **common,
+    )
+
+
+def moved_again(scene: Scene, tables: Table) -> Scene:
+    """Return the scene with the pair or robot of other tables and the same motion."""
+    if _is_of_robot(tables):
+        from hingepair.scenes.robot_table import read_mechanism
+
+        return replace(scene, mechanism=read_mechanism(tables, scene.path.parent), tables=tables)  # type: ignore[call-arg]
+    return replace(scene, pair=_read_pair(tables), tables=tables)  # type: ignore[call-arg]
+
+
+def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
+    """Read the pair of a scene file, which need not have a motion."""
+    return _read_pair(load_tables(path))
+
+
+def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
+    """Read the robot of a scene file, which need not have a motion; return None for the scene of a pair."""
+    tables = load_tables(path)
+    if not _is_of_robot(tables):
+        return None
+    from hingepair.scenes.robot_table import read_mechanism
+
+    return read_mechanism(tables, Path(path).parent)
+
+
+def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
+    """Read the table [dynamics] of a scene file without simulating it; return None if there is no such table."""
+    from hingepair.scenes.motions.simulated import read_dynamics_setup
+
+    tables = load_tables(path)
+    return read_dynamics_setup(tables.table("dynamics"), _read_pair(tables)) if "dynamics" in tables.values else None
+
+
+def load_suspicions(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Return sentences on numbers of a scene file that are probably in another unit; its motion is not computed."""
+    tables = load_tables(path)
+    if _is_of_robot(tables):
+        robot = load_mechanism(path)
+        joints = robot.tree.coordinates if robot is not None else ()
+        limits: Any = {joint.name: joint.position_limits for joint in joints if joint.kind == "hinge"}
+    else:
+        limits = {"psi": getattr(_read_pair(tables), "limits", None) or ()}
+    return tuple(dict.fromkeys(file_suspicions(tables.values, limits)))
+
+
+def load_tables(path: str | os.PathLike[str]) -> Table:
+    """Read a scene file, evaluate its constants, and return its top-level table."""
+    return with_constants_evaluated(read_tables(path))
+
+
+def with_constants_evaluated(tables: Table) -> Table:
+    """Return a copy of a scene's top-level table with its evaluated constants."""
+    if {"scene", "vary"} <= tables.values.keys():
+        raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
+    if _is_of_robot(tables):
+        for key in tables.values:
+            if key in _PAIR_TABLES and key not in _ROBOT_TABLES:
+                tables.fail(key, "nothing of this name in the scene of a mechanism, by [mechanism] or [[joint]]")
+        tables.check_keys(_ROBOT_TABLES)
+    else:
+        tables.check_keys((*_PAIR_TABLES, "mechanism", "joint"))
+    constants = tables.table("constants", required=False)
+    motion = tables.table("motion", required=False)
+    if "constants" in motion.values:  # where scenes had them until 0.1
+        if constants.values:
+            tables.refuse("constants", "constants in one table", "[constants] and [motion.constants]")
+        constants = motion.table("constants")
+    values: dict[str, Any] = {}
+    for key, value in constants.values.items():
+        from hingepair.symbolic.expressions import constant_name_fault, parse_constant
+
+        fault = constant_name_fault(key)
+        if fault:
+            constants.refuse(key, fault, quoted(key))
+        with constants.naming(key):
+            values[key] = parse_constant(key, value, values) if isinstance(value, str) else constants.number(key)
+    return replace(tables, constants=values)
+
+
+def _is_of_robot(tables: Table) -> bool:
+    return not tables.values.keys().isdisjoint({"mechanism", "joint"})
+
+
+def _read_pair(tables: Table) -> HingePair | PlanarPair:
+    if _is_of_robot(tables):
+        tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
+    return read_pair(tables.table("pair"), tables.flag("planar"))
+
+
+def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> PairMotion:
+    """Return the motion that the tables [motion], [dynamics] and [time] define."""
+    planar = isinstance(pair, PlanarPair)
+    if "dynamics" in tables.values:
+        from hingepair.scenes.motions.simulated import read_simulated_motion
+
+        motion = tables.table("motion", required=False)
+        return read_simulated_motion(tables.table("dynamics"), motion, tables.table("time"), pair)
+    motion = tables.table("motion")
+    if "file" not in motion.values:
+        if "psi_dot" in motion.values and "omega1" not in motion.values:
+            motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")
+        from hingepair.scenes.motions.functions import read_expression_motion
+
+        return read_expression_motion(motion, tables.table("time"), planar)
+    from hingepair.scenes.motions.logs import read_log
+
+    if planar:
+        motion.fail("file", "no such key in a planar scene, whose motion is expressions")
+    if "time" in tables.values:
+        tables.fail("time", "no such table, since the column t of motion.file has the instants")
+    return read_log(motion, folder)
+
+
+def describes_motion(path: str | os.PathLike[str]) -> bool:
+    """Return whether a scene file has a motion: a table [dynamics], or a table [motion] with more than constants."""
+    tables = read_tables(path)
+    keys = tables.table("motion", required=False).values.keys() - {"constants"}
+    return bool(keys) or "dynamics" in tables.values or {"motion", "time"} <= tables.values.keys()
+
+
+def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Return the paths of the files that a scene is read from: its own, and those of its URDF and its log."""
+    return _source_files(read_tables(path), Path(path))
+
+
+def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:
+    named = (("mechanism", "urdf"), ("motion", "file"))
+    files = [tables.table(table, required=False).values.get(key) for table, key in named]
+    return (path, *(path.parent / file for file in files if isinstance(file, str)))
