@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.numeric.tables import Sheet, cell_text, instant_text, number_texts, unit_of
@@ -19,15 +20,12 @@ from hingepair.pair.hinge_load import HINGE_TORQUE_PART_NAMES
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record, column_names
-from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND
-from hingepair.scenes.motions.joints import RATE_SUFFIXES, KnownJointMotion
+from hingepair.plans.plan import ACCELERATION
+from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointMotion, KnownJointMotion
 from hingepair.scenes.motions.known import KnownMotion, MotionByBody1
 from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
-from hingepair.scenes.motions.motion import massive, non_finite_sentences
+from hingepair.scenes.motions.motion import Motion, PairMotion, massive, non_finite_sentences
 from hingepair.scenes.motions.noise import LogNoise, finite_rms, motion_with_errors, noise_rows
-from hingepair.scenes.pair_scene import PairScene
-from hingepair.scenes.robot_scene import RobotScene
-from hingepair.scenes.scene import Scene
 
 _NOISY = 0.01  # noise of a torque or force to its rms; above, a note recommends smoothing
 
@@ -92,9 +90,9 @@ class SceneForces(Record):
     """Forces at the instants of a scene. They print as a table and can be saved to a file.
 
     Args:
-        scene: the scene.
-        t: its instants.
+        t: instants [s]; shape (N,).
         arrays: the forces by name.
+        record: further arguments of a `Record` by name.
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
         notes: sentences for readers of the forces.
         noise: of a pair, the standard deviation that the noise of a log causes in each array away from the ends of
@@ -107,9 +105,9 @@ class SceneForces(Record):
 
     def __init__(
         self,
-        scene: Scene,
         t: Float64Array,
         arrays: Mapping[str, NDArray[Any]],
+        record: Mapping[str, Any],
         *,
         gravity: tuple[float, ...],
         notes: tuple[str, ...],
@@ -117,7 +115,7 @@ class SceneForces(Record):
         tau: Float64Array | None = None,
         loads: tuple[JointLoad, ...] = (),
     ) -> None:
-        super().__init__(t, arrays, f"forces: {scene.title}", scene.files, scene.unit)
+        super().__init__(t, arrays, **record)
         self.gravity, self.notes, self.noise = gravity, notes, noise or {}
         self.tau, self.loads = tau, loads
 
@@ -165,20 +163,24 @@ class SceneForces(Record):
         return {"gravity": list(self.gravity), **joints, "outputs": self.ranges()}
 
 
-def _check_accelerations(scene: Scene) -> None:
-    if scene.motion.level < ACCELERATION:
-        wanted = f"a motion with accelerations, which forces need{scene.motion.hint}"
-        raise ArgumentError("scene", wanted, scene.motion.origin)
+def _check_accelerations(motion: Motion) -> None:
+    if motion.level < ACCELERATION:
+        raise ArgumentError("scene", f"a motion with accelerations, which forces need{motion.hint}", motion.origin)
 
 
 # ---- pairs
 
 
-def pair_forces(scene: PairScene, gravity: ArrayLike | None) -> SceneForces:
-    """Return the forces that the motion of a pair requires, as `Scene.forces` describes them."""
-    _check_accelerations(scene)
-    pair, motion, t = scene.pair, scene.motion, scene.times()
-    flat = scene.kind == PLANAR_MOTION_KIND
+def pair_forces(
+    pair: HingePair | PlanarPair,
+    motion: PairMotion,
+    t: Float64Array,
+    gravity: ArrayLike | None,
+    record: Mapping[str, Any],
+) -> SceneForces:
+    """Return the forces that the motion of a pair requires at its instants t, as `Scene.forces` describes them."""
+    _check_accelerations(motion)
+    flat = isinstance(pair, PlanarPair)
     size, fall = 2 if flat else 3, motion.gravity(pair)
     if gravity is not None:
         if motion.simulated:
@@ -204,7 +206,7 @@ def pair_forces(scene: PairScene, gravity: ArrayLike | None) -> SceneForces:
         noise, sentence = _force_noise(pair, t, known, motion.derived, fall, arrays)
         notes.append(sentence)
     shown = _plane_components(arrays) if flat else arrays
-    return SceneForces(scene, t, shown, gravity=fall[:size], notes=tuple(notes), noise=noise)
+    return SceneForces(t, shown, record, gravity=fall[:size], notes=tuple(notes), noise=noise)
 
 
 def _required_forces(
@@ -332,19 +334,19 @@ def _two_digits(number: float) -> str:
 # ---- robots
 
 
-def robot_forces(scene: RobotScene, gravity: ArrayLike | None) -> SceneForces:
-    """Return the forces that the motion of a robot requires, as `Scene.forces` describes them."""
-    _check_accelerations(scene)
-    robot, t = scene.mechanism, scene.times()
-    fall = scene.gravity if gravity is None else tuple(one_constant("gravity", gravity, 3).tolist())
-    known = scene.known(slice(len(t)), ACCELERATION)
-    acting = robot.inverse_dynamics(*known.arguments(), gravity=fall, base_motion=known.base)
+def robot_forces(
+    robot: Mechanism, motion: JointMotion, t: Float64Array, gravity: tuple[float, ...], record: Mapping[str, Any]
+) -> SceneForces:
+    """Return the forces that the motion of a robot requires at its instants t, as `Scene.forces` describes them."""
+    _check_accelerations(motion)
+    known = motion.part(slice(len(t)), ACCELERATION)
+    acting = robot.inverse_dynamics(*known.arguments(), gravity=gravity, base_motion=known.base)
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
     deviations, notes = np.full(robot.dof, math.nan), [*non_finite_sentences(arrays)]
-    if scene.motion.derived is not None and len(t) > DIFFERENCE_ORDER:
-        deviations, sentence = _effort_noise(scene, t, fall, tau)
+    if motion.derived is not None and len(t) > DIFFERENCE_ORDER:
+        deviations, sentence = _effort_noise(robot, motion, t, gravity, tau)
         notes.append(sentence)
     loads = tuple(
         _summarize_joint(joint, i, t, known, tau[:, i], float(deviations[i]))
@@ -352,22 +354,25 @@ def robot_forces(scene: RobotScene, gravity: ArrayLike | None) -> SceneForces:
     )
     for load in loads:
         notes += _effort_limit_sentences(load, len(t))
-    return SceneForces(scene, t, arrays, gravity=fall, notes=tuple(notes), tau=tau, loads=loads)
+    return SceneForces(t, arrays, record, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
 
 
 def _effort_noise(
-    scene: RobotScene, t: Float64Array, gravity: tuple[float, ...], tau: Float64Array
+    robot: Mechanism, motion: JointMotion, t: Float64Array, gravity: tuple[float, ...], tau: Float64Array
 ) -> tuple[Float64Array, str]:
     """Return the standard deviation that noise of the log causes in each joint effort, shape (dof,) [N m or N], and a
     sentence on the noise.
     """
-    robot, motion, rows = scene.mechanism, scene.motion, noise_rows(len(t))
-    middle = scene.known(rows, ACCELERATION)
+    rows = noise_rows(len(t))
+    middle = motion.part(rows, ACCELERATION)
+    units: dict[str, str] = {}
     log = LogNoise(t[rows] - t[rows.start], motion.derived or (), DIFFERENCE_ORDER)
     derivatives = [list(values) for values in middle.derivatives]
-    for column, joint in enumerate(robot.names):
-        if joint in motion.moving:
-            names = tuple(joint + rate for rate in RATE_SUFFIXES)
+    for column, joint in enumerate(robot.tree.coordinates):
+        if joint.name in motion.moving:
+            names = tuple(joint.name + rate for rate in RATE_SUFFIXES)
+            length = "rad" if joint.kind == "hinge" else "m"
+            units |= zip(names, (length, f"{length}/s", f"{length}/s^2"), strict=True)
             values = tuple(middle.column(order, column) for order in range(len(names)))
             for order, noisy in enumerate(log.column_with_noise_added(names, values)):
                 derivatives[order][column] = noisy
@@ -375,7 +380,7 @@ def _effort_noise(
     acting = robot.inverse_dynamics(*arguments, gravity=gravity, base_motion=middle.base, outputs=("tau",))
     half = DIFFERENCE_ORDER // 2  # what the differences at the ends reach
     noise = finite_rms((np.asarray(acting.tau, np.float64) - tau[rows])[half:-half])
-    sizes = ", ".join(f"{size:.2g} {scene.unit(name)} of {name}" for name, size in log.sizes.items())
+    sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())
     note = f"noise of the log, by local fits: {sizes or 'none'} (standard deviations)"
     if (noise > _NOISY * finite_rms(tau)).any():
         note += "; hp.smooth(t, q) finds the rates of a noisy column"

@@ -32,13 +32,13 @@ from hingepair.plans.plan import (
     MotionKind,
 )
 from hingepair.scenes.explain import ScenePlan, explain
+from hingepair.scenes.forces import SceneForces, pair_forces
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.motions.known import Derivatives, KnownMotion, MotionByBody1, quaternion_columns
 from hingepair.scenes.motions.motion import LimitCounter, PairMotion, massive
 from hingepair.scenes.scene import Residual, Scene, SceneResult
 
 if TYPE_CHECKING:
-    from hingepair.scenes.forces import SceneForces
     from hingepair.scenes.motions.functions import FunctionsOfTime
     from hingepair.symbolic.kinks import Expr
     from hingepair.validation.report import CrossValidation
@@ -311,11 +311,8 @@ class PairScene(Scene):
             )
         return tuple(notes)
 
-    def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
-        """Compute the forces that the motion requires at the instants, as `Scene.forces` says."""
-        from hingepair.scenes.forces import pair_forces
-
-        return pair_forces(self, gravity)
+    def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
+        return pair_forces(self.pair, self.motion, t, gravity, record)
 
     def watches(self) -> list[LimitCounter]:
         """Return counters of psi and, of a pair with a rate limit, of its rate."""

@@ -13,21 +13,20 @@ from hingepair.engine.results import missing_attribute_error
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
-from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.numeric.arrays import Float64Array, one_constant, read_only
 from hingepair.numeric.tables import unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.explain import RobotPlan
+from hingepair.scenes.forces import SceneForces, robot_forces
 from hingepair.scenes.instants import Rows
 from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointCoordinates, JointMotion, KnownJointMotion
 from hingepair.scenes.motions.motion import LimitCounter
 from hingepair.scenes.scene import Scene, SceneResult
 
 if TYPE_CHECKING:
-    from hingepair.scenes.forces import SceneForces
-    from hingepair.scenes.pair_scene import PairScene
     from hingepair.validation.report import CrossValidation
 
 # Derivatives that the quantities of frames need; quat is the quaternion (x, y, z, w) of S, w >= 0.
@@ -292,11 +291,9 @@ class RobotScene(Scene):
         known = self.known(rows, self.motion.level)
         return cross_validate(self.mechanism, *known.arguments(), base_motion=known.base, gravity=self.gravity)
 
-    def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
-        """Compute the forces that the motion requires at the instants, as `Scene.forces` says."""
-        from hingepair.scenes.forces import robot_forces
-
-        return robot_forces(self, gravity)
+    def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
+        fall = self.gravity if gravity is None else tuple(one_constant("gravity", gravity, 3).tolist())
+        return robot_forces(self.mechanism, self.motion, t, fall, record)
 
     def watches(self) -> list[LimitCounter]:
         """Return counters of the joints' positions and, where they are limited, rates."""
@@ -328,7 +325,7 @@ class RobotScene(Scene):
         of_joints = all(steps[0] == "joint" and (len(steps) <= 2 or steps[2] in resting) for steps in keys)
         return not of_joints and any(tuple(steps[:2]) != ("mechanism", "payload") for steps in keys)
 
-    def require_pair(self) -> PairScene:
+    def require_pair(self) -> Any:
         """Raise an ArgumentError: the scene is none of a pair."""
         self.tables.refuse("pair", "the scene of a pair, which has a table [pair]", "the scene of a mechanism")
 

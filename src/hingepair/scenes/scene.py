@@ -21,13 +21,12 @@ from hingepair.numeric.tables import Sheet, Shown, cell_text, instant_text, unit
 from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY, RESULT_ROWS_PER_BLOCK, Result
 from hingepair.plans.plan import VELOCITY
 from hingepair.scenes import suspicions
+from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.motions.motion import LimitCounter, Motion, kink_sentences
 from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
-    from hingepair.scenes.forces import SceneForces
-    from hingepair.scenes.pair_scene import PairScene
     from hingepair.validation.report import CrossValidation
 
 
@@ -278,7 +277,6 @@ class Scene(Shown, abc.ABC):
     @abc.abstractmethod
     def _compared(self, rows: Rows) -> CrossValidation: ...
 
-    @abc.abstractmethod
     def forces(self, gravity: ArrayLike | None = None) -> SceneForces:
         """Compute the forces that the motion requires at the instants.
 
@@ -317,6 +315,11 @@ class Scene(Shown, abc.ABC):
             ArgumentError: the motion has no accelerations, body 2 of a pair has no mass properties, or gravity is
                 given although [dynamics] has a gravity of its own.
         """
+        record = {"described": f"forces: {self.title}", "inputs": self.files, "unit": self.unit}
+        return self._forces(self.times(), gravity, record)
+
+    @abc.abstractmethod
+    def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces: ...
 
     # ---- what is said about a scene
 
@@ -370,7 +373,7 @@ class Scene(Shown, abc.ABC):
         """Return whether the motion may depend on numbers of the file, to which paths of keys and indices lead."""
 
     @abc.abstractmethod
-    def require_pair(self) -> PairScene:
+    def require_pair(self) -> Any:
         """Return the scene if it is one of a pair; otherwise raise an ArgumentError."""
 
     # ---- how a scene is shown

@@ -223,21 +223,21 @@ def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, 
         seed: seed of the sampled pairs; None for other pairs at every call.
         **std: standard deviations by argument name of `sample_pairs`; the others are those of [tolerances].
     """
-    scene = scene.require_pair()
-    tolerances = {**read_tolerances(scene), **std}
+    of_pair: PairScene = scene.require_pair()
+    tolerances = {**read_tolerances(of_pair), **std}
     if not tolerances:
         expected = "standard deviations, such as [tolerances] u1_std = 0.001, or --u1-std 0.001"
-        raise SceneError(f"{scene.path}: tolerances", expected, "none")
-    rows = np.unique(np.linspace(0, scene.samples - 1, min(scene.samples, 101)).astype(np.intp))
-    pair, t = scene.space, np.asarray(scene.motion.t[rows])
-    moved = scene.motion.source.part(rows, POSE).in_space(scene.pair)
+        raise SceneError(f"{of_pair.path}: tolerances", expected, "none")
+    rows = np.unique(np.linspace(0, of_pair.samples - 1, min(of_pair.samples, 101)).astype(np.intp))
+    pair, t = of_pair.space, np.asarray(of_pair.motion.t[rows])
+    moved = of_pair.motion.source.part(rows, POSE).in_space(of_pair.pair)
     R, S, psi = (
         np.broadcast_to(array, (len(t), *own))
         for array, own in ((moved.body1.R, (3,)), (moved.body1.S, (3, 3)), (moved.psi, ()))
     )
     known = np.isfinite(R).all(axis=1) & np.isfinite(S).all(axis=(1, 2)) & np.isfinite(psi)
     if not known.any():
-        raise SceneError(f"{scene.path}: motion", "a pose at some instant", f"none at {len(t)} instants")
+        raise SceneError(f"{of_pair.path}: motion", "a pose at some instant", f"none at {len(t)} instants")
     lost = len(t) - int(known.sum())
     lever = max(float(np.linalg.norm(pair.u1)), float(np.linalg.norm(pair.u2)))
     doubts = [
@@ -262,7 +262,7 @@ def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, 
         sampled_std[part] = pose.std(axis=1)
         band[part] = np.moveaxis(np.quantile(pose, _BAND, axis=1), 0, 1)
     return ToleranceStudy(
-        title=scene.title,
+        title=of_pair.title,
         t=t,
         std=np.concatenate((linear.R2_std, linear.attitude_std), axis=-1),
         sampled_std=sampled_std,
