@@ -13,8 +13,7 @@ from hingepair.bench.truth import DIGITS
 from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root
-from hingepair.numeric.bounded import MAX_SINE_OR_COSINE_ERROR_ULPS as SINE_ULPS
-from hingepair.numeric.bounded import bounded_class
+from hingepair.numeric.bounded import SINE_ULPS, bounded_class
 
 # By function: of traced values, of long doubles (to find the samples that are worth 60 digits), and of 60 digits;
 # then the largest error in units of the last place. NumPy promises 4 of its arctan2.

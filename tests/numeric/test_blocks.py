@@ -10,7 +10,7 @@ import pytest
 import hingepair as hp
 from hingepair.numeric.arrays import load, result_dtype, split_into_blocks
 from hingepair.numeric.blocks import (
-    SAMPLES_PER_BLOCK,
+    BLOCK,
     angle_terms,
     components_of,
     cosine,
@@ -93,7 +93,7 @@ def test_components_of_vectors_and_matrices() -> None:
     assert all(type(x) is float for x in numbers(array[0], 2))
 
 
-@pytest.mark.parametrize("shape", [(), (5,), (3, 2 * SAMPLES_PER_BLOCK + 7), (0,)], ids=str)
+@pytest.mark.parametrize("shape", [(), (5,), (3, 2 * BLOCK + 7), (0,)], ids=str)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_function_of_components_is_tabulated(shape: tuple[int, ...], dtype: type) -> None:
     rng = np.random.default_rng(1)

@@ -116,7 +116,7 @@ def test_rounded_numbers_know_how_far_they_were(kind: type[Bounded]) -> None:
 @KINDS
 @pytest.mark.parametrize("function", ["sine", "cosine", "versine"])
 def test_bounds_of_sines_hold_and_are_not_much_more(kind: type[Bounded], function: str) -> None:
-    """The bound takes an error of MAX_SINE_OR_COSINE_ERROR_ULPS; a sine rounded rightly has half a unit."""
+    """The bound takes an error of SINE_ULPS; a sine rounded rightly has half a unit."""
     rng = np.random.default_rng(3)
     angles = np.concatenate((rng.uniform(-10, 10, 100), 10.0 ** rng.uniform(-12, 0, 60), [0.0, 0.5, 1e-3]))
     angles = angles.astype(kind.dtype).astype(float)

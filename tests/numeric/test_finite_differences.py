@@ -50,7 +50,7 @@ def test_neighbours_are_those_on_either_side_and_order_plus_5_at_the_ends(order)
 def test_many_samples_are_like_few(monkeypatch):
     t = uneven(200, 2)
     whole = differentiate(t, np.sin(t / 9))
-    monkeypatch.setattr("hingepair.numeric.finite_differences._STENCILS_PER_BLOCK", 7)
+    monkeypatch.setattr("hingepair.numeric.finite_differences._BLOCK", 7)
     assert np.array_equal(whole, differentiate(t, np.sin(t / 9)))
 
 

@@ -128,7 +128,7 @@ def test_leading_axes_are_many_attitudes_at_the_same_instants():
 def test_blocks_do_not_show(monkeypatch):
     t = uneven(100) * 0.01
     whole = hp.angular_velocity_from_samples(t, reference(t))
-    monkeypatch.setattr("hingepair.numeric.finite_differences._STENCILS_PER_BLOCK", 7)
+    monkeypatch.setattr("hingepair.numeric.finite_differences._BLOCK", 7)
     assert np.array_equal(hp.angular_velocity_from_samples(t, reference(t)), whole)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from hingepair.engine.llvm_builder import LANES, NUMBER_BYTES, FunctionBuilder, hexadecimal, shared_name
-from hingepair.numeric.blocks import MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE
+from hingepair.numeric.blocks import VERSINE_SWITCH
 
 SINES: Final = ("sin", "cos", "versine")  # operations, in the order in which the function `sines` stores them
 DOUBLES: Final = f"<{LANES} x double>"  # LLVM's type of a vector of doubles
@@ -150,7 +150,7 @@ def _large_angles() -> str:
             # 1 - cosine as NumPy computes it: the square of a half angle's sine is less accurate near 1 - cosine = 2.
             square, above = f.put(f"fmul double {sine}, {sine}"), f.put(f"fadd double {cosine}, {hexadecimal(1.0)}")
             near, far = f.put(f"fdiv double {square}, {above}"), f.put(f"fsub double {hexadecimal(1.0)}, {cosine}")
-            limit = hexadecimal(MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE)
+            limit = hexadecimal(VERSINE_SWITCH)
             is_near = f.put(f"fcmp ogt double {cosine}, {limit}")
             versine = f.put(f"select i1 {is_near}, double {near}, double {far}")
             for j, term in enumerate((sine, cosine, versine), 1):

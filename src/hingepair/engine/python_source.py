@@ -13,7 +13,7 @@ import numpy as np
 
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 from hingepair.numeric.array_libraries import Library, is_foreign
-from hingepair.numeric.blocks import MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE, versine, versines
+from hingepair.numeric.blocks import VERSINE_SWITCH, versine, versines
 
 # Precedence of expressions in Python: a higher number binds more tightly.
 _PRECEDENCES = {"+": 1, "-": 1, "*": 2, "/": 2}
@@ -91,7 +91,7 @@ def compile_for_library(name: str, source: str, library: Library) -> Callable[..
         """Return 1 - cos, without cancellation and with finite derivatives."""
         if not is_foreign(c):
             return versine(s, c)
-        near = c > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE
+        near = c > VERSINE_SWITCH
         # The denominator of the unused side is set to 1: a division by zero would make derivatives NaN.
         return where(near, s * s / where(near, 1.0 + c, 1.0), 1.0 - c)
 

@@ -29,7 +29,7 @@ from hingepair.integration.signals import CallableSignal, ConstantSignal, Sample
 from hingepair.integration.stepping import Steps, Subdivision, subdivide
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
-from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
 _CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
 _BESIDE_ENDS = 1e-4, 1 - 1e-4  # of a pair of steps: not at its ends, since a callable may jump at instants
@@ -78,7 +78,7 @@ def estimate_error(integral: Integral, steps: Steps, values: Array, errors: Step
         return integral.rounding_at_instants(values, 0.0)
     if isinstance(rate, ConstantSignal):
         turned = (steps.t[-1] - steps.t[0]) * float(row_norms(rate.value.reshape(-1)))
-        return float(FLOAT64_UNIT_ROUNDOFF * turned + integral.rounding_at_instants(values, 0.0))
+        return float(UNIT_ROUNDOFF * turned + integral.rounding_at_instants(values, 0.0))
     if errors is None:
         errors = measure_errors(integral, steps.t[:-1], steps.t[1:], steps.t[-1] - steps.t[0])
     rounding = rounding_error(integral, steps, values, errors)
@@ -97,7 +97,7 @@ def rounding_error(integral: Integral, steps: Steps, values: Array, errors: Step
     """Return the largest rounding error of an integral at any instant [rad]."""
     turned = float(errors.turned.sum())
     if _is_rate_constant(integral.rate, steps.t):
-        return FLOAT64_UNIT_ROUNDOFF * turned + integral.rounding_at_instants(values, 0.0)
+        return UNIT_ROUNDOFF * turned + integral.rounding_at_instants(values, 0.0)
     return math.sqrt(float((errors.rounding**2).sum())) + integral.rounding_at_instants(values, turned)
 
 
@@ -166,7 +166,7 @@ def _step_rounding(signal: Signal, start: Array, stop: Array) -> tuple[Array, Ar
     turned = 0.5 * h * (row_norms(rates[:, 0]) + row_norms(rates[:, 1]))
     # As measured, nodes that are rounded by u t give a step an error of 0.4 u t times the change of the rate.
     by_nodes = 0.0 if isinstance(signal, SampledSignal) else 0.4 * np.abs(stop) * row_norms(rates[:, 1] - rates[:, 0])
-    return turned, FLOAT64_UNIT_ROUNDOFF * np.sqrt(turned**2 + by_nodes**2)
+    return turned, UNIT_ROUNDOFF * np.sqrt(turned**2 + by_nodes**2)
 
 
 def _undetected_errors(

@@ -17,9 +17,9 @@ from hingepair.errors import ArgumentError
 from hingepair.integration.methods import StepRule, angle_loop, quaternion_product, rotation_loop
 from hingepair.integration.signals import ConstantSignal, Signal
 from hingepair.integration.stepping import HIGH_LOW_SUM_SCAN, ROTATION_SCAN, Steps, Subdivision
-from hingepair.numeric.arrays import FLOAT64_DTYPE
+from hingepair.numeric.arrays import FLOAT64
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.numeric.twofold import HighLow, exact_sum, twofold_product, twofold_sum
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: its inverse
@@ -77,7 +77,7 @@ class AngleIntegral(_RateIntegral):
 
     def _write_step_integrals(self, begin: Array, h: HighLow, rows: Array) -> None:
         arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
-        angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64_DTYPE, self.execution)
+        angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64, self.execution)
 
     def difference(self, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array]) -> Array:
         """Return the integrals over intervals by coarse steps less those by fine steps [rad]; (intervals, 1).
@@ -91,11 +91,11 @@ class AngleIntegral(_RateIntegral):
 
     def rounding_of_sums(self, sizes: Array, _: Array) -> Array:
         """Return the rounding errors [rad] of sums over intervals; `sizes` are the integrals of abs(rate) [rad]."""
-        return FLOAT64_UNIT_ROUNDOFF * sizes
+        return UNIT_ROUNDOFF * sizes
 
     def rounding_at_instants(self, values: Array, _: float) -> float:
         """Return the largest rounding error [rad] of the angles `values`, without the rounding of the steps."""
-        return FLOAT64_UNIT_ROUNDOFF * float(np.abs(values).max())
+        return UNIT_ROUNDOFF * float(np.abs(values).max())
 
     def errors_at_start(self, _: Array, errors: Array) -> Array:
         """Return `errors` unchanged: errors of angles add up as they are."""
@@ -136,7 +136,7 @@ class AttitudeIntegral(_RateIntegral):
             {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
             {"q": quats},
             quats.shape[:-1],
-            FLOAT64_DTYPE,
+            FLOAT64,
             self.execution,
         )
 
@@ -169,13 +169,13 @@ class AttitudeIntegral(_RateIntegral):
         """Return the rounding errors [rad] of products of rotations over intervals, which grow as a random walk.
         `sizes` are the angles turned in the intervals [rad], `steps` their numbers of steps.
         """
-        return np.asarray(FLOAT64_UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
+        return np.asarray(UNIT_ROUNDOFF * np.minimum(sizes, 4 * np.sqrt(np.minimum(sizes, steps))))
 
     def rounding_at_instants(self, values: Array, size: float) -> float:
         """Return the largest rounding error [rad] of the attitudes `values`, without the rounding of the steps, which
         turn by `size` [rad] in all.
         """
-        return FLOAT64_UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
+        return UNIT_ROUNDOFF * (8 + 4 * math.sqrt(min(size, len(values))))
 
     def errors_at_start(self, quats: Array, errors: Array) -> Array:
         """Return errors of intervals, rotation vectors (..., P, 3), in the axes of the first instant, in which they

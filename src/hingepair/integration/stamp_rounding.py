@@ -17,7 +17,7 @@ import numpy as np
 from hingepair.integration.signals import SampledSignal
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import row_norms
-from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
 _WINDOW = 11  # samples whose highest divided difference measures roughness; that of a smooth motion is negligible
 _UNIFORM_STD = 1 / math.sqrt(12)  # standard deviation of rounding to a grid, in its spacings
@@ -93,7 +93,7 @@ def _relative_roughness(signal: SampledSignal, deviations: Array) -> float | Non
     roughness = (np.einsum("wi,wik->wk", weights, columns[windows]) ** 2).sum(axis=1)
     slopes = np.asarray(np.gradient(columns, t, axis=0))
     stamp_noise = row_norms(slopes) * deviations
-    value_noise = FLOAT64_UNIT_ROUNDOFF * row_norms(columns)
+    value_noise = UNIT_ROUNDOFF * row_norms(columns)
     roughness_by_stamps, roughness_by_values = (
         ((weights * noise[windows]) ** 2).sum(axis=1) for noise in (stamp_noise, value_noise)
     )

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.loops import Loop
 from hingepair.integration.methods import quaternion_product, quaternion_unit
-from hingepair.numeric.arrays import FLOAT64_DTYPE
+from hingepair.numeric.arrays import FLOAT64
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.twofold import HighLow, exact_sum, twofold_sum
 
@@ -185,9 +185,7 @@ class PrefixScan:
         # Within groups.
         groups = rows.reshape(*motions, -1, GROUP, rows.shape[-1])
         shape = groups.shape[:-2]
-        self._multiply_group.run(
-            {"elements": groups}, {"products": groups[..., 1:, :]}, shape, FLOAT64_DTYPE, execution
-        )
+        self._multiply_group.run({"elements": groups}, {"products": groups[..., 1:, :]}, shape, FLOAT64, execution)
         # Over the products of whole groups.
         ends = self.padded_buffer(shape[-1], motions)
         ends[..., : shape[-1], :] = groups[..., -1, :]
@@ -196,7 +194,7 @@ class PrefixScan:
         first = np.broadcast_to(np.stack(start, axis=-1), (*motions, rows.shape[-1]))[..., None, :]
         before = np.concatenate([first, ends[..., : shape[-1] - 1, :]], axis=-2)[..., None, :]
         self._apply_prefix.run(
-            {"element": groups, "prefix": before}, {"product": groups}, groups.shape[:-1], FLOAT64_DTYPE, execution
+            {"element": groups, "prefix": before}, {"product": groups}, groups.shape[:-1], FLOAT64, execution
         )
         return whole
 

@@ -38,7 +38,7 @@ from hingepair.measured.least_squares import (
 from hingepair.measured.relative_poses import RelativePoses
 from hingepair.measured.robust import Loss, loss_weights, median_variance
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF
+from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.rotations.matrices import rotation_exp
 
 PARAMETERS = 9  # of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where sought
@@ -49,7 +49,7 @@ SHIFT_SAMPLES = 100  # samples that tell by how much the zero of psi shifts
 _BLOCK = 2048  # samples, that fit the caches
 _NOISE_SAMPLES = 4096  # samples that the variance components are estimated from
 _BIAS_SAMPLES = 300
-_ROUNDING = 4 * FLOAT64_UNIT_ROUNDOFF  # of attitudes, and of places in parts of their size
+_ROUNDING = 4 * UNIT_ROUNDOFF  # of attitudes, and of places in parts of their size
 _LEAST_NOISE = 1e-3  # variance of positions, or of the encoder, to the mean squared residual
 _OPPOSITE = -0.999999  # cosine of axes below which they point against each other
 

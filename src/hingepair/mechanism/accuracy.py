@@ -19,7 +19,7 @@ from hingepair.mechanism.states import FRAME_MOTION_OUTPUT_NAMES
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
-from hingepair.numeric.bounded import FLOAT64_UNIT_ROUNDOFF, Bounded, bounded_class, conversion_error
+from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded, bounded_class, conversion_error
 from hingepair.plans.arguments import Arguments
 from hingepair.plans.trees import compute_request
 
@@ -156,7 +156,7 @@ def _solution_errors(left: Sequence[Any], matrix: Sequence[Any]) -> list[NDArray
     known = np.isfinite(r * scale).all(axis=-1) & np.isfinite(M * both).all(axis=(-2, -1))
     M, off = np.where(known[..., None, None], M * both, np.eye(size)), off * both
     X = _inverse(M)
-    rounding = (2 * size + 8) * FLOAT64_UNIT_ROUNDOFF * (np.abs(X) @ np.abs(M))
+    rounding = (2 * size + 8) * UNIT_ROUNDOFF * (np.abs(X) @ np.abs(M))
     E = np.abs(np.eye(size) - X @ M) + rounding + np.abs(X) @ off
     w = (np.abs(X) @ (r * scale)[..., None])[..., 0] * (1 + 2.0**-30)
     w = w + w.max(axis=-1, keepdims=True) / 1024 + np.finfo(np.float64).tiny

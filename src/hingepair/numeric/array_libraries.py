@@ -16,29 +16,19 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 ForeignArray: TypeAlias = Any
 
 # Types that need no look at array libraries: of NumPy and of Python.
-_TYPES_NEVER_FOREIGN_ARRAYS = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
+_PLAIN = (np.ndarray, np.generic, float, int, complex, str, bytes, list, tuple, dict, type(None))
 
 
 class Library(NamedTuple):
-    """Array library other than NumPy: its `name`, its `namespace` (the module with its functions), and the `dtype`
-    and the `device` that its arrays are computed with.
-
-    Attributes:
-        name: name of the library.
-        namespace: module with its functions, which have the names of the array API standard.
-        dtype: dtype in which results are computed.
-        device: device on which results are computed; None if the library decides.
-    """
+    """Array library other than NumPy, in which the equations run."""
 
     name: str
-    namespace: Any
-    dtype: Any
-    device: Any
+    namespace: Any  # module with its functions, which have the names of the array API standard
+    dtype: Any  # in which results are computed
+    device: Any  # on which results are computed; None if the library decides
 
     def array(self, value: Any) -> ForeignArray:
-        """Return a value, a number or a NumPy array, as an array of this library, with its dtype and on its device.
-        Return an array of a library other than NumPy as it is.
-        """
+        """Return a number or a NumPy array as an array of this library; arrays of others as they are."""
         if is_foreign(value):
             return value
         return self.namespace.asarray(value, dtype=self.dtype, device=self.device)
@@ -46,9 +36,7 @@ class Library(NamedTuple):
     def join_components(
         self, components: tuple[Any, ...], shape: tuple[int, ...], sample_shape: tuple[int, ...]
     ) -> ForeignArray:
-        """Stack a tuple of components into one array of this library, of shape (*shape, *sample_shape). Each
-        component is first broadcast to `shape`, the shape of the samples.
-        """
+        """Stack components, which broadcast to the samples, into one array (*shape, *sample_shape)."""
         parts = [self.namespace.broadcast_to(self.array(c), shape) for c in components]
         if not sample_shape:
             return parts[0]
@@ -64,9 +52,7 @@ class Library(NamedTuple):
 
 def is_foreign(value: Any) -> bool:
     """Return whether a value is an array of a library other than NumPy."""
-    if isinstance(value, _TYPES_NEVER_FOREIGN_ARRAYS) or not (
-        hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")
-    ):
+    if isinstance(value, _PLAIN) or not (hasattr(value, "__array_namespace__") or hasattr(value, "__dlpack__")):
         return False
     from array_api_compat import is_array_api_obj
 
@@ -74,9 +60,7 @@ def is_foreign(value: Any) -> bool:
 
 
 def library_of(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the Library of the arguments, a mapping from name to value, or None if no value is an array of a library
-    other than NumPy. Raise ArgumentError if such an array comes with a value that is neither an array of the same
-    library nor a number nor None, and DtypeError for a dtype other than float32 and float64.
+    """Return the library of arguments by name; None if all arrays are NumPy's.
 
     Raises:
         ArgumentError: they are arrays of two libraries, NumPy among them.
@@ -109,9 +93,8 @@ def library_of(arguments: Mapping[str, Any]) -> Library | None:
 
 
 def foreign_components(name: str, value: Any, *sample_shape: int) -> tuple[Any, ...]:
-    """Return the components of an array of a library other than NumPy as a tuple; components of matrices come row by
-    row. A tuple of components is returned with its numbers as floats. The further arguments are the shape of one
-    sample, such as 3, 3. Raise ShapeError, which names the argument `name`, if the shape or the length is wrong.
+    """Return the components of an array of another library, those of matrices row by row, or check a tuple of them.
+    The last arguments are the shape of one sample.
     """
     count = math.prod(sample_shape)
     if isinstance(value, tuple):
@@ -125,19 +108,15 @@ def foreign_components(name: str, value: Any, *sample_shape: int) -> tuple[Any, 
 
 
 def check_sample_shape(name: str, array: ForeignArray, *sample_shape: int) -> None:
-    """Raise ShapeError, which names the argument `name`, unless the last axes of an array have the shape that the
-    further arguments give, such as 3, 3.
-    """
+    """Refuse an array whose last axes do not have this shape; `name` is that of the argument."""
     shape = tuple(array.shape)
     if shape[max(0, len(shape) - len(sample_shape)) :] != sample_shape:
         raise ShapeError(name, f"shape (..., {', '.join(map(str, sample_shape))})", f"shape {shape}")
 
 
 def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
-    """Compute a function of each element of `x`, an array of a library other than NumPy, and return the results as
-    such an array. `function_name` is "sine", "cosine", "versine" (1 - cos x) or "square_root".
-
-    The versine, 1 - cos x, is 2 sin^2(x/2): all its digits where x is small, and derivatives everywhere.
+    """Return "sine", "cosine", "versine" (1 - cos) or "square_root" of each element of an array of another library.
+    The versine is 2 sin^2(x/2): all its digits where x is small, and derivatives everywhere.
     """
     if function_name == "versine":
         half = apply_function("sine", 0.5 * x)
@@ -146,8 +125,8 @@ def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
-    """Return an array that has the element of `then` if a < b and otherwise the element of `otherwise`, sample by
-    sample. At least one of a and b is an array of a library other than NumPy; the other arguments may be numbers.
+    """Return `then` where a < b, and `otherwise` elsewhere; at least one of a and b is an array of another
+    library.
     """
     return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
 

@@ -19,14 +19,12 @@ Component: TypeAlias = Any  # a float, a NumPy scalar, or an array that broadcas
 Block: TypeAlias = tuple[slice, ...]
 
 MAX_AXES = 29  # NumPy broadcasts up to 32, and results have up to three more than arguments
-FLOAT64_DTYPE: Final = np.dtype(np.float64)
-"""The dtype of double precision, in which what is integrated is computed, whatever the precision of the inputs."""
+FLOAT64: Final = np.dtype(np.float64)
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return the value as a NumPy array of float64, float32 or integers, without a copy if it is one already. Raise
-    DtypeError for other dtypes, masked arrays, tables and Dask arrays, and ShapeError for lists of unequal length;
-    the error names the argument `name`.
+    """Return a value as a NumPy array of float64, float32 or integers, without a copy if it is one already; `name` is
+    that of the argument.
 
     Raises:
         DtypeError: complex, object, float16, longdouble, bool or text; a masked array; a table with named columns; a
@@ -63,10 +61,8 @@ def is_square_list(value: object, count: int) -> bool:
 
 
 def vectors(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[Any]:
-    """Return the value as a NumPy array whose last axes have the shape that the further arguments give, such as 3, 3.
-    From a data frame, take the columns whose names end in x, y, z (for a quaternion also w). Raise ShapeError, which
-    names the argument `name`, for another shape, ArgumentError for other columns, and DtypeError for values that are
-    not real numbers.
+    """Return a value as an array whose last axes have a given shape, such as 3, 3. Of a data frame, the columns are
+    taken whose names end in x, y, z (of a quaternion also w).
     """
     if is_table(value) and len(sample_shape) == 1:
         letters = name.removeprefix("quat_") if sample_shape == (4,) else "xyz"[: sample_shape[0]]
@@ -93,12 +89,7 @@ def columns_by_name(
     optional_names: Collection[str] = (),
     last_family: tuple[str, ...] = (),
 ) -> dict[str, NDArray[Any]]:
-    """Return columns of a data frame `table` as a dict of arrays by name. `families` are tuples of column names. The
-    first of them whose columns are all in the table is taken, in its own order; if there is none and the table has
-    exactly the columns of `last_family`, these are taken. Raise ArgumentError, which names the argument `name`, if no
-    family fits, or if a column other than t is neither in a family nor in `optional_names`.
-
-    No column is copied where the table holds its columns one by one.
+    """Return columns of a data frame by name. No column is copied where the table holds its columns one by one.
 
     Args:
         name: of the argument, for messages.
@@ -123,10 +114,7 @@ def columns_by_name(
 
 
 def constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:
-    """Return a read-only float64 copy of a value whose last axes have the shape that the further arguments give, such
-    as 3, 3. Raise ShapeError for another shape, ArgumentError for numbers that are not finite; the error names the
-    argument `name`.
-    """
+    """Return a read-only float64 copy of finite numbers whose last axes have a given shape, such as 3, 3."""
     array = np.array(vectors(name, value, *sample_shape), dtype=np.float64, order="C")
     if not np.isfinite(array).all():
         raise ArgumentError(name, "finite numbers", value)
@@ -134,10 +122,7 @@ def constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.floa
 
 
 def one_constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.float64]:
-    """Return a read-only float64 copy of a value of exactly the shape that the further arguments give, such as 3, 3.
-    Raise ShapeError for another shape, ArgumentError for numbers that are not finite; the error names the argument
-    `name`.
-    """
+    """Return a read-only float64 copy of finite numbers of exactly a given shape, such as 3, 3."""
     array = real_array(name, value)
     if array.shape != sample_shape:
         raise ShapeError(name, f"shape {sample_shape}", f"shape {array.shape}")
@@ -170,9 +155,7 @@ class Frozen:
 
 
 def _frozen(frozen_class: type, attributes: dict[str, Any]) -> Any:
-    """Return an instance of the class `frozen_class` with the given attributes by name, without a call of its
-    constructor. Arrays among the attributes are made read-only in place.
-    """
+    """Return an instance without a call of its constructor; its arrays are made read-only."""
     value: Any = object.__new__(frozen_class)
     for name, attribute in attributes.items():
         if isinstance(attribute, np.ndarray):
@@ -182,17 +165,16 @@ def _frozen(frozen_class: type, attributes: dict[str, Any]) -> Any:
 
 
 def row_norms(rows: Float64Array) -> Float64Array:
-    """Return the Euclidean norms of vectors along the last axis of an array (..., k); shape (...,)."""
+    """Return the lengths of vectors (..., k); shape (...,)."""
     return np.asarray(np.sqrt((rows**2).sum(axis=-1)))
 
 
 def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """Return the shape to which the values of `shapes`, a mapping from an argument's name to its shape, broadcast. If
-    a size is unknown (NaN, of a Dask array), return the shape with the most axes. Raise ShapeError, which names the
-    first argument that does not fit the ones before it.
+    """Return the shape to which shapes by name broadcast; where a size is unknown (NaN, of a Dask array), that with
+    the most axes.
 
     Raises:
-        ShapeError: they do not broadcast; names the first that does not fit those before it.
+        ShapeError: names the first that does not fit those before it.
     """
     shape: tuple[int, ...] = ()
     for name, other in shapes.items():
@@ -208,10 +190,8 @@ def broadcast_shape(shapes: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
 
 
 def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
-    """Return the dtype to compute in: float32 if there are arrays and every one is float32, else float64.
-    `components` are arrays and numbers; Python numbers do not count.
-
-    This is as in NumPy, where Python numbers take the dtype of the arrays that they are combined with.
+    """Return the dtype to compute in: float32 if there are arrays and every one is float32, else float64. Python
+    numbers do not count, as in NumPy.
     """
     dtypes = {c.dtype for c in components if isinstance(c, np.ndarray | np.generic)}
     if dtypes and all(d.kind == "f" and d.itemsize == 4 for d in dtypes):
@@ -220,9 +200,8 @@ def result_dtype(components: Iterable[Component]) -> np.dtype[Any]:
 
 
 def split_into_blocks(shape: tuple[int, ...], block_size: int) -> Iterator[Block]:
-    """Yield blocks that cover an array of the given shape, each a tuple of one slice per axis with at most
-    `block_size` elements; yield nothing for an array without elements. The last axes are cut only if they are longer
-    than a block.
+    """Yield blocks of at most `block_size` elements that cover an array of this shape, each a tuple of one slice per
+    axis. The last axes are cut only if they are longer than a block.
 
     >>> [tuple((s.start, s.stop) for s in block) for block in split_into_blocks((2, 3), 4)]
     [((0, 1), (0, 3)), ((1, 2), (0, 3))]
@@ -247,8 +226,8 @@ def split_into_blocks(shape: tuple[int, ...], block_size: int) -> Iterator[Block
 
 
 def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
-    """Return the elements of a component that a block (a tuple of slices, one for each axis of the samples) selects,
-    as a contiguous array of the given dtype. Axes of length 1 are taken as a whole. A number is returned as it is.
+    """Return the elements of a component that a block selects, as a contiguous array; axes of length 1 are taken as a
+    whole, and a number is returned as it is.
     """
     if not isinstance(component, np.ndarray):
         return component
@@ -258,9 +237,7 @@ def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
 
 
 def check_choice(name: str, value: object, allowed_names: Iterable[str]) -> None:
-    """Raise ArgumentError, which names the argument `name` and lists the allowed names, unless the value is one of
-    them.
-    """
+    """Refuse a value that is none of the allowed names."""
     if not isinstance(value, str) or value not in allowed_names:
         names = tuple(allowed_names)
         near = nearest(value, names) if isinstance(value, str) else ""
@@ -268,9 +245,7 @@ def check_choice(name: str, value: object, allowed_names: Iterable[str]) -> None
 
 
 def finite_number(name: str, value: object) -> float:
-    """Return the value as a finite float. Raise ArgumentError, which names the argument `name`, for bool, text,
-    arrays and numbers that are not finite.
-    """
+    """Return a value as a finite float; `name` is that of the argument."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ArgumentError(name, "a finite number", quoted(value))
     try:
@@ -288,9 +263,7 @@ def is_zero(value: object) -> bool:
 
 
 def number_not_below_0(name: str, value: object) -> float:
-    """Return the value as a finite float of at least 0. Raise ArgumentError, which names the argument `name`, for any
-    other value.
-    """
+    """Return a value as a finite float of at least 0."""
     number = finite_number(name, value)
     if number < 0:
         raise ArgumentError(name, "a number not below 0", value)
@@ -298,9 +271,7 @@ def number_not_below_0(name: str, value: object) -> float:
 
 
 def _describe(array: NDArray[Any]) -> str:
-    """Return the dtype and shape of an array as a phrase for a message. For a single string, bool or object, return
-    its repr.
-    """
+    """Return the dtype and shape of an array for a message; of a single string, bool or object its repr."""
     if array.ndim == 0 and array.dtype.kind in "OUSb":
         return repr(array.item())
     return f"{array.dtype.name} of shape {array.shape}"

@@ -15,17 +15,12 @@ from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, sp
 Components: TypeAlias = tuple[Component, ...]
 Named: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
 
-MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE = 0.7
-"""Where the cosine of a turn is above this, 1 - cos is taken from the sine."""
-
-SAMPLES_PER_BLOCK = 4096
-"""Samples a block: 32 kB a component, so that what a block computes on the way stays in the cache."""
+VERSINE_SWITCH = 0.7  # where the cosine of a turn is above this, 1 - cos is taken from the sine
+BLOCK = 4096  # samples: 32 kB a component, so that what a block computes on the way stays in the cache
 
 
 def components_of(array: NDArray[Any], rank: int = 1) -> Components:
-    """Return a tuple of views of the components of an array whose last axes are vectors (rank 1) or matrices (rank 2,
-    components row by row); of scalars (rank 0), the array itself.
-    """
+    """Return views of the components of vectors (rank 1), of matrices row by row (rank 2), or of scalars (rank 0)."""
     if rank == 0:
         return (array,)
     if rank == 2:
@@ -35,8 +30,8 @@ def components_of(array: NDArray[Any], rank: int = 1) -> Components:
 
 
 def numbers(array: NDArray[Any], rank: int = 1) -> Components:
-    """Return the components of a single vector (rank 1) or matrix (rank 2, row by row) as a tuple of Python floats.
-    For an array of several, return the result of `components_of`, a tuple of arrays.
+    """Return the components of a single vector or matrix as Python floats, and those of several as
+    `components_of`.
     """
     return tuple(array.ravel().tolist()) if array.ndim == rank else components_of(array, rank)
 
@@ -48,13 +43,17 @@ def tabulate(
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
 ) -> dict[str, NDArray[Any]]:
-    """Evaluate a function for all samples, block by block, and return its results as a dict of new arrays by name,
-    each of shape (*shape, *sample_shape). `function` takes a dict by name of the inputs, and returns a mapping by
-    name of the results; each is a component or a tuple of components. `sample_shapes` maps each result's name to the
-    shape of one sample of it; `shape` is the shape of the samples.
+    """Return the results of a function for all samples, block by block, as new arrays by name.
 
     A component of one element reaches the function as a number, so that what depends on such components alone costs
     nothing per sample, and a single sample needs no array at all.
+
+    Args:
+        function: takes the inputs and returns the results by name, each a component or a tuple of components.
+        inputs: inputs by name, each a component or a tuple of components.
+        sample_shapes: shape of one sample of each result.
+        shape: shape of the samples.
+        dtype: of the results.
     """
     out = {name: np.empty((*shape, *sample_shape), dtype) for name, sample_shape in sample_shapes.items()}
     targets = [view for array in out.values() for view in components_of(array, array.ndim - len(shape))]
@@ -62,13 +61,12 @@ def tabulate(
     moving = {name: group for name, group in values.items() if _holds_array(group)}
 
     def results(*loaded: Component) -> list[Component]:
-        """Return the components of all results for those of the inputs that vary."""
         rest = iter(loaded)
         parts = {name: _map_components(group, lambda _: next(rest)) for name, group in moving.items()}
         found = function({**values, **parts})
         return [component for name in out for component in components(found[name])]
 
-    blocks = split_into_blocks(shape, SAMPLES_PER_BLOCK) if moving else [()]
+    blocks = split_into_blocks(shape, BLOCK) if moving else [()]
     fill_blocks(results, [c for group in moving.values() for c in components(group)], targets, dtype, blocks)
     return out
 
@@ -80,8 +78,8 @@ def fill_blocks(
     dtype: np.dtype[Any],
     blocks: Iterable[Block],
 ) -> None:
-    """Evaluate a function of components for blocks of samples, one after the other, and write its results into
-    `targets`, one array for each. A NaN stays in its sample in silence.
+    """Evaluate a function of components for blocks of samples, and write its results into `targets`. A NaN stays in
+    its sample in silence.
     """
     with np.errstate(all="ignore"):
         for block in blocks:
@@ -93,13 +91,7 @@ def fill_blocks(
 def tabulate_one(
     function: Callable[[Named], Any], inputs: Named, sample_shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> NDArray[Any]:
-    """Evaluate a function for all samples and return its only result as a new array, of shape (..., *sample_shape).
-    `function` takes a dict of the components of the inputs by name and returns a component or a tuple of them. Raise
-    ShapeError if the inputs do not broadcast.
-
-    Raises:
-        ShapeError: the inputs do not broadcast.
-    """
+    """Return the only result of a function of components by name, for all samples; shape (..., *sample_shape)."""
     groups = {name: components(group) for name, group in inputs.items()}
     shape = broadcast_shape({name: np.broadcast_shapes(*(c.shape for c in g)) for name, g in groups.items()})
     results = tabulate(lambda values: {"result": function(values)}, inputs, {"result": sample_shape}, shape, dtype)
@@ -107,8 +99,8 @@ def tabulate_one(
 
 
 def sine(x: Component) -> Component:
-    """Return the sine of a float or of each element of an array, of NumPy or another library; NaN where x is
-    infinite. For an object with a method `sine`, return the result of this method.
+    """Return the sine of a float, an array of any library, or an object with such a method; NaN where x is
+    infinite.
     """
     if type(x) is float:
         return math.sin(x) if math.isfinite(x) else math.nan
@@ -116,8 +108,8 @@ def sine(x: Component) -> Component:
 
 
 def cosine(x: Component) -> Component:
-    """Return the cosine of a float or of each element of an array, of NumPy or another library; NaN where x is
-    infinite. For an object with a method `cosine`, return the result of this method.
+    """Return the cosine of a float, an array of any library, or an object with such a method; NaN where x is
+    infinite.
     """
     if type(x) is float:
         return math.cos(x) if math.isfinite(x) else math.nan
@@ -125,19 +117,17 @@ def cosine(x: Component) -> Component:
 
 
 def angle_terms(phi: Components) -> Components:
-    """Return (sin, cos) of each of the angles phi, one after the other, as one tuple."""
+    """Return (sin, cos) of each angle, one after the other."""
     return tuple(function(angle) for angle in phi for function in (sine, cosine))
 
 
 def turn_terms(phi1: Component) -> Components:
-    """Return the tuple (sin, cos) of one angle."""
+    """Return (sin, cos) of an angle."""
     return sine(phi1), cosine(phi1)
 
 
 def hinge_terms(psi: Component) -> Components:
-    """Return the tuple (sin psi, 1 - cos psi, cos psi). For small angles, 1 - cos psi is computed from the sine,
-    which avoids cancellation.
-    """
+    """Return (sin psi, 1 - cos psi, cos psi), without cancellation at small angles."""
     s, c = sine(psi), cosine(psi)
     if not isinstance(psi, float | np.ndarray | np.generic):
         return s, _apply_by_name(psi, "versine"), c
@@ -145,47 +135,41 @@ def hinge_terms(psi: Component) -> Components:
 
 
 def versine(sine: float, cosine: float) -> float:
-    """Return 1 - cos of an angle as a float, from the sine and cosine of the angle."""
-    return sine * sine / (1 + cosine) if cosine > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE else 1 - cosine
+    """Return 1 - cos of an angle from its sine and cosine."""
+    return sine * sine / (1 + cosine) if cosine > VERSINE_SWITCH else 1 - cosine
 
 
 def versines(sine: Component, cosine: Component) -> Component:
-    """Return 1 - cos of angles as an array, from the sines and cosines of the angles."""
-    return np.where(cosine > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE, sine * sine / (1 + cosine), 1 - cosine)
+    """Return 1 - cos of angles from their sines and cosines."""
+    return np.where(cosine > VERSINE_SWITCH, sine * sine / (1 + cosine), 1 - cosine)
 
 
 def hinge_cosine(hinge: Components) -> Component:
-    """Return the cosine from the tuple `hinge` that `hinge_terms` returns."""
+    """Return the cosine among the terms of `hinge_terms`."""
     return hinge[2]
 
 
 def _apply_by_name(x: Component, function_name: str) -> Component:
-    """Return the sine, cosine or another function of x, which `function_name`, such as "sine", names. It is computed
-    by the method of x with this name or, if there is none, by the array library of x.
-    """
+    """Return a function of x by its own method, or by its array library."""
     method = getattr(x, function_name, None)
     return array_libraries.apply_function(function_name, x) if method is None else method()
 
 
 def components(value: Any) -> tuple[Any, ...]:
-    """Return the components of a vector as a tuple; return a scalar as a tuple of one component."""
+    """Return the components of a vector, or a scalar as the only one."""
     return value if isinstance(value, tuple) else (value,)
 
 
 def _map_components(group: Any, function: Callable[[Component], Component]) -> Any:
-    """Return the results of a function for each component of a tuple, or for the only component."""
     return tuple(map(function, group)) if isinstance(group, tuple) else function(group)
 
 
 def _holds_array(group: Any) -> bool:
-    """Return whether a component, or one of a tuple of components, is a NumPy array."""
     return any(isinstance(c, np.ndarray) for c in components(group))
 
 
 def _number_or_array(component: Component, dtype: np.dtype[Any]) -> Component:
-    """Return a component as a number of the dtype (a Python float for float64) if it is a number or an array of one
-    element. Return any other array as it is.
-    """
+    """Return an array of more than one element as it is, and all else as a number of the dtype."""
     if isinstance(component, np.ndarray):
         if component.size != 1:
             return component

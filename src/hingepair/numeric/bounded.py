@@ -15,29 +15,17 @@ import numpy as np
 
 from hingepair.numeric.arrays import Component
 
-MAX_SINE_OR_COSINE_ERROR_ULPS = 1.5
-"""What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
-1.48), the compiled ones within 1.47, for which their derivation allows 1.5."""
-
-MAX_NEAR_ANGLE_RAD: Final = 1e6
-"""Angle [rad] beyond which MAX_FAR_SINE_ERROR counts."""
-
-MAX_FAR_SINE_ERROR: Final = 2.0**-88
-"""Absolute error of a sine or cosine of a far angle that comes on top, from the reduction by multiples of pi/2: the
-largest that a search found in the C library is 2^-92.4. It counts where the sine itself is below 1e-10."""
-
-FLOAT64_UNIT_ROUNDOFF: Final = 2.0**-53
-"""Largest relative error u of a rounding to double precision."""
+UNIT_ROUNDOFF: Final = 2.0**-53  # largest relative error u of a rounding to double precision
+# What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
+# 1.48), the compiled ones within 1.47, for which their derivation allows 1.5.
+SINE_ULPS = 1.5
+_NEAR: Final = 1e6  # rad; sines of angles beyond have an error of the reduction by multiples of pi/2 as well:
+_FAR_ERROR: Final = 2.0**-88  # a search found 2^-92.4 in the C library; it counts where the sine is below 1e-10
 
 
 class Bounded:
-    """A computed number `value` with a bound `bound` on its distance from the exact number, at one or many samples.
-    Sums, products and functions of such numbers are again such numbers, whose bounds include the errors of their
-    arguments and of rounding.
-
-    Attributes:
-        value: result of one evaluation; that of any other evaluation differs by at most twice the bound.
-        bound: largest distance of any evaluation from the exact number, without the safety factor of `error`.
+    """A computed number with a bound on its distance from the exact one, at one or many samples. Sums, products and
+    functions of such numbers are such numbers again.
     """
 
     __array_ufunc__ = None  # NumPy leaves sums and products with its numbers to the methods below
@@ -49,24 +37,20 @@ class Bounded:
     largest: ClassVar[float]
 
     def __init__(self, value: Component, bound: Component = 0.0) -> None:
-        self.value = value
-        self.bound = bound
+        self.value = value  # of one evaluation; that of any other differs by at most twice the bound
+        self.bound = bound  # largest distance of any evaluation from the exact number
 
     @classmethod
     def rounded(cls, value: Component, bound: Component = 0.0) -> Self:
-        """Return a number of this class from the float64 `value`, rounded to the precision of the class. The rounding
-        error is added to `bound`, the error bound of the float64.
-        """
+        """Return a float64 with this bound, rounded to the precision of the class."""
         number = np.asarray(value, cls.dtype).astype(np.float64)
         return cls(number, np.abs(number - value) + bound)
 
     @property
     def error(self) -> Component:
-        """Error bound, as a number or an array: `bound` times a safety factor that covers the rounding of the bound's
-        own arithmetic; infinite where the bound is NaN.
-        """
+        """The bound, with what covers the rounding of its own arithmetic; infinite where it is NaN."""
         # A robot's longest recursion takes fewer than 2^16 operations, whose bounds are computed in float64.
-        bound = self.bound * (1 + max(2.0**10 * self.u, 2.0**16 * FLOAT64_UNIT_ROUNDOFF))
+        bound = self.bound * (1 + max(2.0**10 * self.u, 2.0**16 * UNIT_ROUNDOFF))
         return np.where(np.isnan(bound), np.inf, bound)
 
     def __add__(self, other: Self | float) -> Self:
@@ -113,24 +97,20 @@ class Bounded:
         return made
 
     def where_above_0(self, then: float, otherwise: float) -> Self:
-        """Return a number of this class with the value `then` if this number is above 0, and the value `otherwise` if
-        not, sample by sample. Its bound is infinite if rounding may decide the sign, otherwise 0.
+        """Return `then` where this number is above 0, else `otherwise`; the bound is infinite where rounding may
+        decide.
         """
         unsure = ~(np.abs(self.value) > 2 * self.bound)
         return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
 
     def sine(self) -> Self:
-        """Return the sine of this number with a bound on its error, as a number of this class. The evaluation of the
-        sine adds 1.5 units in the last place; the sine of an exact 0 has no error.
-        """
+        """Return the sine, whose evaluation adds 1.5 units in the last place; that of an exact 0 is exact."""
         s = np.sin(self.value)
         rounding = self._sine_rounding(np.abs(s) + 2 * self.bound) + self._reduction_error() + self.smallest
         return type(self)(s, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def cosine(self) -> Self:
-        """Return the cosine of this number with a bound on its error, as a number of this class. The evaluation of
-        the cosine adds 1.5 units in the last place; the cosine of an exact 0 has no error.
-        """
+        """Return the cosine, whose evaluation adds 1.5 units in the last place; that of an exact 0 is exact."""
         c, half = np.cos(self.value), np.abs(np.sin(0.5 * self.value)) + self.bound
         # The cosine of a small angle is 1, rounded: it is off by no more than a few times what it lacks of 1.
         near_one = 6 * half * half + self.smallest
@@ -139,16 +119,14 @@ class Bounded:
 
     def _reduction_error(self) -> Component:
         """Return the error of a far angle's sine or cosine that does not shrink with its value."""
-        return np.where(np.abs(self.value) > MAX_NEAR_ANGLE_RAD, MAX_FAR_SINE_ERROR, 0.0)
+        return np.where(np.abs(self.value) > _NEAR, _FAR_ERROR, 0.0)
 
     def _is_exact_zero(self) -> Any:
         """Return whether this number is 0 without an error, sample by sample."""
         return (self.value == 0) & (self.bound == 0)
 
     def versine(self) -> Self:
-        """Return 1 - cosine of this number with a bound on its error, as a number of this class. The bound holds
-        for s^2 / (1 + c) where the cosine c is above 0.7, and for 1 - c elsewhere.
-        """
+        """Return 1 - cosine, for s^2 / (1 + c) where the cosine c is above 0.7, and for 1 - c elsewhere."""
         s, c = self.sine(), self.cosine()
         near, far = s * s / (1 + c), 1 - c
         value = np.where(c.value > 0.7, near.value, far.value)
@@ -158,24 +136,20 @@ class Bounded:
 
     @classmethod
     def _as_bounded(cls, other: Any) -> Any:
-        """Return a plain number as a number of this class without an error, a bounded number as it is."""
+        """Return a plain number as an exact one."""
         return other if isinstance(other, Bounded) else cls(other)
 
     @classmethod
     def _rounding_error(cls, value: Component, carried_bound: Component) -> Component:
-        """Return the largest rounding error of a result, half a unit in its last place; `value` is the computed
-        result and `carried_bound` its error bound. The error is infinite where the result may overflow.
-        """
+        """Return half a unit in the last place of a result; infinite where it may overflow."""
         size = np.abs(value) + 2 * carried_bound
         return np.where(size <= cls.largest, in_last_places(0.5, size, cls.u), np.inf)
 
     @classmethod
     def _sine_rounding(cls, size: Component) -> Component:
-        """Return MAX_SINE_OR_COSINE_ERROR_ULPS units in the last place of a sine or cosine with the absolute value
-        `size`.
-        """
+        """Return the rounding error of a sine or cosine of this size."""
         largest_size = np.minimum(np.abs(size) * (1 + 4 * cls.u), 1 - cls.u)
-        return in_last_places(MAX_SINE_OR_COSINE_ERROR_ULPS, largest_size, cls.u)
+        return in_last_places(SINE_ULPS, largest_size, cls.u)
 
 
 class BoundedDouble(Bounded):
@@ -183,7 +157,7 @@ class BoundedDouble(Bounded):
 
     __slots__ = ()
     dtype = np.float64
-    u, smallest, largest = FLOAT64_UNIT_ROUNDOFF, 2.0**-1074, float(np.finfo(np.float64).max)
+    u, smallest, largest = UNIT_ROUNDOFF, 2.0**-1074, float(np.finfo(np.float64).max)
 
 
 class BoundedSingle(Bounded):
@@ -195,13 +169,12 @@ class BoundedSingle(Bounded):
 
 
 def bounded_class(dtype: np.dtype[Any]) -> type[Bounded]:
-    """Return the class of bounded numbers for a dtype: BoundedSingle for float32, otherwise BoundedDouble."""
+    """Return the class for a dtype."""
     return BoundedSingle if dtype == np.float32 else BoundedDouble
 
 
 def conversion_error(number: Any) -> Component:
-    """Return by how much a number or an array changes when it is converted to float64: an integer above 2^53 may be
-    rounded.
+    """Return by how much a number or an array changes when it is converted to float64, as integers above 2^53 may.
 
     >>> float(conversion_error(2**53 + 1)), conversion_error(0.1)
     (1.0, 0.0)
@@ -214,13 +187,11 @@ def conversion_error(number: Any) -> Component:
 
 
 def in_last_places(count: float, size: Component, u: float) -> Component:
-    """Return `count` units in the last place of the positive number `size` in the normal range, for a format with the
-    unit roundoff `u`. The result is 0 where `size` is 0.
-    """
+    """Return `count` units in the last place of a number of this size, for the unit roundoff u; 0 of 0."""
     _, exponent = np.frexp(size)
     return np.where(size == 0, 0.0, np.ldexp(count * u, exponent))
 
 
 def _multiplies_exactly(x: Bounded) -> Any:
-    """Return whether a product with the number x is not rounded, which is so if x is exactly 0, 1 or -1."""
+    """Return whether x is exactly 0, 1 or -1."""
     return (x.bound == 0) & ((x.value == 0) | (np.abs(x.value) == 1))

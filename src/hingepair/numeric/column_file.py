@@ -27,12 +27,12 @@ from hingepair.numeric.arrays import real_array
 
 MAX_FILE_ROWS: Final = 10_000_000  # samples of a file that is read
 MAX_FILE_BYTES: Final = 2_000_000_000  # size of a file that is read
-_MAX_CSV_HEADING_LINE_CHARACTERS: Final = 100_000  # characters of the heading of a .csv
+_HEADING: Final = 100_000  # characters of the heading of a .csv
 # Larger numbers of an exact column are integers: nanoseconds, which a float rounds.
-_MAX_VALUE_KEPT_AS_FLOAT_IN_CSV_COLUMN_REQUESTED_EXACT: Final = 1e14
-_MAX_NPY_HEADER_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
+_MAX_FLOAT: Final = 1e14
+_NPY_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
 # The heading of an array in a .npz: its dtype, its order in memory, its shape.
-_NPY_HEADER_PATTERN: Final = re.compile(
+_NPY_HEADER: Final = re.compile(
     r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9}(?:\[\w{1,9}\])?)', 'fortran_order': (True|False), "
     r"'shape': \(((?:\d{1,18},? ?){0,9})\),? ?\}\s*"
 )
@@ -68,11 +68,11 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
             nothing. Also what `request.choose` and `request.names_of` raise.
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
-    read = _COLUMN_READING_FUNCTION_BY_FILE_SUFFIX.get(path.suffix.lower())
+    read = _READERS.get(path.suffix.lower())
     if read is None:
         raise ArgumentError(
             "",
-            f"a file name that ends in {', '.join(_COLUMN_READING_FUNCTION_BY_FILE_SUFFIX)}",
+            f"a file name that ends in {', '.join(_READERS)}",
             path.suffix or "no ending",
         )
     expected = f"a {path.suffix} file that can be read"
@@ -167,7 +167,7 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     )
     if request.exact in columns:
         largest = np.abs(columns[request.exact]).max(initial=0.0)
-        if largest > _MAX_VALUE_KEPT_AS_FLOAT_IN_CSV_COLUMN_REQUESTED_EXACT:
+        if largest > _MAX_FLOAT:
             columns[request.exact] = csv_column(path, request.exact, np.int64)
     return columns
 
@@ -176,8 +176,8 @@ def _csv_names(stream: IO[str]) -> list[str]:
     """Read the first line of an open CSV file and return the column names in it as a list. Raise ArgumentError for
     separators other than commas, and for a line that is empty, too long or all numbers.
     """
-    line = stream.readline(_MAX_CSV_HEADING_LINE_CHARACTERS)
-    if len(line) == _MAX_CSV_HEADING_LINE_CHARACTERS:
+    line = stream.readline(_HEADING)
+    if len(line) == _HEADING:
         raise ArgumentError("", "a first line of column names", "a longer line")
     names = [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]  # numpy.savetxt writes a #
     if len(names) == 1 and (";" in line or "\t" in line):
@@ -294,8 +294,8 @@ def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tup
     """
     magic = stream.read(8)
     size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
-    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_NPY_HEADER_BYTES else ""
-    if header := _NPY_HEADER_PATTERN.fullmatch(text):
+    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _NPY_BYTES else ""
+    if header := _NPY_HEADER.fullmatch(text):
         with contextlib.suppress(TypeError, ValueError):
             return np.dtype(header[1]), header[2] == "True", tuple(int(n) for n in header[3].split(",") if n.strip())
     return None, False, ()
@@ -336,7 +336,7 @@ def _check_rows(count: int) -> None:
 
 
 # The readers, by the ending of the file.
-_COLUMN_READING_FUNCTION_BY_FILE_SUFFIX: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
+_READERS: Final[dict[str, Callable[[Path, ColumnRequest], Columns]]] = {
     ".csv": _read_csv,
     ".npz": _read_npz,
     ".parquet": _read_parquet,

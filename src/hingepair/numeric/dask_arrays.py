@@ -29,13 +29,11 @@ SampleShapeByArgument: TypeAlias = Mapping[str, Any]
 """Shape of one sample by argument; of an object, a mapping with the shapes of its attributes."""
 
 # Tasks of other processes that a process keeps, with the kernels that it compiled for them.
-_MAX_CACHED_UNPICKLED_CHUNK_TASKS_PER_PROCESS: Final = 64
+_TASKS: Final = 64
 
 
 def holds_dask(*values: Any) -> bool:
-    """Return whether any of the arguments is or contains a Dask array or data frame, also in tuples, lists, mappings,
-    motions or xarray objects. While Dask is not imported, return False at once.
-    """
+    """Return whether any argument contains a Dask array or data frame. While Dask is not imported, none does."""
     return "dask" in sys.modules and any(map(_contains_dask, values))
 
 
@@ -72,25 +70,24 @@ def _is_dask_table(value: Any) -> bool:
 
 
 class DaskCollection:
-    """Base class of results whose arrays may be Dask arrays: `dask.compute` and `dask.persist` then take a result as
-    one collection, and return a result of the same class.
+    """Base class of results whose arrays may be Dask arrays: `dask.compute` and `dask.persist` take a result as one
+    collection, and return a result of the same class.
     """
 
     __slots__ = ()
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return (arrays, make_result): a dict of the Dask arrays by name, and a function that takes such a dict and
-        returns the result with these arrays instead. The function can be pickled, and holds no Dask array.
+        """Return the Dask arrays by name, and a function that returns the result with others instead. The function
+        can be pickled, and holds no Dask array.
         """
         raise NotImplementedError
 
     def _dask_arrays(self) -> list[Any]:
-        """Return the Dask arrays of this result as a list, which is empty if Dask is not imported."""
         return list(self._dask_parts()[0].values()) if "dask" in sys.modules else []
 
     def compute(self, **options: Any) -> Any:
-        """Compute all Dask arrays of this result together, and return a result of the same class with NumPy arrays.
-        If this result has no Dask arrays, return this result itself. Keyword arguments are passed to `dask.compute`.
+        """Compute all Dask arrays together, and return a result of the same class with NumPy arrays; options are
+        those of `dask.compute`.
         """
         if not self._dask_arrays():
             return self
@@ -145,10 +142,7 @@ class DaskCollection:
 def _make_computed_result(
     blocks_by_array: Sequence[Any], names: Sequence[str], finalizers: Sequence[Any], make_result: Callable[..., Any]
 ) -> Any:
-    """Return the result of a collection whose Dask arrays were computed. The blocks of each array are joined by its
-    entry in `finalizers`, a pair (function, further arguments), and `make_result` is called with a dict of the joined
-    arrays by `names`.
-    """
+    """Return a result of computed blocks, which Dask's finalizers join."""
     parts = zip(blocks_by_array, finalizers, strict=True)
     arrays = [finalize(blocks, *arguments) for blocks, (finalize, arguments) in parts]
     return make_result(dict(zip(names, arrays, strict=True)))
@@ -161,10 +155,7 @@ def _make_persisted_result(
     make_result: Callable[..., Any],
     **options: Any,
 ) -> Any:
-    """Return the result of a collection whose Dask arrays were persisted. Dask arrays are made of the computed blocks
-    in the mapping `graph`, by `rebuilders` of (keys, function, further arguments), and `make_result` is called with a
-    dict of them by `names`. Keyword arguments are passed to the functions.
-    """
+    """Return a result of persisted blocks, of which Dask's rebuilders make arrays."""
     from dask.core import flatten
 
     arrays = []
@@ -175,26 +166,22 @@ def _make_persisted_result(
 
 
 class _ArrayIndex(NamedTuple):
-    """Index of an array among the chunked arguments, which stands for the array in an argument template."""
+    """Index of an array among the chunked arguments; it stands for the array in a template."""
 
     value: int
 
 
 class _ObjectTemplate(NamedTuple):
-    """Template of an argument that is an object: `object_class`, its class, and `attributes`, a mapping of its
-    attributes with an `_ArrayIndex` in place of each array that has chunks.
-    """
+    """Template of an argument that is an object."""
 
     object_class: type
-    attributes: Mapping[str, Any]
+    attributes: Mapping[str, Any]  # with an index in place of each array that has chunks
 
 
 class _ChunkedArgument(NamedTuple):
-    """Dask array among the arguments of a call: its `name` for messages, the `array`, and `sample_shape`, the shape
-    of one sample.
-    """
+    """Dask array among the arguments of a call."""
 
-    name: str
+    name: str  # for messages
     array: Any
     sample_shape: SampleShape
 
@@ -212,12 +199,8 @@ def apply_to_chunks(
     template_function: Callable[..., Any] | None = None,
     first_index_name: str | None = None,
 ) -> Returned:
-    """Return the result of `method` for `arguments` by name, some of which hold Dask arrays. The arrays in the result
-    are lazy Dask arrays; one task computes each chunk, when Dask is asked for it. `sample_shapes` holds the shape of
-    one sample by argument; arguments without an entry are options. `column_names_of` chooses the columns of a table,
-    and `first_index_name` names an argument of the method that receives the index of the chunk's first sample. The
-    method, or `template_function` if given, is called once with one made-up sample, whose result shows the shapes.
-    Raise the ArgumentError of this call, or one for an `out` that is not None.
+    """Return the result of a method for arguments that hold Dask arrays, as lazy Dask arrays: a task computes each
+    chunk.
 
     The method is called with one made-up sample, which shows the shapes and dtypes of its results; arguments that it
     cannot use are refused then. Axes of samples may be chunked in any way; the axes of one sample are made one chunk.
@@ -273,10 +256,7 @@ def _replace_arrays(
     chunked_arguments: list[_ChunkedArgument],
     column_names_of: Callable[[str, Any], Sequence[str]] | None,
 ) -> Any:
-    """Return the template of an argument: its value with an `_ArrayIndex` in place of each array that has chunks.
-    Append these arrays, as Dask arrays, to the list `chunked_arguments` in place. `name` names the argument in
-    messages; `column_names_of` chooses the columns of a table. Raise ArgumentError for an unusable array.
-    """
+    """Return the template of an argument, and append its arrays to `chunked_arguments`."""
     value = unwrap_lazy_xarray(value)
     if isinstance(value, Frozen):
         attributes = {one.name: getattr(value, one.name) for one in fields(value) if one.name in sample_shape}  # type: ignore[arg-type]
@@ -313,9 +293,7 @@ def _replace_arrays(
 
 
 def _check_and_rechunk(name: str, array: Any, sample_shape: SampleShape) -> Any:
-    """Return a Dask array rechunked so that no sample, whose shape is `sample_shape`, is divided. Raise ShapeError
-    for other shapes of samples and DtypeError for other dtypes; the error names the argument `name`.
-    """
+    """Return a Dask array in which no sample is divided."""
     num_axes = array.ndim - len(sample_shape)
     if num_axes < 0 or tuple(array.shape[num_axes:]) != sample_shape:
         expected = f"shape (..., {', '.join(map(str, sample_shape))})" if sample_shape else "shape (...)"
@@ -329,17 +307,13 @@ def _check_and_rechunk(name: str, array: Any, sample_shape: SampleShape) -> Any:
 
 
 def _placeholder_sample(argument: _ChunkedArgument) -> NDArray[Any]:
-    """Return one made-up sample of a chunked argument, with which a method can be called: the identity for a 3 x 3
-    matrix, and ones for other shapes.
-    """
+    """Return a made-up sample: the identity for a 3 x 3 matrix, and ones for other shapes."""
     sample = np.eye(3) if argument.sample_shape == (3, 3) else np.ones(argument.sample_shape)
     return sample.astype(argument.array.dtype).reshape((1,) * argument.num_sample_axes + argument.sample_shape)
 
 
 def _fill_in_arrays(template: Any, arrays: Sequence[NDArray[Any]]) -> Any:
-    """Return an argument made of its template: each `_ArrayIndex` is replaced by the element of `arrays` that has
-    this index.
-    """
+    """Return an argument made of its template and the arrays."""
     if isinstance(template, _ArrayIndex):
         return arrays[template.value]
     if isinstance(template, _ObjectTemplate):
@@ -354,9 +328,7 @@ def _fill_in_arrays(template: Any, arrays: Sequence[NDArray[Any]]) -> Any:
 
 
 def _arrays_by_name(result: Any) -> dict[str, Any]:
-    """Return the arrays of a result (an object, named tuple or mapping) as a dict by name. If the result is one
-    array, its name is "".
-    """
+    """Return the arrays of a result (an object, named tuple or mapping) by name; that of a single array is ""."""
     if hasattr(result, "arrays"):
         arrays: dict[str, Any] = result.arrays()
         return arrays
@@ -369,9 +341,7 @@ def _arrays_by_name(result: Any) -> dict[str, Any]:
 
 
 def _with_arrays(result: Any, arrays: Mapping[str, Any], shape: SampleShape) -> Any:
-    """Return a copy of a result with the given arrays by name in place of its own; `shape` is the leading shape of
-    the samples. The result of one array is replaced by the array named "".
-    """
+    """Return a copy of a result with other arrays, and `shape` as the leading shape of the samples."""
     if hasattr(result, "arrays"):
         return type(result)(arrays, shape)
     if isinstance(result, tuple | Frozen):
@@ -381,29 +351,19 @@ def _with_arrays(result: Any, arrays: Mapping[str, Any], shape: SampleShape) -> 
 
 @dataclass(eq=False)
 class ChunkTask:
-    """Callable that returns the result arrays of one chunk, a tuple of arrays or the only array, by a call of
-    `method` with the arguments of `templates`, filled with the blocks of the chunk, and with `options`. It is pickled
-    at most once, and a process that gets it as bytes unpickles it once.
-
-    Attributes:
-        method: a function of the arguments and options by name.
-        templates: the arguments by name, with array indices in place of arrays.
-        options: other arguments.
-        output_names: names of the results that differ from sample to sample.
-        first_index_name: name of the argument that gets the index of the chunk's first sample, if there is one.
+    """Callable that returns the result arrays of one chunk. It is pickled at most once, and a process that gets it as
+    bytes unpickles it once.
     """
 
-    method: Callable[..., Any]
-    templates: Mapping[str, Any]
-    options: Mapping[str, Any]
-    output_names: tuple[str, ...]
-    first_index_name: str | None = None
+    method: Callable[..., Any]  # of the arguments and options by name
+    templates: Mapping[str, Any]  # the arguments by name, with array indices in place of arrays
+    options: Mapping[str, Any]  # other arguments
+    output_names: tuple[str, ...]  # results that differ from sample to sample
+    first_index_name: str | None = None  # argument that gets the index of the chunk's first sample
 
     @lock_free_cached_property
     def pickled(self) -> bytes:
-        """Bytes of the pickled task, which are computed once. Dask names the task by these bytes, so that equal tasks
-        have one name.
-        """
+        """The pickled task, by which Dask names it, so that equal tasks have one name."""
         values = (self.method, self.templates, self.options, self.output_names, self.first_index_name)
         try:
             return pickle.dumps(values)
@@ -441,18 +401,14 @@ class ChunkTask:
         return arrays if len(arrays) > 1 else arrays[0]
 
 
-@functools.lru_cache(maxsize=_MAX_CACHED_UNPICKLED_CHUNK_TASKS_PER_PROCESS)
+@functools.lru_cache(maxsize=_TASKS)
 def load_chunk_task(pickled: bytes) -> ChunkTask:
-    """Return the ChunkTask that the bytes `pickled` describe. It is cached: equal bytes give the same task, which
-    keeps the kernels that it compiled.
-    """
+    """Return the task of these bytes: equal bytes give the same task, which keeps the kernels that it compiled."""
     return ChunkTask(*pickle.loads(pickled))
 
 
 def _unwrap_block(nested_block: Any) -> NDArray[Any]:
-    """Return the only array in nested lists. Dask passes blocks of an array in such lists if the array has axes that
-    the results lack.
-    """
+    """Return the only array in nested lists, in which Dask passes blocks whose axes the results lack."""
     while isinstance(nested_block, list):
         (nested_block,) = nested_block
     masked = isinstance(nested_block, np.ma.MaskedArray)  # which the method refuses by name
@@ -462,9 +418,8 @@ def _unwrap_block(nested_block: Any) -> NDArray[Any]:
 def _make_lazy_arrays(
     task: ChunkTask, chunked_arguments: Sequence[_ChunkedArgument], num_axes: int, result_samples: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return a dict by name of the lazy Dask arrays that the ChunkTask `task` computes chunk by chunk from the
-    chunked arguments. `result_samples` are results of one sample by name, which show shapes and dtypes; `num_axes` is
-    the number of axes of the samples. Nothing is computed.
+    """Return the lazy arrays that a task computes; `result_samples` are results of one sample, for shapes and
+    dtypes.
     """
     from dask.array import blockwise
     from dask.array.core import unify_chunks
@@ -520,5 +475,4 @@ def _make_lazy_arrays(
 
 
 def _take_array(arrays: tuple[NDArray[Any], ...], position: int) -> NDArray[Any]:
-    """Return the array at a position of the tuple of arrays that one chunk gives."""
     return arrays[position]

@@ -20,34 +20,28 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.numeric.arrays import Float64Array
 
-_STENCILS_PER_BLOCK = 16384  # samples whose stencils are held at a time
+_BLOCK = 16384  # samples whose stencils are held at a time
 
 
 Stencil: TypeAlias = tuple[slice, NDArray[np.intp], Float64Array, Float64Array]
 """Some samples, their neighbours (they themselves among them), and the neighbours' weights in the first [1/s] and the
 second derivative [1/s^2]; shape (samples, neighbours)."""
 
-# 3,000 years: integers from here on are in milliseconds or microseconds.
-_MIN_ABS_INTEGER_INSTANT_REFUSED_AS_SECONDS = 1e11
+_MILLISECONDS = 1e11  # 3,000 years: integers from here on are in milliseconds or microseconds
 
 
 def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
-    """Return instants t, a NumPy array, as a float64 array (N,). Raise ShapeError unless there are at least order + 1
-    of them, as finite differences of this order need. Raise ArgumentError unless they are finite and increase, or if
-    they are integers that may be milliseconds. The error names the argument `name`.
+    """Return instants as a float64 array (N,), enough for finite differences of an order; `name` is that of the
+    argument.
 
     Raises:
         ShapeError: not one axis, or fewer than order + 1.
-        ArgumentError: one is not finite, or not after the one before it; names the first such.
+        ArgumentError: one is not finite, or not after the one before it; or integers that may be milliseconds.
     """
     if t.ndim != 1 or t.size < order + 1:
         fewest = f" with at least {order + 1} samples" if order else ""
         raise ShapeError(name, f"shape (N,){fewest}", f"shape {t.shape}")
-    if (
-        t.dtype.kind in "iu"
-        and t.size
-        and np.abs(t.astype(np.float64)).max() >= _MIN_ABS_INTEGER_INSTANT_REFUSED_AS_SECONDS
-    ):
+    if t.dtype.kind in "iu" and t.size and np.abs(t.astype(np.float64)).max() >= _MILLISECONDS:
         raise ArgumentError(name, "seconds, such as (t - t[0]) * 1e-3 of milliseconds", f"{t.dtype.name} from {t[0]}")
     instants = t.astype(np.float64)
     bad = np.flatnonzero(~np.isfinite(instants))
@@ -65,13 +59,12 @@ def check_instants(name: str, t: NDArray[Any], order: int) -> Float64Array:
 
 
 def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
-    """Yield, for each block of samples, their finite-difference stencils as a tuple (rows, neighbours, first weights,
-    second weights): the slice of the samples, the indices of their neighbours, and the neighbours' weights in the
-    first and in the second derivative. t are the instants, and `order` is the order of accuracy.
+    """Yield stencils, block by block: the samples as a slice, the indices of their neighbours, and the weights of
+    these in the first and in the second derivative.
     """
     half, wide = order // 2, min(order + 5, t.size)
-    for start in range(half, t.size - half, _STENCILS_PER_BLOCK):
-        rows = slice(start, min(start + _STENCILS_PER_BLOCK, t.size - half))
+    for start in range(half, t.size - half, _BLOCK):
+        rows = slice(start, min(start + _BLOCK, t.size - half))
         lowest = np.arange(rows.start, rows.stop) - half
         yield _stencil_weights(t, rows, lowest[:, None] + np.arange(order + 1), order)
     for rows, first in ((slice(0, half), 0), (slice(t.size - half, t.size), t.size - wide)):
@@ -79,10 +72,7 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
 
 
 def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], accuracy_order: int) -> Stencil:
-    """Return a stencil (rows, neighbours, first weights, second weights): the given slice of samples and the indices
-    of their neighbours, and the neighbours' weights in the first and second derivative, (samples, neighbours) each.
-    More than accuracy_order + 1 neighbours are fitted by least squares.
-    """
+    """Return one such block. More than accuracy_order + 1 neighbours are fitted by least squares."""
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step
@@ -93,8 +83,8 @@ def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp],
 
 
 def _interpolation_weights(x: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return two arrays (..., m): the weights of values at distinct nodes x (..., m) in the first and in the second
-    derivative at 0 of the polynomial through the values.
+    """Return the weights (..., m) of values at distinct nodes x in the first and second derivative at 0 of the
+    polynomial through them.
     """
     nodes = [x[..., i] for i in range(x.shape[-1])]
     zero = np.zeros(x.shape[:-1])
@@ -114,10 +104,8 @@ def _interpolation_weights(x: Float64Array) -> tuple[Float64Array, Float64Array]
 
 
 def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, Float64Array]:
-    """Return two arrays (rows, m): the weights of values at nodes x (rows, m) in the first and in the second
-    derivative at 0 of the polynomial of the given degree that fits them by least squares.
-
-    The nodes of a row increase.
+    """Return the weights (rows, m) of values at increasing nodes x in the first and second derivative at 0 of the
+    polynomial of this degree that fits them.
     """
     from numpy.polynomial.legendre import legder, legval, legvander
 
@@ -133,13 +121,12 @@ def _least_squares_weights(x: Float64Array, degree: int) -> tuple[Float64Array, 
 
 
 def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tuple[Float64Array, Float64Array]:
-    """Return the first and the second derivative of the samples `values` (N,) at instants t, two arrays (N,). The
-    error is of the given (even) order in the time step.
+    """Return the first and the second derivative of samples, two arrays (N,).
 
     Args:
         t: instants as `check_instants` returns them; shape (N,) s.
         values: shape (N,).
-        order: of the error; even.
+        order: of the error in the time step; even.
 
     >>> t = np.array([1.0, 1.1, 1.3, 1.4, 1.7])
     >>> first, second = differentiate(t, t**2, order=2)
@@ -158,9 +145,7 @@ def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tupl
 def local_fit_residuals(
     t: Float64Array, values: Float64Array, difference: Callable[..., Float64Array] | None = None
 ) -> Float64Array:
-    """Fit a polynomial of degree 5 to each window of seven neighbouring samples `values` (N, k) and return the
-    residuals of all windows, an array (N - 6, k), scaled to the standard deviation of one sample's noise. The
-    function `difference` subtracts samples, such as rotations; by default they are subtracted as numbers.
+    """Return what a polynomial of degree 5 leaves of each window of seven neighbouring samples.
 
     Seven samples leave the fit one degree of freedom. The residual is scaled to the standard deviation of one sample
     where these have independent noise of one size. Motion that the polynomial cannot follow adds to it.
@@ -168,8 +153,8 @@ def local_fit_residuals(
     Args:
         t: instants as `check_instants` returns them; shape (N,) s.
         values: shape (N, k), or whatever `difference` takes.
-        difference: computes what samples are apart from reference samples; shape (..., k). Unless given, by
-            subtraction.
+        difference: computes what samples are apart from reference samples, such as rotations; shape (..., k). Unless
+            given, by subtraction.
 
     Returns:
         The residuals of all windows, shape (N - 6, k); none of fewer samples. NaN where a sample of the window is.

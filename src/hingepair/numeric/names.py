@@ -26,7 +26,7 @@ class Names:
         return self._taken.isdisjoint(map(self._key, names))
 
     def take(self, *candidates: str) -> str:
-        """Return the first candidate that is free; if none is, the last one with as many _ behind it as it needs."""
+        """Return the first candidate that is free, or the last with as many _ behind it as it needs; it is kept."""
         name = next(filter(self.free, candidates), candidates[-1])
         while not self.free(name):
             name += "_"
@@ -34,6 +34,6 @@ class Names:
         return name
 
     def take_all(self, wanted: Iterable[str]) -> dict[str, str]:
-        """Return a dict of the taken name by wanted name. Names that are free stay; the others give way to them."""
+        """Return the taken name by wanted name; names that are free stay, and the others give way."""
         names = sorted(wanted, key=lambda name: not self.free(name))
         return {name: self.take(name) for name in names}

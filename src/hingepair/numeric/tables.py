@@ -10,8 +10,7 @@ from hingepair.errors import printable
 
 
 def align_columns(rows: Sequence[Sequence[str]], right_columns: Collection[int]) -> list[str]:
-    """Return the rows of a table as lines of text, with cells padded to the width of their column. Each of `rows` is
-    a sequence of cells. The columns with the indices `right_columns` are aligned to the right.
+    """Return rows of cells as lines of text, padded to the width of their column; some are aligned to the right.
 
     >>> align_columns([("name", "size"), ("d", "1.25")], {1})
     ['name  size', 'd     1.25']
@@ -70,8 +69,7 @@ def ruled_table(rows: Sequence[Sequence[str]], key_column_count: int = 1, width:
 
 
 def left_out_remark(skipped: int, samples: int) -> str:
-    """Return a remark in brackets, to follow a verdict, that says how many samples (`skipped` of `samples`) were left
-    out because they are not finite; an empty string if none were.
+    """Return a remark, to follow a verdict, that says how many samples were left out because they are not finite.
 
     >>> left_out_remark(1, 20)
     ' (1 of 20 samples is not finite and was left out)'
@@ -83,8 +81,7 @@ def left_out_remark(skipped: int, samples: int) -> str:
 
 
 def instant_text(t: float) -> str:
-    """Return an instant [s] as text: with six significant digits, or from 1e5 s on with all digits, since six would
-    not distinguish it from its neighbours.
+    """Return an instant [s] with six digits; from 1e5 s on with all, since six would not tell it from its neighbours.
 
     >>> instant_text(1 / 3), instant_text(1763746391.25)
     ('0.333333', '1763746391.25')
@@ -102,9 +99,10 @@ def percent(share: float) -> str:
 
 
 def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: int = 6) -> list[list[str]]:
-    """Return the numbers of components as text with `digits` significant digits. A number is shown as 0 if it is
-    below half a unit of the last digit of the largest in its row, or of the size of rounding errors beside the
-    largest of its vector: the digits of such numbers differ from processor to processor.
+    """Return numbers of components as text.
+
+    A number is shown as 0 if it is below half a unit of the last digit of the largest in its row, or of the size of
+    rounding errors beside the largest of its vector: the digits of such numbers differ from processor to processor.
 
     Args:
         names: of the components; those of a vector have one name before the last underscore, as R2_x and R2_y.
@@ -127,12 +125,12 @@ def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: 
 
 
 def finite_or_none(number: float) -> float | None:
-    """Return the number, or None if it is infinite or NaN, which JSON cannot represent."""
+    """Return the number, or None if it is not finite, which JSON cannot represent."""
     return number if math.isfinite(number) else None
 
 
 def json_text(report: Any) -> str:
-    """Return a report of nested mappings, lists and values as JSON text; numbers that are not finite become null.
+    """Return nested mappings, lists and values as JSON text; numbers that are not finite become null.
 
     >>> print(json_text({"largest": math.inf}))
     {
@@ -145,9 +143,6 @@ def json_text(report: Any) -> str:
 
 
 def _json_values(value: Any) -> Any:
-    """Return a copy of a value made of nested mappings and lists, with None in place of each float that is not
-    finite, which JSON cannot represent.
-    """
     if isinstance(value, Mapping):
         return {key: _json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -155,8 +150,7 @@ def _json_values(value: Any) -> Any:
     return finite_or_none(value) if isinstance(value, float) else value
 
 
-# Units of outputs, by their names without the number of the body and the component.
-_UNIT_BY_QUANTITY_NAME_WITHOUT_BODY_NUMBER = {
+_UNITS = {  # by the names of outputs without the number of the body and the component
     "t": "s",
     **dict.fromkeys(("R", "d", "u", "x", "y", "z", "gap"), "m"),
     **dict.fromkeys(("phi", "psi", "tilt", "limits"), "rad"),
@@ -169,26 +163,19 @@ _UNIT_BY_QUANTITY_NAME_WITHOUT_BODY_NUMBER = {
     **dict.fromkeys(("motor_torque", "spring_torque", "damper_torque", "friction_torque", "stop_torque"), "N m"),
     "mass": "kg",
 }
-_MAX_NUMBERS_SHOWN_PER_TABLE_CELL = 9  # of a cell; of more only the count or the shape is shown
+_MAX_CELL = 9  # numbers of a cell; of more only the count or the shape is shown
 
 
 class Sheet(NamedTuple):
-    """A table of strings: a `title`, `rows` of cells of which the first is the heading, and `notes`, sentences below
-    the table.
-
-    Attributes:
-        title: title of the table.
-        rows: rows of cells; the first row is the heading.
-        notes: sentences that are shown below the table.
-    """
+    """A table of strings."""
 
     title: str
-    rows: Sequence[Sequence[str]]
-    notes: Sequence[str] = ()
+    rows: Sequence[Sequence[str]]  # of cells; the first is the heading
+    notes: Sequence[str] = ()  # sentences below the table
 
 
 class Shown:
-    """Base class of objects that notebooks show as an HTML table. Their method `_sheet` returns the table."""
+    """Base class of objects that notebooks show as the HTML table of their `_sheet`."""
 
     __slots__ = ()
 
@@ -197,13 +184,12 @@ class Shown:
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        """Return the table of this object as HTML text, which notebooks show."""
+        """Return the table as HTML."""
         from html import escape
 
         title, (heading, *rows), notes = self._sheet()
 
         def row(cells: Iterable[str], tag: str) -> str:
-            """Return a row of the HTML table with the cells in the given tag, "td" or "th"."""
             return f"<tr>{''.join(f'<{tag}>{escape(printable(cell))}</{tag}>' for cell in cells)}</tr>"
 
         body = "".join(row(cells, "td") for cells in rows)
@@ -213,16 +199,13 @@ class Shown:
 
 
 def sheet_of(title: str, values: Iterable[tuple[str, Any]], notes: Sequence[str] = ()) -> Sheet:
-    """Return a Sheet with the columns name, value and unit: a heading, and a row for each pair (name, value) in
-    `values` whose value is not None. An array with more than nine numbers is shown by its shape.
-    """
+    """Return a sheet of names, values and units; an array of more than nine numbers is shown by its shape."""
     rows = ((name, cell_text(value), unit_of(name)) for name, value in values if value is not None)
     return Sheet(title, (("", "value", "unit"), *rows), notes)
 
 
 def cell_text(value: Any) -> str:
-    """Return a value (a string, a number, an array or a sequence of numbers) as short text for a cell of a table. For
-    more than nine numbers, the text gives only their count or, for an array, its shape.
+    """Return a string, a number, an array or a sequence of numbers as short text.
 
     >>> cell_text((0.5, 0, 1 / 3)), cell_text("a"), cell_text(range(10))
     ('0.5, 0, 0.333333', 'a', '10 numbers')
@@ -230,24 +213,21 @@ def cell_text(value: Any) -> str:
     if isinstance(value, str):
         return value
     shape = getattr(value, "shape", None)
-    if shape is not None and not (math.prod(shape) <= _MAX_NUMBERS_SHOWN_PER_TABLE_CELL and hasattr(value, "tolist")):
+    if shape is not None and not (math.prod(shape) <= _MAX_CELL and hasattr(value, "tolist")):
         return f"array of shape {tuple(shape)}"
     items = value.tolist() if shape is not None else value
     if not hasattr(items, "__len__"):
         return f"{items + 0.0:.6g}"
-    if len(items) > _MAX_NUMBERS_SHOWN_PER_TABLE_CELL:
+    if len(items) > _MAX_CELL:
         return f"{len(items)} numbers"
     return ("; " if shape is not None and len(shape) > 1 else ", ").join(cell_text(item) for item in items)
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of the output with this name (such as omega2), or of one of its components (R2_x), as a string;
-    "1" if it has none.
+    """Return the unit of an output, or of one of its components; "1" if it has none.
 
     >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
     ('rad/s', 'm', '1', 'N m')
     """
     vector = name.rpartition("_")[0]
-    return _UNIT_BY_QUANTITY_NAME_WITHOUT_BODY_NUMBER.get(
-        name.rstrip("12")
-    ) or _UNIT_BY_QUANTITY_NAME_WITHOUT_BODY_NUMBER.get(vector.rstrip("12"), "1")
+    return _UNITS.get(name.rstrip("12")) or _UNITS.get(vector.rstrip("12"), "1")

@@ -15,9 +15,7 @@ HighLow: TypeAlias = tuple[Component, Component]
 
 
 class Twofold:
-    """A number high + low with twice the precision of a double. It supports addition, subtraction and
-    multiplication.
-    """
+    """A number high + low, which adds, subtracts and multiplies."""
 
     __slots__ = ("high", "low")
 
@@ -39,46 +37,40 @@ class Twofold:
 
 
 def twofold_sum(a: HighLow, b: HighLow) -> HighLow:
-    """Return the sum of two numbers of twice the precision; each number and the result are tuples (high, low)."""
+    """Return the sum of two numbers (high, low)."""
     total, lost = exact_sum(a[0], b[0])
     return normal(total, lost + (a[1] + b[1]))
 
 
 def twofold_product(a: HighLow, b: HighLow) -> HighLow:
-    """Return the product of two numbers of twice the precision; each number and the result are tuples (high, low)."""
+    """Return the product of two numbers (high, low)."""
     high, lost = exact_product(a[0], b[0])
     return normal(high, lost + (a[0] * b[1] + a[1] * b[0]))
 
 
 def twofold_quotient(a: HighLow, divisor: Component) -> HighLow:
-    """Return the quotient a / divisor as a tuple (high, low) of two doubles, whose sum has twice the precision of a
-    double. The number `a` is given in the same form, and `divisor` is a double.
-    """
+    """Return the quotient of a number (high, low) and a double."""
     quotient = a[0] / divisor
     high, lost = exact_product(quotient, divisor)
     return normal(quotient, (((a[0] - high) - lost) + a[1]) / divisor)
 
 
 def normal(high: Component, low: Component) -> HighLow:
-    """Return the exact sum of two doubles as the tuple (high, low) of the rounded sum and its rounding error. This
-    requires that `low` is not larger than `high` in absolute value, which is not checked.
-    """
+    """Return the exact sum of two doubles as (sum, rounding error); `low` may not be larger than `high`."""
     total = high + low
     return total, (high - total) + low
 
 
 def exact_sum(a: Component, b: Component) -> HighLow:
-    """Return the exact sum of two doubles as (high, low), the rounded sum and its rounding error, by Knuth's
-    algorithm.
-    """
+    """Return the exact sum of two doubles as (sum, rounding error): Knuth's algorithm."""
     total = a + b
     shadow = total - a
     return total, (a - (total - shadow)) + (b - shadow)
 
 
 def exact_product(a: Component, b: Component) -> HighLow:
-    """Return the exact product of two doubles as (high, low), the rounded product and its rounding error, by Dekker's
-    algorithm with Veltkamp's split into halves of 26 bits.
+    """Return the exact product of two doubles as (product, rounding error): Dekker's algorithm with Veltkamp's split
+    into halves of 26 bits.
     """
     high = a * b
     carried = 134217729.0 * a

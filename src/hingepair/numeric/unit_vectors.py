@@ -19,8 +19,7 @@ from hingepair.numeric.twofold import Twofold, exact_product, exact_sum, normal
 
 
 def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """Return the axes n at unit length as a float64 array (..., 3), each component rounded once. Raise AxisError,
-    which names the argument `name`, if an axis is zero or not finite.
+    """Return the axes n at unit length as a float64 array (..., 3), each component rounded once.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -30,8 +29,7 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """Return the axes n as an array of shape (..., 3), not normalised. Raise AxisError, which names the argument
-    `name`, if an axis is zero or not finite.
+    """Return the axes n as an array (..., 3), not normalised.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -45,15 +43,13 @@ def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def direction(v: Components) -> Components:
-    """Return the unit vector in the direction of v, both tuples of components, each component rounded once. The
-    direction of zero is zero.
-    """
+    """Return the unit vector along v, a tuple of components, each rounded once; that of zero is zero."""
     return tuple(unit.high for unit in polar(v)[0])
 
 
 def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
-    """Return (direction, length) of a vector v, a tuple of components: the tuple of the components of the direction,
-    and the length, each a number in twice the precision of a double (`Twofold`). The direction of zero is zero.
+    """Return the direction of v, a tuple of components, and its length, in twice the precision; the direction of zero
+    is zero.
     """
     w, exponent = scaled_by_power_of_two(v)
     total: Component = 0.0
@@ -77,10 +73,7 @@ def polar(v: Components) -> tuple[tuple[Twofold, ...], Twofold]:
 
 
 def scaled_by_power_of_two(v: Components) -> tuple[Components, Component]:
-    """Return (vector, exponent): the vector v, a tuple of components, divided by 2^exponent so that its largest
-    component is neither huge nor tiny (2^-10 to 2^10 unless v is zero or not finite), and the exponent. No digit is
-    lost.
-    """
+    """Return v / 2^exponent, exactly, whose largest component is neither huge nor tiny, and the exponent."""
     if all(type(component) is float for component in v):
         size = max(map(abs, v))
         if 2.0**-10 < size < 2.0**10:  # usual lengths in metres, and axes that are nearly unit vectors
@@ -95,7 +88,7 @@ def scaled_by_power_of_two(v: Components) -> tuple[Components, Component]:
 
 
 def times_power_of_two(x: Component, exponent: Component) -> Component:
-    """Return the product x 2^exponent."""
+    """Return x 2^exponent."""
     if type(x) is float and type(exponent) is int:
         if exponent == 0:
             return x
@@ -107,7 +100,7 @@ def times_power_of_two(x: Component, exponent: Component) -> Component:
 
 
 def _quotient(a: Component, high: Component, low: Component) -> Twofold:
-    """Return the quotient a / (high + low) of a double and a number of twice the precision, as a `Twofold`."""
+    """Return a double over a number of twice the precision."""
     ratio = a / high
     again, error = exact_product(ratio, high)
     return Twofold(*normal(ratio, ((a - again) - error - ratio * low) / high))

@@ -20,9 +20,7 @@ from hingepair.errors import ArgumentError
 def whole_file(
     target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]] = ()
 ) -> Iterator[IO[bytes]]:
-    """Open a temporary binary file to write to, as a context manager that yields it; it replaces the file `target`
-    only when the block ends without an error. A device or pipe is written to directly. Raise ArgumentError if the
-    target cannot be written, or is one of the files `input_paths`.
+    """Yield a binary file to write to, which replaces the target only when the `with` block ends without an error.
 
     Until then it stands beside the target, whose mode and owner it keeps; through a symlink it is the file behind it
     that is replaced. Devices, pipes and standard output are written directly.
@@ -49,7 +47,7 @@ def whole_file(
 
 
 def check_writable(target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]] = ()) -> None:
-    """Raise the ArgumentError about `path` that `whole_file` would raise at its start, and leave no file behind."""
+    """Raise the error that `whole_file` would raise at its start, and leave no file behind."""
     with _os_errors_named(target):
         status = _checked_status(target, input_paths)
         if status is None or stat.S_ISREG(status.st_mode):
@@ -64,7 +62,7 @@ def check_writable(target: str | os.PathLike[str], input_paths: Iterable[str | o
 
 @contextlib.contextmanager
 def _os_errors_named(target: str | os.PathLike[str]) -> Iterator[None]:
-    """Convert an OSError of the block into an ArgumentError about `path` that names the target."""
+    """Make an OSError of the block one about `path`."""
     try:
         yield
     except OSError as error:
@@ -75,7 +73,7 @@ def _os_errors_named(target: str | os.PathLike[str]) -> Iterator[None]:
 def _checked_status(
     target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]]
 ) -> os.stat_result | None:
-    """Return the `os.stat_result` of the target, None if there is none; raise ArgumentError if it is an input."""
+    """Return the status of the target, None if there is none; refuse an input."""
     status = _file_status(target)
     if status is not None and any(
         os.path.samestat(status, other) for other in map(_file_status, input_paths) if other
@@ -91,11 +89,7 @@ def _check_access(target: Path, status: os.stat_result | None) -> None:
 
 @contextlib.contextmanager
 def _temporary_replacement(target: Path, status: os.stat_result | None) -> Iterator[IO[bytes]]:
-    """Yield, as a context manager, a temporary file in the folder of `target`, and replace the target by it when the
-    block ends without an error; delete it otherwise. The replacement keeps the mode and, if possible, the owner in
-    `status`, the status of the old file (None if there is none). Raise PermissionError if the old file is not
-    writable.
-    """
+    """Yield a temporary file beside the target, which replaces it, with its mode and, if possible, its owner."""
     _check_access(target, status)
     path = target.with_name(f".hingepair-{uuid4().hex}")
     with path.open("xb") as file:
@@ -114,9 +108,7 @@ def _temporary_replacement(target: Path, status: os.stat_result | None) -> Itera
 
 
 def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
-    """Return the `os.stat_result` of the file at the path, or of the file that a symlink there leads to; None if
-    there is none. Raise OSError if the path cannot be read.
-    """
+    """Return the status of a file, or of what a symlink leads to; None if there is none."""
     try:
         return Path(path).stat()
     except FileNotFoundError:
@@ -126,7 +118,6 @@ def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
 
 
 def _is_standard_output(status: os.stat_result) -> bool:
-    """Return whether `status`, the `os.stat_result` of a file, is that of the standard output of this process."""
     try:
         return os.path.samestat(status, os.fstat(sys.stdout.fileno()))
     except (OSError, ValueError, AttributeError):  # closed, or a caller's

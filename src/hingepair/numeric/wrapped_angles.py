@@ -6,15 +6,10 @@ import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
 
-# [turns] of wrapped angles; noise that was added after wrapping leaves one turn a little.
-_MAX_WRAPPED_ANGLE_SPAN_TURNS = 1.05
-# [turns] where an angle was wrapped: it truly turned by less than a quarter, the other way.
-_MIN_WRAP_JUMP_TURNS = 0.75
-
 
 def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
     """Return whether samples of an angle were reduced to one turn, such as [-pi, pi): all lie within one turn, and
-    some neighbours differ by nearly a whole turn. `turn` is one turn in the unit of the angles.
+    some neighbours differ by nearly a whole turn.
 
     An angle that truly changes by more than half a turn from sample to sample soon leaves the turn, and is not called
     wrapped.
@@ -31,7 +26,9 @@ def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
     if known.size < 2:
         return False
     jumps = np.abs(np.diff(known))
-    return bool(np.ptp(known) <= _MAX_WRAPPED_ANGLE_SPAN_TURNS * turn and jumps.max() >= _MIN_WRAP_JUMP_TURNS * turn)
+    # Noise that was added after wrapping leaves one turn a little. Where an angle was wrapped, it truly turned by
+    # less than a quarter, the other way.
+    return bool(np.ptp(known) <= 1.05 * turn and jumps.max() >= 0.75 * turn)
 
 
 def unwrap_if_wrapped(angles: Float64Array) -> Float64Array:

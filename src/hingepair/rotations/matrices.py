@@ -12,7 +12,7 @@ from hingepair.equations import spatial as eq
 from hingepair.errors import ArgumentError, RotationError
 from hingepair.numeric.arrays import FloatArray, real_array, result_dtype, vectors
 from hingepair.numeric.blocks import (
-    MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE,
+    VERSINE_SWITCH,
     Named,
     components_of,
     hinge_terms,
@@ -140,7 +140,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
         x, y, z = (unit.high for unit in axis)
         s, k, c = hinge_terms(angle.high)
         s_low, k_low, _ = hinge_terms(angle.low)
-        lost = np.where(c > MIN_COSINE_TO_COMPUTE_VERSINE_FROM_SINE, 0.0, (1 - k) - c)  # when k = 1 - c was rounded
+        lost = np.where(c > VERSINE_SWITCH, 0.0, (1 - k) - c)  # when k = 1 - c was rounded
         rest = _rounding_correction((x, y, z), axis, (s, k), (c * s_low - s * k_low, lost + (s * s_low + c * k_low)))
         return tuple(x + y for x, y in zip(eq.hinge_rotation((x, y, z), (s, k)), rest, strict=True))
 
