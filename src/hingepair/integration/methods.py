@@ -103,7 +103,7 @@ _FORMER = ("magnus4", "cf4", "rk4_quaternion", "euler_angles", "dop853")  # meth
 
 def check_method(method: str) -> None:
     """Raise an ArgumentError unless there is a method of this name; of a former one, say which to use."""
-    if method in _FORMER:
+    if isinstance(method, str) and method in _FORMER:
         expected = "'magnus6', which is more accurate in less time (with tol= it divides its steps)"
         raise ArgumentError("method", expected, f"'{method}', which was removed")
     check_choice("method", method, tuple(RULES))
