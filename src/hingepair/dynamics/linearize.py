@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.events import HingeEvents
+from hingepair.dynamics.linearize_robot import linearize_robot
 from hingepair.dynamics.loads import BaseArgument, LoadArgument, Loads
 from hingepair.dynamics.pair_motion import PairMotion
 from hingepair.dynamics.simulate import initial_state, to_spatial_pair
 from hingepair.engine.backend import execution_of
 from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only
 from hingepair.numeric.tables import ruled_table
@@ -86,6 +89,7 @@ class Linearization:
     __repr__ = __str__
 
 
+@functools.singledispatch
 def linearize(
     pair: HingePair | PlanarPair,
     body1: BodyMotion | None,
@@ -104,7 +108,8 @@ def linearize(
     backend: str = "auto",
 ) -> Linearization:
     """Linearize the motion of a pair under loads about the state (body1, psi_0, psid_0) at the instant t, or with
-    `equilibrium` about the stable equilibrium near this state.
+    `equilibrium` about the stable equilibrium near this state. With a robot in the place of the pair, arguments and
+    results are those of `linearize_robot`.
 
     Arguments that `simulate` has too mean the same here, at one instant. Derivatives are finite differences of order
     4.
@@ -193,6 +198,9 @@ def linearize(
         read_only(poles[np.argsort(np.abs(poles))].astype(np.complex128)),
         bool(np.abs(rates / motion.sizes).max() <= 1e-9 * max(1.0, np.abs(A).max())),
     )
+
+
+linearize.register(Mechanism, cast(Any, linearize_robot))
 
 
 def _state_derivatives(

@@ -1,0 +1,51 @@
+"""Linearized motions of robots: those of pairs, and those that differences of the motion show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.errors import ArgumentError
+from support.trees import Robot, base_motion, random_model, record_of
+
+ROD = hp.Body(mass=2, inertia=(0.01, 1, 1), center_of_mass=(1, 0, 0))
+PAIR = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), body2=ROD)
+
+
+def test_a_robot_of_one_hinge_swings_as_the_pair():
+    held = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
+    pair = hp.linearize(PAIR, held, np.pi / 2, base="fixed")
+    robot = hp.linearize(hp.Mechanism([PAIR]), [np.pi / 2])
+    np.testing.assert_allclose(robot.A, pair.A, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(robot.B[:, 0], pair.B, rtol=1e-12)
+    np.testing.assert_allclose(robot.poles, pair.poles, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(robot.damping_ratios, 0.0, atol=1e-12)
+    with pytest.raises(ArgumentError, match="poles: expected the linearization about one state"):
+        _ = hp.linearize(hp.Mechanism([PAIR]), np.zeros((2, 1))).poles
+
+
+def test_rates_of_a_free_robot_change_as_the_linearization_says():
+    robot = Robot(record_of(random_model(3, 4)), "free")
+    rng = np.random.default_rng(1)
+    q, qd, tau, n = *rng.uniform(-1, 1, (3, robot.dof)), robot.dof
+    base = base_motion(rng)
+    found = hp.linearize(robot, q, qd, tau, base_motion=base)
+    x = rng.normal(size=2 * (6 + n))
+
+    def rates(size):
+        """Rates of the state beside the given one, rotations as seen from there."""
+        d = size * x
+        v, omega = base.v + d[6 + n : 9 + n], base.omega + d[9 + n : 12 + n]
+        S = hp.rotation_exp(d[3:6]) @ base.S
+        moved = hp.BodyMotion(R=base.R + d[:3], S=S, v=v, omega=omega)
+        near = q + d[6 : 6 + n], qd + d[12 + n :]
+        a = robot.forward_dynamics(*near, tau, base_motion=moved)
+        turning = omega - base.omega + 0.5 * np.cross(omega + base.omega, d[3:6])  # phi' up to second order
+        return np.concatenate((v, turning, near[1], a.a1, a.alpha1, a.qdd))
+
+    h = 1e-6
+    expected = (rates(h) - rates(-h)) / (2 * h)
+    np.testing.assert_allclose(found.A @ x, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    assert len(found.names) == len(found.rates) == 2 * (6 + n)
+    np.testing.assert_array_equal(found.rates[:6], [*base.v, *base.omega])
