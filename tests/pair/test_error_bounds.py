@@ -219,7 +219,7 @@ SEARCHED = [
 ]
 
 
-@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.proof)])
 @pytest.mark.parametrize(("form", "output"), sparse(SEARCHED, 6, "-".join))
 def test_no_bound_passes_the_promise(form, output, dtype):
     """The largest bound, searched for from other starts than those that the promise comes from."""

@@ -38,10 +38,6 @@ def strided(motion):
     return tuple(np.repeat(c, 2, axis=1)[:, ::2] for c in motion)
 
 
-def fortran(motion):
-    return tuple(np.asfortranarray(c) for c in motion)
-
-
 def mixed(motion):
     return (motion[0].astype(np.float32), *motion[1:])
 
@@ -63,8 +59,8 @@ def broadcast(motion):
 
 
 FOREIGN = as_dtype(">f8")
-FORMS = (FOREIGN, rows, columns, partly_constant, strided, fortran, mixed, two_axes, broadcast)
-FORMS += tuple(map(as_dtype, (np.float32, ">f4", np.int64, np.int32)))
+FORMS = (FOREIGN, rows, columns, partly_constant, strided, mixed, two_axes, broadcast)
+FORMS += tuple(map(as_dtype, (np.float32, np.int32)))
 
 
 def extra(call):
