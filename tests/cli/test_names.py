@@ -45,7 +45,7 @@ x = "{a}*t"
 y = {{ t = [0, 1, 2], value = [0, 1, 0.5] }}
 phi = "{b}*t**2 + sqrt(1 + t) + sqrt(1 + t)**3"
 psi = "{c}*sin(3*t) + {a}"
-[motion.constants]
+[constants]
 {a} = 0.5
 {b} = 0.25
 {c} = 1.5

@@ -304,7 +304,7 @@ def test_a_tolerance_out_of_reach_is_refused_only_where_it_was_asked(tmp_path, m
     scene = hp.load_scene(tmp_path / "my.toml")
     off = np.abs(scene.motion.source.hinge[0] - np.sin(400 * scene.motion.t) / 400).max()
     assert 1e-10 <= off / 3 <= scene.motion.error_estimate <= 10 * off
-    assert "error about" in scene.motion.motion_description
+    assert "error about" in scene.motion.description
     (tmp_path / "my.toml").write_text(fast.format(tol="tol = 1e-11"))
     left = r"motion.tol: expected .* left, (\S+) rad \(omega1 leaves .*e-1\d, psi_dot leaves \1\), got 1e-11"
     with pytest.raises(hp.SceneError, match=left):

@@ -35,7 +35,7 @@ force1 = [0.1, "0.2*t", 0]
 torque2 = [0, "0.1*psi", 0.2]
 force2 = [0.3, 0, "0.1*psid"]
 damping = 0.02
-[motion.constants]
+[constants]
 rate = 0.1
 """
 
@@ -64,7 +64,7 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
     axis = found.S1 @ scene.pair.n
     np.testing.assert_allclose((forces.bearing_torque * axis).sum(-1), 0, rtol=0, atol=1e-12)
     assert scene.cross_validate().ok
-    assert "base free" in scene.motion.motion_description
+    assert "base free" in scene.motion.description
 
 
 @pytest.mark.slow
@@ -77,7 +77,7 @@ def test_a_scene_has_energy_and_momentum():
         _ = result.powers
     with pytest.raises(hp.ArgumentError, match="second derivatives"):
         scene.evaluate(("R2",)).energy()
-    assert f"{found.psi_error_estimate:.1g} rad of psi" in scene.motion.motion_description
+    assert f"{found.psi_error_estimate:.1g} rad of psi" in scene.motion.description
 
 
 @pytest.mark.slow
@@ -150,8 +150,8 @@ def test_notes_say_how_far_a_stop_is_passed(tmp_path):
 
 def test_constants_are_not_called_as_the_hinge_angle_is(tmp_path):
     for name in ("psi", "psid"):
-        text = f"[dynamics]\nhinge_torque = '-psi'\n[motion.constants]\n{name} = 5\n"
-        with pytest.raises(hp.SceneError, match=rf"motion\.constants\.{name}: expected another name"):
+        text = f"[dynamics]\nhinge_torque = '-psi'\n[constants]\n{name} = 5\n"
+        with pytest.raises(hp.SceneError, match=rf"constants\.{name}: expected another name"):
             scene_of(tmp_path, PAIR + text)
 
 

@@ -44,7 +44,7 @@ MOTION = """
 [motion]
 boom = "w*t"
 ram = { t = [0, 1], value = [0, 0.2], profile = "quintic" }
-[motion.constants]
+[constants]
 w = 0.3
 """
 TIME = """

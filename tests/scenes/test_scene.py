@@ -33,7 +33,7 @@ phi_x = "0.1*t"
 phi_y = "0.2*sin(t)"
 phi_z = 0
 psi = "pi*t"
-[motion.constants]
+[constants]
 w = 2
 [time]
 start = 0
@@ -171,9 +171,9 @@ MALFORMED = {
     "unknown name": (change('psi = "pi*t"', 'psi = "sine(t)"'), "unknown name 'sine'"),
     "sequence": (change("[motion]\n", '[motion]\nsequence = "XXY"\n'), "motion.sequence"),
     "sequence type": (change("[motion]\n", "[motion]\nsequence = 3\n"), "motion.sequence"),
-    "constant shadows": (change("w = 2", "w = 2\nsin = 3"), "motion.constants.sin"),
-    "constant of t": (change("w = 2", 'w = "2*t"'), "motion.constants.w"),
-    "constant inf": (change("w = 2", "w = inf"), "motion.constants.w"),
+    "constant shadows": (change("w = 2", "w = 2\nsin = 3"), "constants.sin"),
+    "constant of t": (change("w = 2", 'w = "2*t"'), "constants.w"),
+    "constant inf": (change("w = 2", "w = inf"), "constants.w"),
     "no samples": (change("samples = 21", "samples = 0"), "time.samples"),
     "float samples": (change("samples = 21", "samples = 1e12"), "time.samples"),
     "too many samples": (change("samples = 21", "samples = 1000000000000"), "time.samples"),
@@ -582,13 +582,13 @@ def test_a_rate_that_leaves_its_limit_is_noted(tmp_path: Path) -> None:
 @pytest.mark.slow(3)
 def test_constants_that_double_are_refused_before_their_work(tmp_path: Path) -> None:
     constants = "".join(f'c{i + 1} = "c{i} + sin(c{i})"\n' for i in range(40))
-    text = GOOD.replace("[motion.constants]\n", f"[motion.constants]\nc0 = 1\n{constants}")
+    text = GOOD.replace("[constants]\n", f"[constants]\nc0 = 1\n{constants}")
     with bounded_calls(3_000_000), pytest.raises(hp.SceneError, match=r"c1\d: expected at most 3000 numbers"):
         scene_of(tmp_path, text)
 
 
 def test_constants_stand_beside_a_log_and_alone(tmp_path: Path) -> None:
-    constants = "[motion.constants]\nlength = 0.25\n"
+    constants = "[constants]\nlength = 0.25\n"
     pair = '[pair]\nu1 = ["2*length", 0, 0]\nu2 = [1, 0, 0]\nn = [0, 0, 1]\n'
     (tmp_path / "log.csv").write_text("t,x,y,z,phi_x,phi_y,phi_z,psi\n0,0,0,0,0,0,0,0\n1,0,0,0,0,0,0,1\n")
     logged = scene_of(tmp_path, pair + '[motion]\nfile = "log.csv"\n' + constants)
@@ -597,6 +597,13 @@ def test_constants_stand_beside_a_log_and_alone(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["derive", str(tmp_path / "bare.toml"), "--symbolic", "length", "--outputs", "R2"])
     assert "length" in done.stdout
     assert done.exit_code == 0
+
+
+def test_constants_may_stand_in_the_motion_but_not_in_both(tmp_path: Path) -> None:
+    old = GOOD.replace("[constants]", "[motion.constants]")
+    np.testing.assert_array_equal(scene_of(tmp_path, old).evaluate().R2, scene_of(tmp_path, GOOD).evaluate().R2)
+    with pytest.raises(hp.SceneError, match="toml: constants: expected constants in one table"):
+        scene_of(tmp_path, old + "[constants]\nc = 1\n")
 
 
 def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
@@ -633,7 +640,7 @@ def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
     ],
 )
 def test_a_caret_points_at_what_cannot_be_read(tmp_path: Path, psi: str, hint: str, at: str) -> None:
-    text = re.sub(r"(?s)\[motion\.constants\].*?(?=\[time\])", "", change('psi = "pi*t"', f"psi = {psi}"))
+    text = re.sub(r"(?s)\[constants\].*?(?=\[time\])", "", change('psi = "pi*t"', f"psi = {psi}"))
     message, _, there = pointed_at(tmp_path, text.replace("w*t", "2*t"))
     assert hint in message
     assert there == at

@@ -44,7 +44,7 @@ phi_x = "sin(speed*t)"
 phi_y = 0
 phi_z = "0.2*t"
 psi = "t"
-[motion.constants]
+[constants]
 speed = 1.5
 [time]
 start = 0
@@ -153,7 +153,7 @@ def test_a_grid_is_every_scene_with_its_numbers():
 
 KINDS = {
     "geometry": ("arm", ARM, "pair.n[1]", ("n = [1, 2, 0]", "n = [1, {}, 0]"), "S2"),
-    "motion": ("arm", ARM, "motion.constants.speed", ("speed = 1.5", "speed = {}"), "omega2"),
+    "motion": ("arm", ARM, "constants.speed", ("speed = 1.5", "speed = {}"), "omega2"),
     "time": ("arm", ARM, "time.stop", ("stop = 3", "stop = {}"), "R2"),
     "coordinates": ("arm", ARM, "pair.u2[0]", ("u2 = [-0.25", "u2 = [{}"), "q"),
     "dynamics": ("thrown", THROWN, "dynamics.psi_0", ("psi_0 = 0.2", "psi_0 = {}"), "psi"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -106,120 +107,95 @@ def fit_command(
     body has a file of its own, the first file is that of body 1, and names need no digit. The exit code is 1 if the
     recordings do not determine a hinge.
     """
-    _check_suffixes(out, plot, scene, report)
-    _check_output_paths(files, out, plot, scene, report)
+    outputs = _Outputs(files, out, plot, scene, report)
+    outputs.check()
     recording = read_recording(files, ignore or (), checked_gaps(gaps), encoder)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
+    body1, body2, t = recording.body1, recording.body2, recording.t
     try:
-        fitted = fit(
-            recording.body1,
-            recording.body2,
-            loss,
-            gauge,
-            recording.t,
-            clock_offset=clock_offset,
-            encoder=recording.encoder,
-        )
+        fitted = fit(body1, body2, loss, gauge, t, clock_offset=clock_offset, encoder=recording.encoder)
     except FitError as error:
-        if report is not None:
-            with naming_option("report"):
-                _save_text(report, _report_without_hinge(error, files), files)
-        if as_json:
-            print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2))
-        else:
-            print(f"NO HINGE: {error}")
+        outputs.write_report(_report_without_hinge(error, files))
+        print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2) if as_json else f"NO HINGE: {error}")
         raise typer.Exit(1) from None
-    written = _save(fitted, recording.body1, files, out, plot, scene, report)
+    outputs.write(fitted, body1)
     print(fitted.to_json() if as_json else fitted)
-    for path in () if as_json else written:
+    for path in () if as_json else outputs.written:
         print(f"written: {path}")
     raise typer.Exit(0 if fitted.ok else 1)
 
 
-def _check_suffixes(out: Path | None, plot: Path | None, scene: Path | None, report: Path | None) -> None:
-    """Raise an ArgumentError if the suffix of a path does not fit what is written to it: a table of results to `out`,
-    a picture to `plot`, a scene (.toml) to `scene`, a report (.md) to `report`.
-    """
-    if out is not None:
-        check_ending(out)
-    if plot is not None:
-        check_picture_suffix("plot", plot)
-    if scene is not None and scene.suffix.lower() != ".toml":
-        raise ArgumentError("scene", "a file name that ends in .toml", quoted(str(scene)))
-    if report is not None and report.suffix.lower() != ".md":
-        raise ArgumentError("report", "a file name that ends in .md", quoted(str(report)))
+@dataclass
+class _Outputs:
+    """Files that the command reads and writes."""
+
+    files: list[Path]
+    out: Path | None
+    plot: Path | None
+    scene: Path | None
+    report: Path | None
+    written: list[Path] = field(default_factory=list)
+
+    def check(self) -> None:
+        """Raise an ArgumentError if a suffix does not fit, or if a file cannot be written."""
+        if self.out is not None:
+            check_ending(self.out)
+        if self.plot is not None:
+            check_picture_suffix("plot", self.plot)
+        for option, path, suffix in (("scene", self.scene, ".toml"), ("report", self.report, ".md")):
+            if path is not None and path.suffix.lower() != suffix:
+                raise ArgumentError(option, f"a file name that ends in {suffix}", quoted(str(path)))
+        for option, path in (("out", self.out), ("plot", self.plot), ("report", self.report)):
+            check_output(option, path, self.files)
+        if self.scene is not None:
+            self._check_scene(self.scene)
+
+    def _check_scene(self, scene: Path) -> None:
+        # Files that are named are overwritten; a scene is not, since users edit it, nor its log, which is not named.
+        log = scene.with_suffix(".csv")
+        for path in (scene, log):
+            if path.exists() or path.is_symlink():
+                raise ArgumentError("scene", f"the name of new files, since {path} exists", quoted(str(scene)))
+            check_output("scene", path)
+        if self.out is not None and os.path.abspath(self.out) == os.path.abspath(log):
+            wanted = f"another name, since --out and it would both write {log}"
+            raise ArgumentError("scene", wanted, quoted(str(scene)))
+
+    def write(self, fitted: HingeFit, body1: BodyMotion) -> None:
+        """Write all files; an error says which are complete."""
+        try:
+            if self.out is not None:
+                self.written.append(_residuals(fitted).save(self.out, self.files))
+            if self.plot is not None:
+                save_figure("plot", fitted.plot(), self.plot, self.files)
+                self.written.append(self.plot)
+            if self.scene is not None:
+                with naming_option("scene"):
+                    self.written += _save_scene(self.scene, fitted, body1, self.files)
+            figure = None
+            if self.plot is not None and self.report is not None:
+                figure = os.path.relpath(self.plot, self.report.parent)
+            self.write_report(_report(fitted, self.files, figure))
+        except ArgumentError as error:
+            if self.written:
+                error.add_note(f"written before: {', '.join(map(str, self.written))}")
+            raise
+
+    def write_report(self, text: str) -> None:
+        """Write the report, if one is wanted."""
+        if self.report is not None:
+            with naming_option("report"):
+                _save_text(self.report, text, self.files)
+            self.written.append(self.report)
 
 
-def _check_output_paths(
-    files: list[Path], out: Path | None, plot: Path | None, scene: Path | None, report: Path | None
-) -> None:
-    """Raise an ArgumentError if an output cannot be written or is one of `files`, which are read, if the scene or its
-    log (.csv) exists already, or if `out` is the log.
-    """
-    for option, path in (("out", out), ("plot", plot), ("report", report)):
-        check_output(option, path, files)
-    if scene is None:
-        return
-    log = scene.with_suffix(".csv")
-    for path in (scene, log):
-        if path.exists() or path.is_symlink():
-            raise ArgumentError("scene", f"the name of new files, since {path} exists", quoted(str(scene)))
-        check_output("scene", path)
-    if out is not None and os.path.abspath(out) == os.path.abspath(log):
-        raise ArgumentError("scene", f"another name, since --out and it would both write {log}", quoted(str(scene)))
-
-
-def _save(
-    fitted: HingeFit,
-    body1: BodyMotion,
-    files: list[Path],
-    out: Path | None,
-    plot: Path | None,
-    scene: Path | None,
-    report: Path | None,
-) -> list[Path]:
-    """Write the results of a HingeFit to `out`, its figure to `plot`, a scene and its log to `scene` and a report to
-    `report`, each unless the path is None.
-    """
-    written: list[Path] = []
-    try:
-        _save_each(written, fitted, body1, files, out, plot, scene, report)
-    except ArgumentError as error:
-        if written:
-            error.add_note(f"written before: {', '.join(map(str, written))}")
-        raise
-    return written
-
-
-def _save_each(
-    written: list[Path],
-    fitted: HingeFit,
-    body1: BodyMotion,
-    files: list[Path],
-    out: Path | None,
-    plot: Path | None,
-    scene: Path | None,
-    report: Path | None,
-) -> None:
-    """Do the work of `_save`, and append each path to `written` when its file is complete."""
-    if out is not None:
-        t = np.arange(float(fitted.psi.size)) if fitted.t is None else fitted.t
-        arrays = {"psi": fitted.psi, "gap": fitted.gap, "tilt": fitted.tilt, "weight": fitted.weights}
-        if fitted.body2.S is None:
-            del arrays["tilt"]
-        written.append(Record(t, arrays, "what is left of each sample").save(out, files))
-    if plot is not None:
-        save_figure("plot", fitted.plot(), plot, files)
-        written.append(plot)
-    if scene is not None:
-        with naming_option("scene"):
-            written += _save_scene(scene, fitted, body1, files)
-    if report is not None:
-        figure = None if plot is None else os.path.relpath(plot, report.parent)
-        with naming_option("report"):
-            _save_text(report, _report(fitted, files, figure), files)
-        written.append(report)
+def _residuals(fitted: HingeFit) -> Record:
+    t = np.arange(float(fitted.psi.size)) if fitted.t is None else fitted.t
+    arrays = {"psi": fitted.psi, "gap": fitted.gap, "tilt": fitted.tilt, "weight": fitted.weights}
+    if fitted.body2.S is None:
+        del arrays["tilt"]
+    return Record(t, arrays, "what is left of each sample")
 
 
 def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:

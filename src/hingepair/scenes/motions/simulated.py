@@ -177,7 +177,7 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
     for letter in _HINGE_NAMES:
         if letter in table.constants:
             meaning = "psi and psid are the hinge angle and its rate in expressions of [dynamics]"
-            NamedSource(table.file, "motion.constants").refuse(letter, f"another name: {meaning}", repr(letter))
+            NamedSource(table.file, "constants").refuse(letter, f"another name: {meaning}", repr(letter))
     return DynamicsSetup(base, body1, hinge, others, tuple(table.values))
 
 
