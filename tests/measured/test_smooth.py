@@ -298,6 +298,15 @@ def test_a_bandwidth_that_is_too_low_is_warned_of() -> None:
         hp.smooth(t, raw, bandwidth=0.3)
 
 
+def test_neighbours_of_outliers_are_not_counted() -> None:
+    """Squares are pulled so far by 1 % of the samples that the curve leaves their neighbours, too."""
+    t, rng = np.arange(400) / 100, np.random.default_rng(1)
+    psi = np.sin(3 * t) + 1e-3 * rng.standard_normal(400)
+    psi[rng.choice(400, 4, replace=False)] += 1.0
+    with pytest.warns(hp.MeasurementWarning, match=r"angle: 1(\.\d)? % of the samples are outliers"):
+        hp.smooth(t, psi)
+
+
 def scores_of_angles(seeds: int, share: float, loss: str = "linear", outliers: float = 0.0) -> np.ndarray:
     """Errors of psi, psid, psidd in their standard deviations; (seeds, 3, N)."""
     t = np.arange(600) / 100

@@ -34,41 +34,23 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 
-_NUM_ATTITUDE_SMOOTHING_ROUNDS = 2  # of smoothing attitudes; the second starts from the smooth path of the first
-# Of the differences that make omega and alpha of smooth attitudes.
-_ACCURACY_ORDER_OF_ANGULAR_VELOCITY_DIFFERENCES = 6
-# Names of a smoothed quantity and its derivatives.
-_QUANTITIES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}
-_NAME_IN_MESSAGES_BY_POSE_LETTER = {"R": "positions", "S": "attitudes"}  # as messages call the samples
-# Above, a warning says so.
-_MAX_UNREPORTED_NEIGHBOUR_CORRELATION_OF_RESIDUALS = 0.2
-_MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE = 1e-11  # noise, in parts of the largest sample, that is rounding
-_MAX_UNREPORTED_DERIVATIVE_NOISE_TO_RMS_DERIVATIVE = 0.5  # above, a warning says so
+_QUANTITIES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}  # a smoothed quantity and its derivatives
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class SmoothedMotion(BodyMotion):
-    """The result of `smooth` for a body: a BodyMotion with the smooth R, v, a, S, omega and alpha, which are NaN in
-    gaps. It also has standard deviations, the bandwidth, and the correlation of the noise. Only `smooth` calls the
-    constructor.
-
-    A sample that is not finite counts as missing. A gap is a time without samples that is longer than the argument
-    `gaps` of `smooth`. The results are NaN at missing samples in a gap; other missing samples are filled.
+    """The result of `smooth` for a body: a BodyMotion with smooth R, v, a, S, omega and alpha, NaN at missing samples
+    in a gap.
 
     Attributes:
-        noise: dict with the keys "R", "v", "a", "S", "omega" and "alpha", whose values are numbers: standard
-            deviations of one component. The values of "R" and "S" describe the noise of the recorded samples
-            [m, rad]. The other values describe the errors that this noise causes in v, a, omega and alpha far from
-            ends and gaps [m/s, m/s^2, rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, the errors of
-            the derivatives are ten to twenty times larger.
-        std: dict with the same keys, whose values are arrays (N, 3): the standard deviation of each component of the
-            smoothed quantity at every sample, in the units of `noise`, including the effect of ends and gaps; NaN in
-            gaps. The three values of a sample are equal and hold for any axes. For "S", they are the standard
-            deviations of the components of a small rotation vector [rad].
-        bandwidth: dict with the keys "R" and "S", whose values are the frequencies at which smoothing halves the
-            amplitude [Hz].
-        correlation: dict with the keys "R" and "S", whose values are estimated correlation coefficients between the
-            noise of neighbouring samples.
+        noise: standard deviations of one component by "R", "v", "a", "S", "omega" and "alpha". Those of "R" and "S"
+            are the noise of the recorded samples [m, rad]; the others are the errors that this noise causes far from
+            ends and gaps. Within 1 / bandwidth seconds of an end or a gap, these are ten to twenty times larger.
+        std: by the same keys, the standard deviation of each component of the smoothed quantity at every sample,
+            (N, 3), including the effect of ends and gaps; NaN in gaps. The three values of a sample are equal and
+            hold for any axes; for "S" they are those of a small rotation vector [rad].
+        bandwidth: frequencies at which smoothing halves the amplitude, by "R" and "S" [Hz].
+        correlation: estimated correlation between the noise of neighbouring samples, by "R" and "S".
         t: time since the first instant [s]; shape (N,).
     """
 
@@ -84,10 +66,7 @@ class SmoothedMotion(BodyMotion):
         BodyMotion.__init__(self, **arrays)
         noise: dict[str, float] = {}
         std: dict[str, Float64Array] = {}
-        for names, letter in (
-            (_QUANTITIES["R"], "R"),
-            (_QUANTITIES["S"], "S"),
-        ):
+        for letter, names in _QUANTITIES.items():
             noise |= _noise_by_name(names, parts[letter])
             for name, deviations in zip(names, parts[letter].deviations, strict=True):
                 std[name] = read_only(np.broadcast_to(deviations[:, None], (t.size, 3)))
@@ -100,26 +79,20 @@ class SmoothedMotion(BodyMotion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedAngle(Frozen):
-    """The result of `smooth` for an angle: the smooth angle with its first and second time derivatives (NaN in gaps),
-    their standard deviations, the bandwidth, and the correlation of the noise. `psi, psid, psidd = smoothed` unpacks
-    the angle and its derivatives.
-
-    A sample that is not finite counts as missing. A gap is a time without samples that is longer than the argument
-    `gaps` of `smooth`. The results are NaN at missing samples in a gap; other missing samples are filled.
+    """The result of `smooth` for an angle, NaN at missing samples in a gap. `psi, psid, psidd = smoothed` unpacks the
+    angle and its derivatives.
 
     Attributes:
         psi: the angle [rad], without the jumps by 2 pi that the samples may have; shape (N,).
         psid: time derivative of psi [rad/s]; shape (N,).
         psidd: second time derivative of psi [rad/s^2]; shape (N,).
-        noise: dict with the keys "psi", "psid" and "psidd", whose values are numbers. The value of "psi" is the
-            standard deviation of the noise of the recorded samples [rad]. The values of "psid" and "psidd" are the
-            standard deviations of the errors that this noise causes in the derivatives far from ends and gaps
-            [rad/s, rad/s^2]. Within 1 / bandwidth seconds of an end or a gap, these errors are ten to twenty times
-            larger.
-        std: dict with the same keys, whose values are arrays (N,): the standard deviation of the smoothed psi, psid
-            or psidd at every sample [rad, rad/s, rad/s^2], including the effect of ends and gaps; NaN in gaps.
+        noise: by "psi", the standard deviation of the noise of the recorded samples [rad]; by "psid" and "psidd",
+            those of the errors that this noise causes far from ends and gaps. Within 1 / bandwidth seconds of an end
+            or a gap, these are ten to twenty times larger.
+        std: by the same keys, the standard deviation at every sample, (N,), including the effect of ends and gaps;
+            NaN in gaps.
         bandwidth: frequency at which smoothing halves the amplitude [Hz].
-        correlation: estimated correlation coefficient between the noise of neighbouring samples.
+        correlation: estimated correlation between the noise of neighbouring samples.
         t: time since the first instant [s]; shape (N,).
     """
 
@@ -151,19 +124,11 @@ def smooth(
     gaps: float = 0.05,
     loss: str = "linear",
 ) -> SmoothedMotion | SmoothedAngle:
-    """Smooth `body`, a BodyMotion or an angle (N,) recorded at instants t, and return a SmoothedMotion or a
-    SmoothedAngle with first and second time derivatives. If `bandwidth` [Hz] is None, cross validation chooses one.
-    `gaps` is the longest time without samples that is filled [s]; `loss` names the loss function. Issue a
-    MeasurementWarning if the samples have large noise or outliers, or seem to be filtered or in the wrong units.
+    """Smooth a recorded motion or angle, with first and second time derivatives, by a smoothing spline.
 
-    The method is a smoothing spline; attitudes are smoothed on the rotation group. Smoothing causes no delay. If no
-    bandwidth is given, generalised cross validation chooses it. The noise may be white, or the noise of neighbouring
-    samples may be correlated. If the samples were filtered before, the noise cannot be distinguished from motion, and
-    a warning says so.
-
-    A time of more than `gaps` seconds without a sample is a gap. Results are NaN in a gap, and also where gaps leave
-    a series of fewer than 8 samples. Nothing is differentiated across a gap. Shorter times without a sample are
-    filled.
+    Attitudes are smoothed on the rotation group. Smoothing causes no delay. The noise may be white, or the noise of
+    neighbouring samples may be correlated. A time of more than `gaps` seconds without a sample is a gap: results are
+    NaN there, and where gaps leave a series of fewer than 8 samples. Shorter times without a sample are filled.
 
     Args:
         t: instants, increasing, not necessarily uniform: seconds (floats), datetime64, or nanoseconds since 1970
@@ -172,31 +137,27 @@ def smooth(
             [rad], shape (N,). Wrapped angles, which jump by nearly 2 pi, are unwrapped. Samples that were not
             recorded are NaN.
         bandwidth: frequency at which smoothing halves the amplitude [Hz]; much lower frequencies pass, much higher
-            frequencies are removed. For a BodyMotion, the given bandwidth applies to R and to S. By default, the
-            bandwidth is chosen from the data, for a BodyMotion separately for R and for S.
-        gaps: longest time without a sample that is filled [s]. A value below 1.5 times the median time step
-            counts as 1.5 times the median time step.
+            frequencies are removed. By default, generalised cross validation chooses it, for R and S separately.
+        gaps: longest time without a sample that is filled [s], at least 1.5 times the median time step.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
             "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them. With "cauchy" and "arctan",
             outliers have the least influence.
 
     Returns:
-        For a BodyMotion, a SmoothedMotion, which is a BodyMotion with v, omega, a and alpha. For angles, a
-        SmoothedAngle, which unpacks as psi, psid, psidd, each (N,). Both have two dicts whose keys are the names of
-        the results, such as "R" or "psi". `.std` holds arrays, (N, 3) or (N,): the standard deviation of each result
-        at every sample. `.noise` holds numbers: the standard deviations of the noise of the samples and of the errors
-        that this noise causes in the derivatives far from the ends. The pages of both classes give the units.
-        `.bandwidth` is the bandwidth [Hz]. For a BodyMotion, `.bandwidth` is a dict with the keys "R" and "S".
+        For a BodyMotion, a SmoothedMotion, a BodyMotion with v, omega, a and alpha. For angles, a SmoothedAngle,
+        which unpacks as psi, psid, psidd, each (N,). Both have standard deviations, `.std` of every sample and
+        `.noise` of the recording, and the `.bandwidth`.
 
     Raises:
-        ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go
-            back, wrapped angles in degrees, and recordings without a series of 8 samples.
+        ArgumentError: among others, instants repeat or go back, wrapped angles are in degrees, or no series has 8
+            samples.
         MissingDependencyError: SciPy is not installed.
 
     Warns:
         MeasurementWarning: the error of a derivative, caused by noise, is more than half of the derivative's rms; the
-            samples seem to have been filtered before; some samples are outliers; the time steps are irregular;
-            instants are probably not in seconds; or angles are probably not in radians.
+            samples seem to have been filtered before, so that noise cannot be told from motion; some samples are
+            outliers; the time steps are irregular; instants are probably not in seconds; or angles are probably not
+            in radians.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -228,11 +189,7 @@ def smooth(
 def _smooth_body(
     t: Float64Array, body: BodyMotion, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedMotion:
-    """Smooth the positions and attitudes of a BodyMotion and return a SmoothedMotion. A bandwidth [Hz] of None is
-    chosen from the samples; `gaps` is the longest time without samples that is filled [s]. With `loss`, a function,
-    outliers count little. Warn if noise, outliers or earlier filtering make the result doubtful. Raise ArgumentError
-    for a body without attitudes, or if no piece between gaps is long enough.
-    """
+    """Smooth a body, and warn if noise, outliers or earlier filtering make the result doubtful."""
     R = np.broadcast_to(body.R, (t.size, 3)).astype(np.float64)
     if body.S is None:
         raise ArgumentError("body.S", "attitudes; places of a point alone are smoothed column by column", None)
@@ -243,7 +200,9 @@ def _smooth_body(
     rates: tuple[str, ...] = ()
     for letter, samples in (("R", R), ("S", S)):
         if not _noise_is_rounding(samples, parts[letter]):
-            sentences += _residual_suspicions(_NAME_IN_MESSAGES_BY_POSE_LETTER[letter], samples, parts[letter], loss)
+            sentences += _residual_suspicions(
+                {"R": "positions", "S": "attitudes"}[letter], samples, parts[letter], loss
+            )
             rates += _QUANTITIES[letter][1:]
     warn_of_measurements([*sentences, *_noise_suspicions(rates, arrays, motion.noise)], stacklevel=4)
     return motion
@@ -257,11 +216,7 @@ def smoothed_arrays(
     gaps: float,
     loss: Loss | None,
 ) -> tuple[dict[str, Float64Array], dict[str, SmoothedColumns]]:
-    """Smooth positions R (N, 3) and attitudes S (N, 3, 3). Return a dict of the arrays R, v, a, S, omega and alpha,
-    and a dict of the SmoothedColumns of R and S, which hold bandwidths and standard deviations. A bandwidth [Hz] of
-    None is chosen from the samples; `gaps` is the longest time without samples that is filled [s]. With `loss`, a
-    function, outliers count little. Raise ArgumentError if no piece between gaps is long enough.
-    """
+    """Return the arrays R, v, a, S, omega and alpha, and what smoothing R and S found."""
     position_pieces = _smoothable_pieces("body.R", t, R, gaps)
     origin = R[position_pieces[0][0]]
     places = smooth_columns(t, R - origin, position_pieces, bandwidth, loss)
@@ -284,18 +239,14 @@ def _smooth_attitudes(
     bandwidth: float | None,
     loss: Loss | None,
 ) -> tuple[dict[str, Float64Array], SmoothedColumns]:
-    """Smooth attitudes S (N, 3, 3) in each piece of the record, given by its index array in `pieces`. Return a dict
-    of the arrays S, omega and alpha, which are NaN between the pieces, and the SmoothedColumns, which hold the
-    bandwidth and standard deviations. `gaps` is the longest time without samples that is filled [s]. A bandwidth [Hz]
-    of None is chosen from the samples; with `loss`, a function, outliers count little.
-    """
+    """Return the arrays S, omega and alpha, NaN between the pieces, and what smoothing found."""
     piece_slices = [slice(piece[0], piece[-1] + 1) for piece in pieces]
     recorded = interpolated(t, S, t, gaps, rotations=True)
     in_body, spin = _steady_spin(t, recorded)
     spun = np.asarray(rotation_exp(spin * (t - t[0])[:, None]))
     back = np.swapaxes(spun, -1, -2)
     base, S = (array @ back if in_body else back @ array for array in (recorded, S))
-    for _ in range(_NUM_ATTITUDE_SMOOTHING_ROUNDS):
+    for _ in range(2):  # the second round starts from the smooth path of the first
         flat, frames = _unrolled_attitudes(base, piece_slices)
         off = rotation_vector(np.swapaxes(base, -1, -2) @ S)
         smoothed = smooth_columns(t, flat + np.einsum("nji,nj->ni", frames, off), pieces, bandwidth, loss)
@@ -304,9 +255,7 @@ def _smooth_attitudes(
     omega, alpha = np.full((2, t.size, 3), np.nan)
     for piece in piece_slices:
         try:
-            omega[piece], alpha[piece] = angular_velocity_from_samples(
-                t[piece], base[piece], _ACCURACY_ORDER_OF_ANGULAR_VELOCITY_DIFFERENCES, with_alpha=True
-            )
+            omega[piece], alpha[piece] = angular_velocity_from_samples(t[piece], base[piece], 6, with_alpha=True)
         except ArgumentError as error:
             expected = "attitudes whose spin changes less from sample to sample (radians, not degrees; more samples)"
             raise ArgumentError("body.S", expected, error.got) from None
@@ -320,8 +269,8 @@ def _smooth_attitudes(
 
 
 def _steady_spin(t: Float64Array, S: Float64Array) -> tuple[bool, Float64Array]:
-    """Return whether a body spins about an axis of its own or of the world, and its median spin about that axis
-    (3,) [rad/s], which is 0 if it is slow. What tilts a fast spin slowly is fast in the axes in which it is smoothed.
+    """Return whether a body spins about an axis of its own or of the world, and its median spin [rad/s], 0 if slow.
+    What tilts a fast spin slowly is fast in the axes in which it is smoothed.
     """
     in_body = bool(spins_about_body_axis(S))
     before, after = S[:-1], S[1:]
@@ -332,9 +281,8 @@ def _steady_spin(t: Float64Array, S: Float64Array) -> tuple[bool, Float64Array]:
 
 
 def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple[Float64Array, Float64Array]:
-    """Map a path of attitudes S (N, 3, 3) to a path in flat space (N, 3). Return the flat path and rotation matrices
-    (N, 3, 3), which convert between steps in body axes and steps in flat space. In each of `piece_slices`, slices of
-    samples, the path starts at 0 with the identity; both results are NaN between pieces.
+    """Map a path of attitudes to a path in flat space (N, 3), with rotations (N, 3, 3) that convert steps in flat
+    space to steps in body axes. In each piece the path starts at 0 with the identity; NaN between pieces.
 
     From sample to sample the path turns about one axis; a vector carried along without spinning turns back by half of
     that, in the axes of the body.
@@ -349,9 +297,7 @@ def _unrolled_attitudes(S: Float64Array, piece_slices: Sequence[slice]) -> tuple
 
 
 def _cumulative_products(turns: Float64Array) -> Float64Array:
-    """Return the cumulative products of rotation matrices, turns[i] @ ... @ turns[0] for every i, shape (N, 3, 3).
-    About log2(N) array multiplications are needed.
-    """
+    """Return turns[i] @ ... @ turns[0] for every i, by about log2(N) array multiplications."""
     product, reach = turns, 1
     while reach < turns.shape[0]:
         product = np.concatenate((product[:reach], product[reach:] @ product[:-reach]))
@@ -362,11 +308,7 @@ def _cumulative_products(turns: Float64Array) -> Float64Array:
 def _smooth_angle(
     t: Float64Array, psi: Float64Array, bandwidth: float | None, gaps: float, loss: Loss | None
 ) -> SmoothedAngle:
-    """Smooth a recorded angle psi (N,) [rad] and return a SmoothedAngle. Wrapped angles are unwrapped first. A
-    bandwidth [Hz] of None is chosen from the samples; `gaps` is the longest time without samples that is filled [s].
-    With `loss`, a function, outliers count little. Warn if noise, outliers or earlier filtering make the result
-    doubtful. Raise ArgumentError if no piece between gaps is long enough.
-    """
+    """Smooth an angle, and warn if noise, outliers or earlier filtering make the result doubtful."""
     pieces = _smoothable_pieces("body", t, psi, gaps)
     smoothed = smooth_columns(t, unwrap_if_wrapped(psi)[:, None], pieces, bandwidth, loss)
     names = ("psi", "psid", "psidd")
@@ -389,10 +331,7 @@ def _smooth_angle(
 
 
 def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
-    """Return a list of index arrays, the samples of each piece between gaps, which are times longer than `gaps` [s]
-    without finite values. Pieces that are too short to be smoothed are left out. Raise ArgumentError, which names the
-    argument `name`, if no piece remains.
-    """
+    """Return the samples of each piece between gaps that is long enough to be smoothed."""
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_PIECE)
     if not pieces_of_samples:
@@ -402,22 +341,17 @@ def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: f
 
 
 def _noise_by_name(names: tuple[str, str, str], smoothed: SmoothedColumns) -> dict[str, float]:
-    """Return a dict of three standard deviations of noise, with `names` as keys: the noise of the samples, and the
-    median noise of the first and of the second derivative, from the SmoothedColumns `smoothed`.
-    """
+    """Return the noise of the samples, and the median noise of both derivatives, by name."""
     return dict(zip(names, (smoothed.noise, *smoothed.median_deviations[1:].tolist()), strict=True))
 
 
 def _noise_is_rounding(samples: Float64Array, smoothed: SmoothedColumns) -> bool:
-    """Return whether the noise of the samples is explained by their rounding."""
-    return bool(smoothed.noise <= _MAX_ROUNDING_NOISE_TO_LARGEST_SAMPLE * float(np.nanmax(np.abs(samples))))
+    """Return whether rounding explains the noise."""
+    return bool(smoothed.noise <= 1e-11 * float(np.nanmax(np.abs(samples))))
 
 
 def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedColumns, loss: Loss | None) -> list[str]:
-    """Return a list of sentences, each beginning with `name`, on what the residuals of a smoothing of `samples` to
-    SmoothedColumns show: earlier filtering, correlated noise, or outliers. The list is empty if they show none of
-    these; outliers are mentioned only if `loss` is None.
-    """
+    """Return sentences on earlier filtering, correlated noise and outliers, which begin with `name`."""
     count = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1).sum()
     too_small = "the noise and the standard deviations that are stated are too small"
     sentences = []
@@ -426,7 +360,7 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
             f"{name}: the bandwidth is the highest that the samples allow, {smoothed.bandwidth:.3g} Hz: their noise "
             f"cannot be told from motion, as where samples were filtered before; {too_small}. Smooth the raw samples."
         )
-    elif smoothed.residual_correlation > max(_MAX_UNREPORTED_NEIGHBOUR_CORRELATION_OF_RESIDUALS, 4 / np.sqrt(count)):
+    elif smoothed.residual_correlation > max(0.2, 4 / np.sqrt(count)):
         sentences.append(
             f"{name}: what smoothing leaves of neighbouring samples is correlated "
             f"({smoothed.residual_correlation:.2g}): motion that the bandwidth of {smoothed.bandwidth:.3g} Hz leaves "
@@ -447,14 +381,11 @@ def _residual_suspicions(name: str, samples: Float64Array, smoothed: SmoothedCol
 def _noise_suspicions(
     names: tuple[str, ...], arrays: Mapping[str, NDArray[Any]], noise: Mapping[str, float]
 ) -> list[str]:
-    """Return a list with one sentence that names the derivatives, among `names`, that are mostly noise. `arrays` and
-    `noise` are dicts, by name, of the derivatives and of the standard deviations of their noise. The list is empty if
-    no derivative is mostly noise.
-    """
+    """Return a sentence on the derivatives, among `names`, that are mostly noise."""
     noisy_derivatives = []
     for letter in names:
         size = float(np.sqrt(np.nanmean(np.square(arrays[letter]))))
-        if noise[letter] > _MAX_UNREPORTED_DERIVATIVE_NOISE_TO_RMS_DERIVATIVE * size:
+        if noise[letter] > 0.5 * size:
             unit = unit_of(letter)
             noisy_derivatives.append(f"{letter}: noise of {noise[letter]:.2g} {unit} in {size:.2g} {unit}")
     return (

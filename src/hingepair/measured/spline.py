@@ -37,47 +37,18 @@ from hingepair.measured.robust import OUTLIER, Loss, loss_weights, median_varian
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 
-MIN_PIECE = 8
-"""Samples of a piece that is smoothed."""
+MIN_PIECE = 8  # samples of a piece that is smoothed
 _DEGREE = 7  # of the B-splines
-_PENALISED = 5  # of the derivative whose square is penalised
-_SPLINE_KNOTS_PER_BANDWIDTH_PERIOD = 4.0  # in a period of the bandwidth
-# How often generalised cross validation counts each degree of freedom.
-_CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM = 1.4
-_RATIO_OF_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH = 1.1
-"""Factor on the bandwidth of the least cross-validation score: derivatives near the ends gain more by it than those
-in the middle lose."""
-_CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # of neighbouring samples
-# In the logarithm of the likelihood, from which noise is taken for correlated.
-_MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE = 5.0
-_FIRST_FREQUENCY = 4  # of a tapered spectrum: slower ones are of the taper itself
-_MIN_SAMPLES_PER_NOISE_SPECTRUM = 128  # samples of a piece whose spectrum is taken
-# Blackman and Harris's: little of slow motion leaks into fast noise.
-_BLACKMAN_HARRIS_TAPER_COEFFS = (0.35875, -0.48829, 0.14128, -0.01168)
-_INDEPENDENT_FRACTION_OF_TAPERED_SPECTRUM_TERMS = 0.5  # of the terms of a tapered spectrum that are independent
-# Of samples that the curve replaces, where the correlation of noise is sought.
-_MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE = 0.3
-# Longest time step over which neighbours' noise is correlated.
-_MAX_STEP = 1.5
-_NUM_ROBUST_REWEIGHTING_ROUNDS = 6  # of samples, by a loss
-# Above, a sample has the least weight in losses other than "linear".
-_MIN_SQUARED_RESIDUAL_OF_MINIMUM_WEIGHT_IN_NOISE_VARIANCES = 100.0
-_MIN_OUTLIER_SQUARED_RESIDUAL_IN_NOISE_VARIANCES = 50.0  # above, a sample is counted as an outlier
-# Squares, in variances, at which losses bend: 95 % of good samples are below.
-_LOSS_SCALE_OF_SQUARED_RESIDUAL_IN_VARIANCES_BY_COLUMN_COUNT = {1: 3.84, 2: 5.99, 3: 7.81}
+_PENALISED = 5  # order of the derivative whose square is penalised
+_CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # of neighbours' noise, tried
+_MAX_STEP = 1.5  # of the usual time step: over longer ones noise is not correlated
+_FIRST_FREQUENCY = 4  # index in a tapered spectrum: slower ones are of the taper itself
 _LEAST_WEIGHT = 1e-6  # of a sample that is far off
-_NUM_PROBE_VECTORS_FOR_DEGREES_OF_FREEDOM = 16  # vectors of signs that the degrees of freedom are estimated with
-_STRETCH = 4096  # of a long record
-_STRETCHES = 8
-"""Of long records the bandwidth is chosen on so many stretches."""
+_STRETCH, _STRETCHES = 4096, 8  # samples of a stretch; of longer records, so many stretches choose the bandwidth
 
 
 class SmoothedColumns(NamedTuple):
-    """Smoothed columns with their first and second derivatives (`values`) and standard deviations (`deviations`), the
-    bandwidth [Hz], the noise and its correlation, the correlation of whitened residuals of neighbouring samples
-    (`residual_correlation`), whether the bandwidth is the highest that the samples allow (`is_limited`), and the
-    fraction of outliers (`outlier_share`).
-    """
+    """Smoothed columns."""
 
     values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
     deviations: Float64Array  # standard deviations of a column of these; shape (3, M)
@@ -90,14 +61,12 @@ class SmoothedColumns(NamedTuple):
 
     @property
     def median_deviations(self) -> Float64Array:
-        """Return the median standard deviations of values, first and second derivatives; shape (3,)."""
+        """Median standard deviations of values, first and second derivatives; (3,)."""
         return np.asarray(np.nanmedian(self.deviations, axis=1))
 
 
 class SmoothingModel(NamedTuple):
-    """Assumptions of a smoothing: the bandwidth [Hz], the correlation of the noise of neighbouring samples, and
-    whether the bandwidth is the highest that the samples allow (`is_limited`).
-    """
+    """Assumptions of a smoothing."""
 
     bandwidth: float  # [Hz]
     correlation: float  # of the noise of samples one usual step apart
@@ -111,13 +80,18 @@ def smooth_columns(
     bandwidth: float | None,
     loss: Loss | None = None,
 ) -> SmoothedColumns:
-    """Smooth columns (N, k) with a smoothing spline in each piece of the record, given by its index array in
-    `pieces`. Return SmoothedColumns with first and second derivatives, which are NaN between the pieces. A bandwidth
-    [Hz] of None is chosen by cross validation. With `loss`, a function, outliers count little; all columns of a
-    sample have the same weight. Raise MissingDependencyError if SciPy is not installed, and ArgumentError for a
-    bandwidth far from all frequencies that the samples can show.
+    """Smooth columns (N, k) in each piece of the record, NaN between the pieces.
 
-    A piece has at least MIN_PIECE samples, all of them finite.
+    Args:
+        t: instants [s]; (N,).
+        columns: samples; (N, k).
+        pieces: indices of the samples of each piece, at least MIN_PIECE, all of them finite.
+        bandwidth: [Hz]; None: cross validation chooses it.
+        loss: by which outliers count little; all columns of a sample have the same weight.
+
+    Raises:
+        ArgumentError: the bandwidth is far from all frequencies that the samples can show.
+        MissingDependencyError: SciPy is not installed.
     """
     try:
         import scipy.linalg  # noqa: F401
@@ -130,9 +104,10 @@ def smooth_columns(
         starts = [_deviations_of_isolated_outliers(t[piece], columns[piece]) for piece in pieces]
         residuals = np.concatenate(starts)
         weights[residuals.any(axis=1)] = _LEAST_WEIGHT
-    for iteration in range(1 if loss is None else _NUM_ROBUST_REWEIGHTING_ROUNDS):
+    for iteration in range(1 if loss is None else 6):
+        # Bandwidth and correlation of the noise, with outliers replaced by the curve.
         if iteration < 2:
-            clean, is_winsorised = columns.copy(), weights < _MAX_WEIGHT_OF_SAMPLE_REPLACED_BY_CURVE
+            clean, is_winsorised = columns.copy(), weights < 0.3
             clean[used[is_winsorised]] -= residuals[is_winsorised]
             model = _choose_model(t, columns, clean, pieces, weights, bandwidth)
         try:
@@ -143,6 +118,7 @@ def smooth_columns(
             lowest, highest = 1 / (t[-1] - t[0]), 1 / float(np.median(np.diff(t)))
             expected = f"a frequency that the samples can show, about {lowest:.2g} to {highest:.2g} Hz"
             raise ArgumentError("bandwidth", expected, bandwidth) from None
+        # The curve, the variance that it leaves, and by a loss the weights.
         fitted = spline.solve(columns[used])
         residuals = columns[used] - spline.fitted(fitted)
         freedom = max(used.size - spline.freedom(), 1.0)
@@ -157,6 +133,7 @@ def smooth_columns(
             # A curve follows outliers more readily than a hinge: they lose their weight earlier.
             weights, _ = loss_weights(loss, squares / max(variance, 1e-300), directions, 100.0)
             weights = np.maximum(weights, _LEAST_WEIGHT)
+    # Values, derivatives and their standard deviations.
     white = spline.whitened(residuals)
     values, deviations = np.full((3, t.size, columns.shape[1]), np.nan), np.full((3, t.size), np.nan)
     for i, piece in enumerate(pieces):
@@ -176,7 +153,7 @@ def smooth_columns(
         correlation=model.correlation,
         residual_correlation=float((white[1:] * white[:-1]).sum() / power) if power > 0 else 0.0,
         is_limited=model.is_limited,
-        outlier_share=_outlier_share(squares, directions),
+        outlier_share=_outlier_share(t, columns, pieces, squares, directions),
     )
 
 
@@ -214,16 +191,28 @@ def _deviations_of_isolated_outliers(t: Float64Array, columns: Float64Array) -> 
     return np.where(is_outlier[:, None], np.where(np.isfinite(between), columns - between, deviations), 0.0)
 
 
-def _outlier_share(squares: Float64Array, column_count: int) -> float:
-    """Return the fraction of samples that are outliers, from their squared residuals `squares` (N,), sums over
-    `column_count` columns. It is 0 if the median of `squares` in one of up to 16 parts of the record is less than a
-    thirtieth of the median of all, since the large residuals are then due to motion that the curve cannot follow.
+def _outlier_share(
+    t: Float64Array,
+    columns: Float64Array,
+    pieces: Sequence[NDArray[np.intp]],
+    squares: Float64Array,
+    column_count: int,
+) -> float:
+    """Return the fraction of samples that are outliers, with squared residuals that are sums over `column_count`
+    columns.
     """
+    # Large residuals that are small elsewhere are due to motion that the curve cannot follow.
     typical = float(np.median(squares))
     parts = np.array_split(squares, min(16, max(1, squares.size // 16)))
     if min(float(np.median(part)) for part in parts) < typical / 30:
         return 0.0
-    return float(np.mean(squares > OUTLIER * max(median_variance(squares, column_count), 1e-300)))
+    is_far = squares > OUTLIER * max(median_variance(squares, column_count), 1e-300)
+    if not is_far.any():
+        return 0.0
+    # A curve that follows an outlier is far off its neighbours, too: what they predict tells which one is.
+    alone = np.concatenate([_deviations_of_isolated_outliers(t[piece], columns[piece]) for piece in pieces])
+    isolated = alone.any(axis=1)
+    return float(np.mean(isolated if isolated.any() else is_far))
 
 
 def _choose_model(
@@ -234,10 +223,8 @@ def _choose_model(
     weights: Float64Array,
     bandwidth: float | None,
 ) -> SmoothingModel:
-    """Return the SmoothingModel for columns (N, k): the given bandwidth [Hz] or, if `bandwidth` is None, a bandwidth
-    chosen by generalised cross validation, and the correlation of the noise. The correlation is estimated from
-    `clean_columns`, the columns with outliers replaced. `pieces` are index arrays of samples; `weights` are the
-    weights of the samples of all pieces.
+    """Return the bandwidth, given or cross-validated, and the correlation of the noise, which `clean_columns` tell:
+    in them outliers are replaced.
     """
     weight_by_row = np.full(t.size, np.nan)
     weight_by_row[np.concatenate(pieces)] = weights
@@ -251,34 +238,29 @@ def _choose_model(
         return SmoothingModel(bandwidth, correlation)
 
     model = _cross_validated_model(times, values, weights, correlation)
-    # of samples without noise the spectrum tells nothing of it
+    # Of samples without noise the spectrum tells nothing of it.
     return _cross_validated_model(times, values, weights, 0.0) if model.is_limited and correlation else model
 
 
 def _cross_validated_model(
     times: Sequence[Float64Array], values: Float64Array, weights: Float64Array, correlation: float
 ) -> SmoothingModel:
-    """Return the SmoothingModel for a given correlation of the noise of neighbouring samples. Its bandwidth is 1.1
-    times the bandwidth with the lowest generalised cross-validation score. `times` are the instants of each piece,
-    `values` the samples of all pieces (N, k) with their weights.
-    """
+    """Return the model whose bandwidth has the least cross-validation score for a given correlation."""
     count = values.shape[0]
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
 
     def score(log_bandwidth: float) -> float:
-        """Return the generalised cross-validation score of the bandwidth exp(log_bandwidth) [Hz]; inf if the
-        curve has too many degrees of freedom, or if the bandwidth is so low that a short piece does not determine it.
-        """
         try:
             spline = SmoothingSpline(times, SmoothingModel(float(np.exp(log_bandwidth)), correlation), weights)
         except np.linalg.LinAlgError:
-            return np.inf
-        share = 1 - _CROSS_VALIDATION_COST_PER_DEGREE_OF_FREEDOM * spline.freedom() / count
+            return np.inf  # so low that a short piece does not determine it
+        share = 1 - 1.4 * spline.freedom() / count  # each degree of freedom counts 1.4 times
         if share <= 0:
             return np.inf
         residuals = spline.whitened(values - spline.fitted(spline.solve(values)))
         return float((residuals * residuals).sum() / share**2)
 
+    # Half-octaves, then bisections around the best.
     scan = np.arange(np.log(0.1 / longest), np.log(0.5 / step), np.log(2) / 2)
     scores = np.array([score(x) for x in scan])
     if not np.isfinite(scores).any():
@@ -292,33 +274,30 @@ def _cross_validated_model(
             if (value := score(x)) < lowest:
                 best_logarithm, lowest = x, value
         width /= 2
-    return SmoothingModel(
-        _RATIO_OF_CHOSEN_TO_CROSS_VALIDATED_BANDWIDTH * float(np.exp(best_logarithm)), correlation, is_limited
-    )
+    # Derivatives near the ends gain more by a tenth than those in the middle lose.
+    return SmoothingModel(1.1 * float(np.exp(best_logarithm)), correlation, is_limited)
 
 
 def _even_runs(t: Float64Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Split a piece of a record, given as an index array, wherever samples are missing, and return a list of the
-    index arrays of its parts. Samples within a part have nearly even time steps, as a spectrum needs.
-    """
+    """Split a piece wherever samples are missing, into parts of nearly even time steps."""
     steps = np.diff(t[piece])
     return np.split(piece, np.flatnonzero(steps > _MAX_STEP * np.median(steps)) + 1)
 
 
 def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
-    """Return the correlation of the noise of neighbouring samples, estimated from the spectra of `pieces`, arrays (N,
-    k) of samples at even steps. Return 0 if the noise may be white.
-
-    The spectrum is taken for that of a motion that falls with the tenth power of the frequency, and of noise.
+    """Return the correlation of the noise of neighbours that the spectra of samples at even steps tell, 0 if it may
+    be white. A spectrum is that of a motion, which falls with the tenth power of the frequency, and of noise.
     """
     frequencies, powers = [], []
     for values in pieces:
         count = values.shape[0]
-        if count < _MIN_SAMPLES_PER_NOISE_SPECTRUM:
+        if count < 128:
             continue
+        # Blackman and Harris's taper: little of slow motion leaks into fast noise.
         place = np.arange(count)
         angle = 2 * np.pi * place / count
-        taper = sum(part * np.cos(i * angle) for i, part in enumerate(_BLACKMAN_HARRIS_TAPER_COEFFS))
+        coefficients = (0.35875, -0.48829, 0.14128, -0.01168)
+        taper = sum(part * np.cos(i * angle) for i, part in enumerate(coefficients))
         line = np.polynomial.polynomial.polyfit(place / count, values, 1)
         level = values - np.polynomial.polynomial.polyval(place / count, line).T
         power = (np.abs(np.fft.rfft(level * taper[:, None], axis=0)) ** 2).sum(axis=1) / (taper @ taper)
@@ -326,6 +305,7 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
         powers.append(power[_FIRST_FREQUENCY : power.size - 1])
     if not powers:
         return 0.0
+    # Whittle's likelihood of every correlation, at the best corner of the motion's spectrum.
     f, power = np.concatenate(frequencies), np.concatenate(powers)
     if not power.max() > 0:
         return 0.0
@@ -342,14 +322,12 @@ def _noise_correlation(pieces: Sequence[Float64Array]) -> float:
         np.concatenate([np.diff(values, 4, axis=0) for values in pieces if len(values) > 4])
     )
     best = int(np.argmin(costs))
-    gain = _INDEPENDENT_FRACTION_OF_TAPERED_SPECTRUM_TERMS * columns * (costs[0] - costs[best])
-    return float(_CORRELATIONS[best]) if gain > _MIN_LOG_LIKELIHOOD_GAIN_OF_CORRELATED_NOISE else 0.0
+    gain = 0.5 * columns * (costs[0] - costs[best])  # half of the terms of a tapered spectrum are independent
+    return float(_CORRELATIONS[best]) if gain > 5.0 else 0.0
 
 
 def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """Return a list of index arrays: evenly spread stretches of the pieces that represent a long record. No
-    stretch extends over two pieces.
-    """
+    """Return evenly spread stretches of a long record, none of which extends over two pieces."""
     all_rows = np.concatenate(pieces)
     owners = np.repeat(np.arange(len(pieces)), [piece.size for piece in pieces])
     stretches = []
@@ -363,9 +341,8 @@ def _representative_stretches(pieces: Sequence[NDArray[np.intp]]) -> list[NDArra
 
 
 class SmoothingSpline:
-    """A smoothing spline of given bandwidth through columns of samples: `solve` returns B-spline coefficients,
-    `evaluate` returns the curves or their derivatives, and `variances` the variances of these. It holds uniform knots
-    in each piece of the record, and the Cholesky factor of the banded matrix that is solved for the coefficients.
+    """A smoothing spline through columns of samples: uniform knots in each piece of the record, and the Cholesky
+    factor of the banded matrix that is solved for the coefficients.
     """
 
     def __init__(
@@ -376,7 +353,7 @@ class SmoothingSpline:
         from scipy.sparse import block_diag
 
         step = sum(time[-1] - time[0] for time in times) / sum(time.size - 1 for time in times)
-        widest = max(1 / (_SPLINE_KNOTS_PER_BANDWIDTH_PERIOD * model.bandwidth), step) * (1 + 1e-12)
+        widest = max(1 / (4.0 * model.bandwidth), step) * (1 + 1e-12)
         inner = [np.linspace(time[0], time[-1], 1 + math.ceil((time[-1] - time[0]) / widest)) for time in times]
         self.knots = [_extended_knots(piece_knots) for piece_knots in inner]
         self.ends = np.cumsum([piece_knots.size - _DEGREE - 1 for piece_knots in self.knots])
@@ -407,23 +384,20 @@ class SmoothingSpline:
         self._matrix = matrix
 
     def whitened(self, columns: Float64Array) -> Float64Array:
-        """Return columns at the instants of all pieces, whitened for the weights and the correlation of the noise."""
+        """Return columns whitened for the weights and the correlation of the noise."""
         return columns if self.whitener is None else np.asarray(self.whitener @ columns)
 
     def uncorrelated(self, columns: Float64Array) -> Float64Array:
-        """Return columns at the instants of all pieces, whitened for the correlation of the noise alone."""
+        """Return columns whitened for the correlation of the noise alone."""
         return columns if self.correlator is None else np.asarray(self.correlator @ columns)
 
     def solve(self, columns: Float64Array) -> Float64Array:
-        """Return the B-spline coefficients of the smooth curves through columns (N, k), which hold the samples of
-        all pieces one after the other.
-        """
+        """Return the B-spline coefficients for columns (N, k) of all pieces, one after the other."""
         if self.whitener is None:
             return self._solve_right_hand_side(self.basis.T @ columns)
         return self._solve_right_hand_side((self.whitener @ self.basis).T @ (self.whitener @ columns))
 
     def _solve_right_hand_side(self, right: Float64Array) -> Float64Array:
-        """Return the solution of the banded system for right-hand sides `right` (coefficients, k)."""
         from scipy.linalg import cho_solve_banded
 
         return np.asarray(cho_solve_banded((self.factor, False), right, check_finite=False))
@@ -433,9 +407,7 @@ class SmoothingSpline:
         return np.asarray(self.basis @ coefficients)
 
     def evaluate(self, coefficients: Float64Array, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the values (order 0) or the derivatives of the given `order` of the curves with the given B-spline
-        coefficients, at instants t [s] in the piece with index `piece`; shape (N, k).
-        """
+        """Return the curves, or their derivatives of an order, at instants t [s] of a piece; (N, k)."""
         from scipy.interpolate import BSpline
 
         piece_coefficients = coefficients[self.ends[piece] - self.knots[piece].size + _DEGREE + 1 : self.ends[piece]]
@@ -443,15 +415,12 @@ class SmoothingSpline:
 
     @lock_free_cached_property
     def covariances(self) -> Float64Array:
-        """Return the upper bands of the inverse of the matrix that is solved; cached. Entry [d, j] of the array is
-        entry (j, j + d) of the inverse.
-        """
+        """Upper bands of the inverse of the matrix that is solved: [d, j] is entry (j, j + d)."""
         return inverse_bands(self._matrix, _DEGREE + 1)
 
     def variances(self, piece: int, t: Float64Array, order: int) -> Float64Array:
-        """Return the variances (N,) of the values (order 0) or of the derivatives of the given `order` of the curve
-        at instants t [s] in the piece with index `piece`. The noise of the samples is taken to have variance 1. The
-        first call computes and caches covariances.
+        """Return the variances (N,) of the curve, or of its derivative, at instants of a piece, for noise of variance
+        1.
         """
         from scipy.interpolate import BSpline
 
@@ -470,11 +439,9 @@ class SmoothingSpline:
         return np.asarray(np.maximum(total, 0.0) / width ** (2 * order))
 
     def freedom(self) -> float:
-        """Return an estimate of the effective degrees of freedom, a float: the trace of the smoother matrix,
-        estimated by random vectors of signs (fixed seed).
-        """
+        """Return the degrees of freedom, the trace of the smoother, estimated by vectors of signs (fixed seed)."""
         size = int(self.ends[-1])
-        probes = np.zeros((size, min(_NUM_PROBE_VECTORS_FOR_DEGREES_OF_FREEDOM, size)))
+        probes = np.zeros((size, min(16, size)))
         probes[np.arange(size), np.arange(size) % probes.shape[1]] = np.random.default_rng(1).choice(
             (-1.0, 1.0), size
         )
@@ -482,9 +449,8 @@ class SmoothingSpline:
 
 
 def _whitener(times: Sequence[Float64Array], correlation: float, step: float, weights: Float64Array | None) -> Any:
-    """Return the sparse matrix that makes the noise of the samples white and of equal variance, or None if the noise
-    has both properties already. `times` are the instants of each piece, and `step` is the time step [s] to which
-    `correlation` refers. The variances are inversely proportional to `weights`; None means equal weights.
+    """Return the sparse matrix that makes the noise white and of equal variance; None if it is. `correlation` is that
+    of samples a `step` [s] apart; variances go as 1 / weights.
     """
     from scipy.sparse import diags_array
 
@@ -512,15 +478,15 @@ def _whitener(times: Sequence[Float64Array], correlation: float, step: float, we
 
 
 def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
-    """Return the first `bands` upper bands of the inverse of a positive definite banded matrix: an array whose row d,
-    column j holds the entry (j, j + d), padded at the end. The matrix is given by its upper bands, as SciPy stores
-    them.
+    """Return upper bands of the inverse of a positive definite banded matrix, which SciPy stores by its upper bands:
+    row d, column j is entry (j, j + d), padded at the end.
 
     With A = L L^T block by block, the blocks of the inverse beside the diagonal follow from the last to the first
     (Takahashi, Fagan and Chin, Proceedings of the Eighth PICA Conference, 1973, 63-69).
     """
     size, count = matrix.shape[0], matrix.shape[1]
     blocks = -(-count // size)
+    # Blocks on the diagonal and beside it.
     diagonal, beside = np.zeros((2, blocks, size, size))
     for d in range(size):
         row = np.arange(count - d)
@@ -533,6 +499,7 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
         beside[block[~inner], i[~inner], j[~inner] - size] = entries[~inner]
     extra = np.arange(count - (blocks - 1) * size, size)
     diagonal[-1, extra, extra] = 1.0
+    # Forwards: Schur complements. Backwards: blocks of the inverse.
     inverses, gains = np.empty_like(diagonal), np.empty_like(beside)
     schur_complement = diagonal[0]
     for k in range(blocks):
@@ -558,15 +525,13 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
 
 
 def _extended_knots(knots: Float64Array) -> Float64Array:
-    """Return uniform knots extended at both ends by as many knots as the spline degree."""
     more = (knots[1] - knots[0]) * np.arange(1, _DEGREE + 1)
     return np.concatenate([knots[0] - more[::-1], knots, knots[-1] + more])
 
 
 def _penalty_bands(intervals: int, width: float) -> Float64Array:
-    """Return the upper bands of the penalty matrix: integrals of products of the fifth derivatives of uniform
-    B-splines, on `intervals` intervals of length `width`. The shape is (8, `intervals` + 7), with a column for each
-    B-spline.
+    """Return the upper bands of the integrals of products of the fifth derivatives of uniform B-splines; (8,
+    intervals + 7).
     """
     from scipy.interpolate import BSpline
 
