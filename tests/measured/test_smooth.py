@@ -298,6 +298,7 @@ def test_a_bandwidth_that_is_too_low_is_warned_of() -> None:
         hp.smooth(t, raw, bandwidth=0.3)
 
 
+@pytest.mark.filterwarnings("ignore:.*what smoothing leaves")
 def test_neighbours_of_outliers_are_not_counted() -> None:
     """Squares are pulled so far by 1 % of the samples that the curve leaves their neighbours, too."""
     t, rng = np.arange(400) / 100, np.random.default_rng(1)

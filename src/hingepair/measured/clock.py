@@ -25,21 +25,14 @@ from hingepair.numeric.instants import split_at_gaps
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 
-# Longest time over which a sample is moved along the smoothed motion.
-_MAX_SHIFT = 0.75
-_MAX_GAP = 0.05  # [s] without a sample of body 2 that its smoothed motion bridges
-_MAX_THINNED_SAMPLES_PER_CLOCK_OFFSET_TRIAL = 256  # samples that offsets are tried with
-_CLOCK_OFFSET_SCAN_STEP_TO_BODY2_TIME_SCALE = 0.1  # of body 2's motion
-_MAX_CLOCK_OFFSET_TRIALS_PER_SIDE_OF_ZERO = 60  # offsets that are tried, on either side of 0
-_MIN_MENTIONED_CLOCK_OFFSET_IN_MEDIAN_TIME_STEPS = 0.05  # of the usual step
-# By which the misfit, a negative log-likelihood per sample, of a far offset must be below the local minimum near 0.
-_MIN_LOG_LIKELIHOOD_GAIN_PER_SAMPLE_OF_DISTANT_CLOCK_OFFSET = 0.5
+_MAX_SHIFT = 0.75  # of a sample along the smoothed motion, in median time steps
+_MAX_GAP = 0.05  # s without a sample of body 2 that its smoothed motion bridges
+_TRIAL_SAMPLES = 256
 
 
 class ClockedPoses:
-    """Relative poses of two recordings whose clocks differ, computed for any clock offset by the method `poses_at`;
-    `most_likely_offset` scans offsets. The offset [s] is the time by which body 2 was recorded later than body 1 at
-    equal stamps. The motion of body 2 is smoothed once, at construction.
+    """Relative poses of two recordings at any clock offset [s], the time by which body 2 was recorded later than body
+    1 at equal stamps. The motion of body 2 is smoothed once.
     """
 
     def __init__(self, samples: Samples, loss: Loss | None) -> None:
@@ -61,20 +54,15 @@ class ClockedPoses:
         """Return whether body 2 has enough samples in a row to be smoothed."""
         return bool(split_at_gaps(t, known2, _MAX_GAP, MIN_PIECE))
 
-    def body1_rows(self, offset: float, max_samples: int | None = None) -> NDArray[np.intp]:
-        """Return the indices of the recorded samples of body 1 that have a sample of body 2 near enough in time at a
-        clock offset [s]. If `max_samples` is given, the samples of body 1 are first thinned evenly to at most that
-        many.
-        """
-        return self._matched(offset, max_samples)[0]
+    def body1_rows(self, offset: float) -> NDArray[np.intp]:
+        """Return the indices of the samples of body 1 that have a sample of body 2 near enough in time."""
+        return self._matched(offset, None)[0]
 
     def _matched(
         self, offset: float, max_samples: int | None
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
-        """Return a tuple of three arrays of equal length: the indices of usable samples of body 1, the indices of the
-        samples of body 2 that are nearest to these in time at a clock offset, and the time shifts [s] from the
-        samples of body 2 to those of body 1. If `max_samples` is not None, the samples are thinned evenly to at most
-        that many.
+        """Return the indices of usable samples of body 1, of the nearest samples of body 2, and the time shifts from
+        these to those [s].
         """
         rows = self._rows[:: 1 if max_samples is None else -(-self._rows.size // max_samples)]
         instants = self._t[rows] - offset
@@ -86,8 +74,8 @@ class ClockedPoses:
         return rows[is_usable], near[is_usable], shift[is_usable]
 
     def poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return the RelativePoses at a clock offset [s], with their derivatives with respect to the offset. If
-        `max_samples` is given, the samples are thinned evenly to at most that many.
+        """Return the poses at a clock offset, with their derivatives by it, thinned evenly to at most so many
+        samples.
         """
         rows, near, shift = self._matched(offset, max_samples)
         v, omega, a, alpha = self._rates[:, near]
@@ -97,27 +85,22 @@ class ClockedPoses:
     def _shifted_body2(
         self, sample_indices: NDArray[np.intp], time_shifts: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        """Return the tuple of the positions R (M, 3) and the rotation matrices S (M, 3, 3) of the samples of body 2
-        with the indices `sample_indices`, each moved along the smoothed motion by its time shift [s].
-        """
+        """Return R and S of samples of body 2, each moved along the smoothed motion by its time shift [s]."""
         v, omega, a, alpha = self._rates[:, sample_indices]
         dt = time_shifts[:, None]
         turn = np.asarray(rotation_exp((omega + alpha * (dt / 2)) * dt))
         return self._samples.R2[sample_indices] + (v + a * (dt / 2)) * dt, turn @ self._samples.S2[sample_indices]
 
     def body2(self, offset: float) -> BodyMotion:
-        """Return the motion of body 2 as a BodyMotion of R and S, shifted by the clock offset [s] to the instants of
-        body 1. R and S are NaN if body 2 has no sample near enough.
-        """
+        """Return R and S of body 2 at the instants of body 1, NaN where it has no sample near enough."""
         rows, near, shift = self._matched(offset, None)
         R, S = np.full((self._t.size, 3), np.nan), np.full((self._t.size, 3, 3), np.nan)
         R[rows], S[rows] = self._shifted_body2(near, shift)
         return motion_of_rotations(R=read_only(R), S=read_only(S))
 
     def noise_poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return the RelativePoses at a clock offset [s] with random numbers instead of the derivatives with respect
-        to the offset (fixed seed), as large as the noise in the derivatives that `poses_at` returns. If `max_samples`
-        is given, the samples are thinned evenly to at most that many.
+        """Return the poses at a clock offset with noise as large as that of the derivatives in their place (fixed
+        seed).
         """
         rows, near, _ = self._matched(offset, max_samples)
         rng = np.random.default_rng(0)
@@ -132,10 +115,7 @@ class ClockedPoses:
         v: Float64Array,
         omega: Float64Array,
     ) -> RelativePoses:
-        """Return the relative poses of body 2, with poses R2 and S2, at the samples `body1_rows` of body 1. The
-        derivatives of the relative poses with respect to the clock offset are computed from v and omega, the
-        velocities of body 2.
-        """
+        """Return the poses of body 2 at samples of body 1, with derivatives by the offset from its velocities."""
         samples = self._samples
         S1 = samples.S1[body1_rows]
         poses = compute_relative_poses(samples.R1[body1_rows], S1, R2, S2)
@@ -148,10 +128,8 @@ class ClockedPoses:
         )
 
     def clock_offset_sentences(self, offset: float) -> list[str]:
-        """Return a list with one sentence that states the clock offset, given in seconds. The list is empty if the
-        absolute value of the offset is below a twentieth of the median time step.
-        """
-        if abs(offset) < _MIN_MENTIONED_CLOCK_OFFSET_IN_MEDIAN_TIME_STEPS * self._step:
+        """Return a sentence on the clock offset, unless it is below a twentieth of the median time step."""
+        if abs(offset) < 0.05 * self._step:
             return []
         order = "later" if offset > 0 else "earlier"
         return [
@@ -160,30 +138,22 @@ class ClockedPoses:
 
     @property
     def time_scale(self) -> float:
-        """Return the time [s] in which the motion of body 2 changes: the median velocity divided by the median
-        acceleration, or the same ratio of angular quantities if it is smaller. Return 1.0 if body 2 is at rest.
-        """
+        """Time [s] in which the motion of body 2 changes: median velocity over median acceleration; 1 at rest."""
         v, omega, a, alpha = (float(np.sqrt(np.median((rate**2).sum(axis=1)))) for rate in self._rates)
         scales = [rate / change for rate, change in ((v, a), (omega, alpha)) if rate > 0 and change > 0]
         return min(scales, default=1.0)
 
     def most_likely_offset(self, misfit: Callable[[RelativePoses], float]) -> float:
-        """Scan clock offsets on both sides of 0 and return one of them [s]: the local minimum of the misfit that
-        descent from 0 reaches, or the global minimum if the misfit there is clearly smaller. `misfit` is a function
-        of RelativePoses that returns their negative log-likelihood per sample.
+        """Scan clock offsets on both sides of 0; return the local minimum of the misfit, a negative log-likelihood
+        per sample, that descent from 0 reaches, or the global minimum if that is clearly smaller.
         """
         duration = float(self._t[-1] - self._t[0])
         span = min(max(0.5, 10 * self._step), 0.25 * duration)  # s
-        count = int(
-            np.clip(
-                np.ceil(span / max(_CLOCK_OFFSET_SCAN_STEP_TO_BODY2_TIME_SCALE * self.time_scale, self._step / 2)),
-                2,
-                _MAX_CLOCK_OFFSET_TRIALS_PER_SIDE_OF_ZERO,
-            )
-        )
+        count = int(np.clip(np.ceil(span / max(0.1 * self.time_scale, self._step / 2)), 2, 60))
         offsets = np.linspace(-span, span, 2 * count + 1)
-        trials = [self.poses_at(offset, _MAX_THINNED_SAMPLES_PER_CLOCK_OFFSET_TRIAL) for offset in offsets]
+        trials = [self.poses_at(offset, _TRIAL_SAMPLES) for offset in offsets]
         costs = np.array([np.inf if poses.samples < MIN_PIECE else misfit(poses) for poses in trials])
+        # Downhill from 0.
         place = count
         while True:
             near = [k for k in (place - 1, place, place + 1) if 0 <= k < costs.size]
@@ -192,16 +162,13 @@ class ClockedPoses:
                 break
             place = best
         far = int(np.argmin(costs))
-        is_far_better = costs[far] < costs[place] - _MIN_LOG_LIKELIHOOD_GAIN_PER_SAMPLE_OF_DISTANT_CLOCK_OFFSET
+        is_far_better = costs[far] < costs[place] - 0.5
         return float(offsets[far if is_far_better else place])
 
 
 def negative_log_likelihood_per_sample(poses: RelativePoses, known_hinge: Hinge | None) -> float:
-    """Return the negative log-likelihood of relative poses for a hinge, divided by the number of samples and without
-    additive constants, a float. The variances of the noise are estimated from the residuals. `known_hinge` is a
-    Hinge; if it is None, the hinge is fitted to the poses in closed form.
-
-    A known hinge is judged by medians of the squared residuals, any other by their means.
+    """Return the negative log-likelihood of poses per sample, for the closed-form hinge by means of squared
+    residuals, for a known hinge by medians.
     """
     hinge = closed_form_hinge(poses) if known_hinge is None else known_hinge
     seen = [seen for _, seen in iterate_residuals(poses, hinge)]

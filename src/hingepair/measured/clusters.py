@@ -9,44 +9,35 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
 from hingepair.measured.findings import RANDOM
+from hingepair.measured.least_squares import neighbour_correlation
+from hingepair.measured.robust import OUTLIER
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.numeric.tables import percent
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 
-_MAX_MARKER_PLACE_REFINEMENT_ROUNDS = 60  # each fits the poses to the places, then the places to the poses
-# Markers in a sample from which it has an attitude.
-_MIN_MARKERS = 3
-_MIN_WIDTH = 0.02  # below, the markers are on a line, which shows no attitude
-# Of the fits with and without a marker, from which the marker is said to have moved.
-_MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER = 3.0
-_MIN_OUTLIER_SQUARE = 50.0  # of the residuals of a sample, to the median
-_MAX_REFERENCE_MISFIT = 0.05  # rms, in parts of the size of the cluster
-_MAX_RIGID_CHANGE = 0.02  # of a distance between markers, not at random, in parts of the size
-_MAX_MOVED_MARKER_SAMPLES = 1000
+_MIN_MARKERS = 3  # in a sample from which it has an attitude
+_MIN_WIDTH = 0.02  # of a cluster, in parts of its length; below, the markers are on a line, which shows no attitude
+_JUDGED_SAMPLES = 1000  # that tell which marker moved
 _ROUNDING = 1e-9  # of the size of the cluster; smaller distances from the places are rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ClusterFit:
-    """The result of `fit_cluster`: the motion of a body that carries a rigid cluster of markers, the places of the
-    markers on the body, the distances of the markers from these places, the noise, whether the cluster is rigid
-    (`ok`), and findings.
+    """The result of `fit_cluster`: the motion of a body that carries a rigid cluster of markers.
 
     Attributes:
-        body: the motion of the body, a BodyMotion of shape (N,) with R and S. If `fit_cluster` was called with
-            `reference`, the body's reference point and axes are the origin and the axes of the coordinates in
-            `reference`. Otherwise, the reference point is the mean of the places of all markers, and the axes are
-            parallel to the world axes at the first of the samples that show the most markers. R and S are NaN where
-            fewer than three markers are seen, and where all markers that are seen are on a line.
-        reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
-            the body's axes [m]; shape (M, 3).
-        residuals: distance of each marker from its place at each sample [m]; shape (N, M). It is NaN where the marker
-            is not seen, and where R and S are NaN.
-        rms: root mean square of each marker's residuals [m]; shape (M,). It is 0 for a marker that is never seen.
-        noise: standard deviation of the measurement noise in each coordinate of a marker's position [m]. Samples with
-            far larger residuals than most are left out.
-        ok: whether the cluster is rigid, that is, whether no marker moved relative to the others, and the markers are
-            what they are taken for: not exchanged, not hidden at (0, 0, 0), and at the places of `reference`.
+        body: the motion of the body, a BodyMotion of shape (N,) with R and S. Its reference point and axes are those
+            of the coordinates in `reference`; if none was given, the mean of the places of all markers, and the world
+            axes at the first of the samples that show the most markers. R and S are NaN where fewer than three
+            markers are seen, or only markers on a line.
+        reference: places of the markers on the body, from its reference point, in its axes [m]; shape (M, 3).
+        residuals: distance of each marker from its place at each sample [m]; shape (N, M), NaN where the marker is
+            not seen, and where R and S are NaN.
+        rms: root mean square of each marker's residuals [m]; shape (M,); 0 for a marker that is never seen.
+        noise: standard deviation of the noise in each coordinate of a marker's position [m], without samples that are
+            far off.
+        ok: whether the cluster is rigid, and the markers are what they are taken for: not exchanged, not hidden at
+            (0, 0, 0), and at the places of `reference`.
         findings: sentences that say which marker moved, or what else is wrong. If `ok` is True, there are none.
     """
 
@@ -60,29 +51,21 @@ class ClusterFit:
 
 
 def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> ClusterFit:
-    """Fit the pose of a body at each of N samples to the recorded positions `markers` (N, M, 3) of M markers on the
-    body, by least squares (Kabsch's algorithm), and return a ClusterFit. `reference` (M, 3) holds the places of the
-    markers on the body: vectors in the body's axes. If `reference` is None, the places are fitted too. Raise FitError
-    if the pose of the body, or the place of a marker, cannot be determined.
+    """Fit the poses of a body to the recorded positions of markers on it, by least squares (Kabsch's algorithm).
 
     Args:
         markers: positions of the markers in world axes [m], NaN where a marker is not seen; shape (N, M, 3). There
             must be three markers or more, not all on one line.
         reference: places of the markers on the body: the vectors from the body's reference point to the markers, in
-            the body's axes [m]; shape (M, 3). If `reference` is None, the body's axes are parallel to the world axes
-            at the first of the samples that show the most markers, and the body's reference point is the mean of the
-            fitted places of all markers.
+            the body's axes [m]; shape (M, 3). If it is None, the places are fitted too.
 
     Returns:
-        A ClusterFit. Its attribute `.body` is a BodyMotion of shape (N,) with R and S, which `fit` and `smooth`
-        accept. R and S are NaN at samples that show fewer than three markers, or only markers that are on one line.
+        A ClusterFit. Its `.body` is a BodyMotion (N,) with R and S, which `fit` and `smooth` accept.
 
     Raises:
         FitError: no sample shows three markers that are not on one line; or `reference` is None and the place of a
-            marker cannot be found. The fit first finds the places of the markers in the sample that shows the most
-            markers. To find the place of a further marker, it needs a sample that shows this marker and three markers
-            whose places have been found before.
-        ArgumentError: an argument cannot be used; the error names it.
+            marker cannot be found, for which a sample must show it with three markers whose places have been found
+            before, from the sample that shows the most.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -141,10 +124,10 @@ def fit_cluster(markers: ArrayLike, reference: ArrayLike | None = None) -> Clust
 
 
 def _is_outlier(distances: Float64Array, is_seen: Float64Array, size: float) -> NDArray[np.bool_]:
-    """Return which samples (N,) have far larger residuals than most; `size` is the rms size of the cluster [m]."""
+    """Return which samples (N,) have far larger residuals than most; `size` is that of the cluster [m]."""
     squares = (distances**2).sum(axis=1) / np.maximum(3 * is_seen.sum(axis=1) - 6, 1.0)
     typical = max(float(np.median(squares)), (_ROUNDING * size) ** 2)
-    return np.asarray(squares > _MIN_OUTLIER_SQUARE * typical)
+    return np.asarray(squares > OUTLIER * typical)
 
 
 def _recording_sentences(
@@ -170,7 +153,7 @@ def _reference_sentences(
 ) -> list[str]:
     """Return a list with one sentence if the markers are not at the places that the user gave."""
     rms = float(np.sqrt((distances**2).sum() / is_seen.sum()))
-    if rms <= _MAX_REFERENCE_MISFIT * size:
+    if rms <= 0.05 * size:
         return []
     count = is_seen.sum(axis=1)[:, None]
     centred = is_seen[..., None] * (places - ((is_seen[..., None] * places).sum(axis=1) / count)[:, None])
@@ -182,16 +165,13 @@ def _reference_sentences(
 
 
 def _rms_by_marker(distances: Float64Array, is_seen: Float64Array) -> Float64Array:
-    """Return the rms distance of each marker from its place over the samples that show it [m]; (M,)."""
+    """Return the rms distance of each marker from its place [m]; (M,)."""
     return np.asarray(np.sqrt((distances**2).sum(axis=0) / np.maximum(is_seen.sum(axis=0), 1.0)))
 
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
-    """Return first estimates of the markers' places in the body's axes, (M, 3), from the sample that shows the most
-    markers. The body's axes are the world axes at that sample, and the mean of the places is 0. `places` are the
-    recorded positions (N, M, 3), and `is_seen` (N, M) is 1 if a marker is seen, else 0. Places of markers that the
-    sample lacks are taken from other samples. Raise FitError if no sample shows such a marker together with three
-    markers whose places are known.
+    """Return first places of the markers (M, 3), from the sample that shows the most; those that it lacks from
+    samples that show them with three known ones.
     """
     best = int(np.argmax(is_seen.sum(axis=1)))
     there = is_seen[best] > 0
@@ -209,9 +189,7 @@ def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64
 
 
 def _markers_determine_attitude(places: Float64Array, is_seen: Float64Array) -> NDArray[np.bool_]:
-    """Return for each sample whether it shows three markers or more that are not on a line; shape (N,). `places` are
-    the recorded positions of the markers (N, M, 3), and `is_seen` (N, M) is 1 if a marker is seen, else 0.
-    """
+    """Return which samples (N,) show three markers or more that are not on a line."""
     count = is_seen.sum(axis=1)
     middle = np.einsum("nm,nmi->ni", is_seen, places) / np.maximum(count, 1.0)[:, None]
     centred = is_seen[..., None] * (places - middle[:, None])
@@ -221,9 +199,7 @@ def _markers_determine_attitude(places: Float64Array, is_seen: Float64Array) -> 
 
 
 def _check_not_on_line(cluster: Float64Array) -> None:
-    """Raise FitError if the places of the markers, `cluster` (M, 3), are on a line: the attitude about the line would
-    not be determined.
-    """
+    """Raise FitError if the places are on a line: the attitude about it would not be determined."""
     widths = np.linalg.svd(cluster - cluster.mean(axis=0), compute_uv=False)
     if widths[1] <= _MIN_WIDTH * widths[0]:
         raise FitError("markers", "markers that are not on a line", f"a cluster {widths[1]:.2g} m wide")
@@ -232,10 +208,7 @@ def _check_not_on_line(cluster: Float64Array) -> None:
 def _kabsch_poses(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return the tuple of R (N, 3) and S (N, 3, 3) of the body by least squares, and the distances (N, M) of the
-    markers from their places on the body, 0 for a marker that is not seen. `places` are the recorded positions of the
-    markers (N, M, 3), `cluster` (M, 3) their places on the body; `is_seen` (N, M) is 1 if a marker is seen, else 0.
-    """
+    """Return R and S of least squares, and the distances (N, M) from the places, 0 where not seen."""
     count = np.maximum(is_seen.sum(axis=1), 1.0)[:, None]
     middle = (is_seen[..., None] * places).sum(axis=1) / count
     inner = is_seen @ cluster / count
@@ -252,14 +225,12 @@ def _kabsch_poses(
 def _fit_poses_and_places(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, refine_places: bool
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Fit the poses of the body to the marker positions `places` and, if `refine_places`, alternately also the
-    markers' places on the body. `cluster` (M, 3) holds the first estimates of the places on the body, and `is_seen`
-    (N, M) is 1 if a marker is seen, else 0. Return the tuple of R (N, 3), S (N, 3, 3), the distances (N, M) of the
-    markers from their places, and the places (M, 3).
+    """Fit the poses and, if `refine_places`, alternately the places on the body, from first places (M, 3). Return R,
+    S, the distances (N, M) and the places.
     """
     axes = None
     before = np.inf
-    for _ in range(_MAX_MARKER_PLACE_REFINEMENT_ROUNDS if refine_places else 1):
+    for _ in range(60 if refine_places else 1):
         R, S, distances = _kabsch_poses(places, is_seen, cluster)
         axes = S[int(np.argmax(is_seen.sum(axis=1)))] if axes is None else axes
         total = float((distances**2).sum())
@@ -282,19 +253,15 @@ def _fit_poses_and_places(
 def _moved_marker_sentences(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array, distances: Float64Array, cluster_size: float
 ) -> list[str]:
-    """Return a list with one sentence on the marker that moved relative to the others, or on several markers of which
-    one moved. The list is empty if the cluster is rigid or has only three markers. `places` (N, M, 3) are the marker
-    positions, `is_seen` (N, M) is 1 if a marker is seen, `cluster` (M, 3) holds the places of the markers on the
-    body, `distances` (N, M) are the distances of the markers from these places, and `cluster_size` is the rms size of
-    the cluster [m].
-    """
+    """Return a sentence on the marker that moved against the others, or on several of which one did."""
     rms = float(np.sqrt((distances**2).sum() / max(is_seen.sum(), 1.0)))
     if rms <= _ROUNDING * cluster_size:
         return []
     if cluster.shape[0] <= _MIN_MARKERS:
         return _triangle_sentences(places, is_seen, cluster_size)
-    every = slice(None, None, -(-places.shape[0] // _MAX_MOVED_MARKER_SAMPLES))
+    every = slice(None, None, -(-places.shape[0] // _JUDGED_SAMPLES))
     places, is_seen, distances = places[every], is_seen[every], distances[every]
+    # The noise that each marker alone would leave behind if it were taken out.
     noise_without = []
     for marker in range(cluster.shape[0]):
         others = is_seen.copy()
@@ -309,9 +276,7 @@ def _moved_marker_sentences(
     free = 3 * is_seen.sum() - 6 * is_seen.shape[0] - 3 * cluster.shape[0] + 6
     noise_with_all = float(np.sqrt((distances**2).sum() / max(free, 1.0)))
     best = int(np.argmin(noise_without))
-    if noise_with_all < _MIN_NOISE_RATIO_WITH_TO_WITHOUT_MOVED_MARKER * max(
-        noise_without[best], _ROUNDING * cluster_size
-    ):
+    if noise_with_all < 3.0 * max(noise_without[best], _ROUNDING * cluster_size):
         return []
     suspects = [
         f"{marker}" for marker in range(len(noise_without)) if noise_without[marker] < 2 * noise_without[best]
@@ -325,16 +290,16 @@ def _moved_marker_sentences(
 
 
 def _triangle_sentences(places: Float64Array, is_seen: Float64Array, cluster_size: float) -> list[str]:
-    """Return a list with one sentence if the sides of a triangle of markers change, and not at random."""
+    """Return a sentence if the sides of a triangle of markers change, and not at random."""
     whole = places[is_seen.all(axis=1)]
     if whole.shape[0] < 8:
         return []
     sides = np.linalg.norm(whole - np.roll(whole, 1, axis=1), axis=2)
     off = sides - sides.mean(axis=0)
     power = np.maximum((off * off).sum(axis=0), 1e-300)
-    correlations = (off[1:] * off[:-1]).sum(axis=0) / power
+    correlations = np.array([neighbour_correlation(side) for side in off.T])
     rms = np.sqrt(power / whole.shape[0])
-    is_moved = (correlations > RANDOM) & (rms > _MAX_RIGID_CHANGE * cluster_size)
+    is_moved = (correlations > RANDOM) & (rms > 0.02 * cluster_size)
     if not is_moved.any():
         return []
     worst = float(rms[is_moved].max())

@@ -14,25 +14,16 @@ from numpy.typing import ArrayLike
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import skew
 
-GAUGES: Final = ("closest_to_R1", "closest_to_R2")
-"""Rules that place the hinge point along the axis: next to the reference point of body 1 or of body 2."""
+GAUGES: Final = ("closest_to_R1", "closest_to_R2")  # rules that place the hinge point along the axis
 RULES_OF_SIGN: Final = (
     "The first component of n that is at least 0.45 times as large as the largest one is positive. home, the "
     "rotation of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that aligns the hinge "
     "axis in body 2 with the hinge axis in body 1, unless both axes are nearly opposite."
 )
-"""The rules for the sign of n and for psi = 0, for readers of a fit."""
-_DECIDING = 0.45
-"""The first component of n of at least this size decides the sign. No ratio of two small numbers, so that
-noise does not decide for an axis such as (-1, 2, 0)."""
-_NEARLY_OPPOSITE = -0.9
-"""Cosine of the angle between m and n down to which home is the rotation by the least angle."""
 
 
 class Hinge(NamedTuple):
-    """The axis of a hinge (a unit vector) and a point on the axis, each in the axes of both bodies: n and u1 for body
-    1, m and u2 for body 2. The direction of psi = 0 is not part of it.
-    """
+    """The axis of a hinge and a point on it, in the axes of both bodies, without the direction of psi = 0."""
 
     n: Float64Array  # axis in body 1's axes, unit
     m: Float64Array  # axis in body 2's axes, unit: C^T n
@@ -45,9 +36,7 @@ class Hinge(NamedTuple):
         return self._replace(n=sign * self.n, m=sign * self.m)
 
     def balanced(self) -> Hinge:
-        """Return the hinge with the hinge point shifted to the point on the axis that is equally far along the axis
-        from the reference points of both bodies.
-        """
+        """Return the hinge whose point is equally far along the axis from the reference points of both bodies."""
         return self._with_shifted_point(-float(self.u1 @ self.n + self.u2 @ self.m) / 2)
 
     def in_gauge(self, gauge: str) -> Hinge:
@@ -55,32 +44,25 @@ class Hinge(NamedTuple):
         return self._with_shifted_point(-float(self.u1 @ self.n if gauge == "closest_to_R1" else self.u2 @ self.m))
 
     def _with_shifted_point(self, slide: float) -> Hinge:
-        """Return the hinge with its point shifted along the axis by `slide` [m]."""
         return self._replace(u1=self.u1 + slide * self.n, u2=self.u2 + slide * self.m)
 
     def moved(self, step: Float64Array) -> Hinge:
-        """Return the hinge after a step of the nine parameters of the fit: rotations of n (2) and of m (2) [rad]
-        towards the first two axes of `frame(n)` and `frame(m)`, shifts of u1 (3) along the axes of `frame(n)` [m],
-        and shifts of u2 (2) along the first two axes of `frame(m)` [m]. `frame` returns three orthonormal axes, of
-        which the given one is the third.
-
-        Shifts along the axis count once, since only u1 - u2 is seen along it.
+        """Return the hinge after a step of nine parameters: turns of n (2) and of m (2) [rad] towards the first two
+        axes of `frame(n)` and `frame(m)`, shifts of u1 (3) and of u2 (2) along these axes [m]. Shifts along the axis
+        count once, since only u1 - u2 is seen along it.
         """
         u1, u2 = self.u1 + frame(self.n) @ step[4:7], self.u2 + frame(self.m) @ (step[7], step[8], 0.0)
         return Hinge(tilt_axis(self.n, step[:2]), tilt_axis(self.m, step[2:4]), u1, u2)
 
 
 def sign_of(n: Float64Array) -> float:
-    """Return the sign (1.0 or -1.0) of the first component of n whose absolute value is at least 0.45 times the
-    largest absolute value.
-    """
-    return 1.0 if n[np.argmax(np.abs(n) >= _DECIDING * np.abs(n).max())] > 0 else -1.0
+    """Return the sign of the first component of n of at least 0.45 times the largest size."""
+    # No ratio of two small numbers, so that noise does not decide for an axis such as (-1, 2, 0).
+    return 1.0 if n[np.argmax(np.abs(n) >= 0.45 * np.abs(n).max())] > 0 else -1.0
 
 
 def frame(axis: Float64Array) -> Float64Array:
-    """Return a matrix (3, 3) whose columns are three orthonormal vectors. The last column is `axis`, a unit
-    vector.
-    """
+    """Return three orthonormal columns, the last of which is the unit vector `axis`."""
     x, y, z = axis.tolist()
     if abs(x) <= min(abs(y), abs(z)):
         first = (0.0, z, -y)
@@ -94,39 +76,32 @@ def frame(axis: Float64Array) -> Float64Array:
 
 
 def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
-    """Return the unit vector into which `axis` turns by a step of two small angles [rad], towards the first and the
-    second column of `frame(axis)`.
-    """
+    """Return the axis after two small turns [rad] towards the first and the second column of its frame."""
     there = frame(axis) @ np.append(step, 1.0)
     return np.asarray(there / np.linalg.norm(there))
 
 
 def first_axis_across(n: Float64Array) -> int:
-    """Return the index (0, 1 or 2) of the first component of the unit vector n whose absolute value is below 0.65.
+    """Return the index of the first component of the unit vector n below 0.65, which there always is.
 
-    Every unit vector has such a component. It fixes the direction of psi = 0 for a point, and the axis of the half
-    turn that home begins with; after that half turn, axes that were opposite are less than a right angle apart.
+    It fixes the direction of psi = 0 for a point, and the axis of the half turn that home begins with; after that
+    half turn, axes that were opposite are less than a right angle apart.
     """
     return int(np.argmax(np.abs(n) < 0.65))
 
 
 def home_of(hinge: Hinge) -> Float64Array:
-    """Return `home`, the rotation matrix (3, 3) of body 2 relative to body 1 at psi = 0, for the axes n and m of a
-    Hinge. It is the rotation by the smallest angle that turns m into n. If m and n are nearly opposite, a half turn
-    about a coordinate axis of body 2 comes first.
-
-    The motion does not show where psi = 0 is. Where the axes are nearly opposite, noise would choose among the
-    rotations by the least angle; after the half turn, about a coordinate axis of body 2, there is only one.
+    """Return `home` (3, 3), the rotation of body 2 relative to body 1 at psi = 0, by the smallest angle that turns m
+    into n. Where these are nearly opposite, noise would choose among such rotations; a half turn about a coordinate
+    axis of body 2 comes first.
     """
     before = _half_turn_before(hinge)
     return _shortest_turn(before @ hinge.m, hinge.n) @ before
 
 
 def _half_turn_before(hinge: Hinge) -> Float64Array:
-    """Return the rotation matrix (3, 3) of a half turn about a coordinate axis of body 2 if the axes m and n of the
-    hinge are nearly opposite; otherwise return the identity. `home` begins with this rotation.
-    """
-    if hinge.n @ hinge.m > _NEARLY_OPPOSITE:
+    """Return the half turn (3, 3) that home begins with, the identity unless the axes are nearly opposite."""
+    if hinge.n @ hinge.m > -0.9:
         return np.eye(3)
     turn = -np.eye(3)
     across = first_axis_across(hinge.n)
@@ -135,18 +110,15 @@ def _half_turn_before(hinge: Hinge) -> Float64Array:
 
 
 def _shortest_turn(m: Float64Array, n: Float64Array) -> Float64Array:
-    """Return the rotation matrix (3, 3) of the smallest angle that turns the unit vector m into the unit vector n.
-    The result is undefined for opposite vectors.
-    """
+    """Return the rotation (3, 3) by the smallest angle that turns the unit vector m into n, unless opposite."""
     half = m + n
     once = 2 * np.outer(half, half) / (half @ half) - np.eye(3)  # half a turn about the middle
     return np.asarray(once @ (2 * np.outer(m, m) - np.eye(3)))  # after half a turn about m
 
 
 def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
-    """Return the derivatives of the results of a fit (u1, u2, n and the rotation vector of home) with respect to the
-    nine parameters that `Hinge.moved` steps; shape (12, 9). `gauge` names the rule for the hinge point along the
-    axis.
+    """Return the derivatives of u1, u2, n and the rotation vector of home by the parameters of `Hinge.moved`; (12,
+    9).
 
     The change d of home has `d x n` as the changes of m and n ask for; about n it turns so that home's axis stays
     across m + n. (m here is the axis after the half turn that home may begin with.)
@@ -164,9 +136,8 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:
-    """Return the angle [rad] about the hinge axis, at psi = 0, from the first axis that `frame` returns for n, fixed
-    in body 1, to the first axis that it returns for m, fixed in body 2. `home` is the rotation matrix of body 2
-    relative to body 1 at psi = 0.
+    """Return the angle at psi = 0 [rad] from the first axis of `frame(n)`, in body 1, to that of `frame(m)`, in body
+    2.
     """
     first, second = frame(hinge.n), home @ frame(hinge.m)
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

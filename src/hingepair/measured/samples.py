@@ -15,14 +15,9 @@ from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 
-_MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE_STDS = 1.5  # standard deviations, or the reverse
-
 
 class Samples(NamedTuple):
-    """Checked arrays of one length N: the recorded poses of both bodies (R1, S1, R2, S2), which of them can be used
-    (`known1`, `known2`), instants, weights, encoder readings, and what is known of the noise (`relative_noise`,
-    `knows_split`, `mean_noise`). `is_point` says that body 2 has no attitudes.
-    """
+    """Checked arrays of one length N."""
 
     t: Float64Array | None  # instants since the first [s]; shape (N,)
     R1: NDArray[np.floating]  # shape (N, 3)
@@ -41,9 +36,7 @@ class Samples(NamedTuple):
     encoder: Float64Array | None  # shape (N,)
 
     def poses(self, is_used: NDArray[np.bool_]) -> RelativePoses:
-        """Return the RelativePoses of the samples for which the boolean array `is_used` is true. Both bodies are
-        taken at equal time stamps, without a clock offset.
-        """
+        """Return the relative poses of some of the samples at equal time stamps."""
         rows = slice(None) if is_used.all() else is_used
         R1, S1, R2, S2 = (array[rows] for array in (self.R1, self.S1, self.R2, self.S2))
         poses = compute_relative_poses(R1, S1, R2, S2)
@@ -53,10 +46,7 @@ class Samples(NamedTuple):
         )
 
     def noise_suspicions(self, noise: Noise) -> list[str]:
-        """Return a list of sentences, one for the positions and one for the attitudes. Each is given only if the
-        standard deviation of the estimated `noise` differs by more than a factor of 1.5 from the noise that the
-        arguments `noise1` and `noise2` of `fit` state. The list is empty if these arguments were None.
-        """
+        """Return sentences on noise that differs from what `noise1` and `noise2` state by a factor of 1.5."""
         if self.mean_noise is None:
             return []
         ratios = {
@@ -66,9 +56,7 @@ class Samples(NamedTuple):
         return [
             f"{name} scatter {ratio:.2g} times as much as noise1 and noise2 say."
             for name, ratio in ratios.items()
-            if not 1 / _MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE_STDS
-            < ratio
-            < _MAX_RATIO_OF_ESTIMATED_AND_STATED_NOISE_STDS
+            if not 1 / 1.5 < ratio < 1.5
         ]
 
 
@@ -82,10 +70,7 @@ def checked_samples(
     noise1: tuple[ArrayLike, ArrayLike] | None,
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
-    """Check the arguments of `fit`, which have the same names, and return a Samples object made of them: arrays of
-    one length, with `noise1` and `noise2` merged into `relative_noise` and `mean_noise`, and marks of the usable
-    samples. `clock_offset` is only checked. Raise an ArgumentError that names the first argument that cannot be used.
-    """
+    """Check the arguments of `fit`, which have the same names."""
     arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R")
     is_point = body2.S is None
     arrays["S2"] = np.eye(3) if is_point else motion_arrays("body2", body2, "S")["S2"]
@@ -138,9 +123,7 @@ def _is_constant(S: NDArray[np.floating]) -> bool:
 
 
 def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Array:
-    """Return the weights of the samples as an array (num_samples,), all 1 if `weights` is None. Raise ArgumentError
-    if weights are negative, not finite or all 0, ShapeError for another shape.
-    """
+    """Return the weights of the samples (N,), all 1 if they are None."""
     if weights is None:
         return np.ones(num_samples)
     sample_weights = real_array("weights", weights).astype(np.float64)
@@ -148,16 +131,14 @@ def _checked_weights(weights: ArrayLike | None, num_samples: int) -> Float64Arra
         raise ShapeError("weights", f"shape ({num_samples},), as the bodies", f"shape {sample_weights.shape}")
     if not (np.isfinite(sample_weights) & (sample_weights >= 0)).all():
         raise ArgumentError("weights", "finite numbers, none negative", sample_weights)
-    # half of the range of floats, in which squares of ratios stay finite
+    # Half of the range of floats, in which squares of ratios stay finite
     if sample_weights.size and not 1e-150 < sample_weights.max() < 1e150:
         raise ArgumentError("weights", "numbers between 1e-150 and 1e150, the largest of them", sample_weights.max())
     return sample_weights
 
 
 def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array:
-    """Return the encoder's readings as a float64 array, unwrapped if they jump like angles wrapped by 2 pi. Raise
-    ShapeError for another shape than `shape`, and ArgumentError if fewer than two finite readings differ.
-    """
+    """Return the encoder's readings (N,), unwrapped if they jump like angles wrapped by 2 pi."""
     readings = real_array("encoder", encoder).astype(np.float64)
     if readings.shape != shape:
         raise ShapeError("encoder", f"shape {shape}, as the bodies", f"shape {readings.shape}")
@@ -170,10 +151,8 @@ def _checked_encoder(encoder: ArrayLike, shape: tuple[int, ...]) -> Float64Array
 def _checked_noise(
     noise1: tuple[ArrayLike, ArrayLike] | None, noise2: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...]
 ) -> tuple[Float64Array | None, Noise | None]:
-    """Return the noise that the user gave as an array (3, N) and a Noise of mean variances. `noise1` and `noise2` are
-    pairs of standard deviations of position and attitude. The rows of the array are the variances of position and of
-    attitude divided by their means, and the fraction of the attitude variance that is due to body 1. Return (None,
-    None) if both are None. Raise ArgumentError for unusable noise.
+    """Return the variances of position and attitude (3, N), over their means, with body 1's part of the latter, and
+    the means; (None, None) if no noise is given.
     """
     if noise1 is None and noise2 is None:
         return None, None
