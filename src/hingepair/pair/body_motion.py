@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -254,8 +254,10 @@ def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
     return value
 
 
-def motion_inputs(name: str, body: object) -> dict[str, Any]:
-    """Return the arrays of a BodyMotion by input name, such as S1 for S of the argument "body1".
+def motion_inputs(
+    name: str, body: object, letters: Iterable[str] = ("R", "S", "v", "omega", "a", "alpha")
+) -> dict[str, Any]:
+    """Return the arrays of a BodyMotion that it has, by input name, such as S1 for S of the argument "body1".
 
     Raises:
         ArgumentError: the body is not a BodyMotion.
@@ -263,11 +265,7 @@ def motion_inputs(name: str, body: object) -> dict[str, Any]:
     if not isinstance(body, BodyMotion):
         raise ArgumentError(name, "a BodyMotion", quoted(body))
     digit = name[-1]
-    return {
-        f"{letter}{digit}": array
-        for letter in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE
-        if (array := getattr(body, letter)) is not None
-    }
+    return {f"{letter}{digit}": array for letter in letters if (array := getattr(body, letter)) is not None}
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:

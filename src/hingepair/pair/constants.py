@@ -22,24 +22,12 @@ _IDENTITY_ROTATION_MATRIX = read_only(np.eye(3))  # the default of home
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constants:
-    """Constants of a pair in the form in which calls take them: u1, u2, n, the rotation `home`, and the levers
-    computed from them. The dict `values` holds them by name as tuples of components (without `home` if it is the
-    identity), and the dict `arrays` as arrays (always with `home`); `prepared` is a cache of compiled calls and of
-    extended Constants for this pair.
+    """Constants of a pair in the form in which calls take them."""
 
-    Attributes:
-        values: tuples of components by name; the components are floats for a single pair.
-        arrays: arrays by name, with the components on the last axis. They include home even if it is the identity.
-        shape: leading shape of the pair; () for a single pair.
-        axis: hinge axis as it was given, of any length; None for a planar pair.
-        prepared: cache that callers fill, such as compiled calls and extended constants.
-    """
-
-    values: Named
-    arrays: Named
-    shape: tuple[int, ...]
-    axis: NDArray[np.float64] | None = None
-    prepared: dict[Any, Any] = field(default_factory=dict, repr=False)
+    values: Named  # u1, u2, n, the levers and, unless it is the identity, home: tuples of components by name
+    arrays: Named  # the same with the components last, and home in any case
+    shape: tuple[int, ...]  # leading shape of the pair; () for a single pair
+    axis: NDArray[np.float64] | None = None  # hinge axis as it was given, of any length; None for a planar pair
     cache: Cache = field(default_factory=Cache, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -129,18 +117,17 @@ ADDED_HINGE_FRAME_VECTOR_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n
 
 def with_hinge_frames(pair: Constants) -> Constants:
     """Return the Constants of a pair, extended by orthogonal unit vectors along and across its hinge axis: e1, e2 in
-    body-1 axes, and e1_in_2, e2_in_2 and n_in_2 in body-2 axes. The result is cached in `pair.prepared`; otherwise,
-    the argument is unchanged.
+    body-1 axes, and e1_in_2, e2_in_2 and n_in_2 in body-2 axes. They are computed once.
 
     e1 is the axis of body 1 with the largest angle to n, made perpendicular to n; e2 = n x e1. The vectors of body 2
     are C^-1 times the vectors of body 1. With C^T instead, a home that is a rotation to only nine digits would appear
     as a tilt.
     """
-    constants: Constants | None = pair.prepared.get(ADDED_HINGE_FRAME_VECTOR_NAMES)
+    constants: Constants | None = pair.cache.others.get(ADDED_HINGE_FRAME_VECTOR_NAMES)
     if constants is None:
         frames = _hinge_frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
         constants = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
-        pair.prepared[ADDED_HINGE_FRAME_VECTOR_NAMES] = constants
+        pair.cache.others[ADDED_HINGE_FRAME_VECTOR_NAMES] = constants
     return constants
 
 

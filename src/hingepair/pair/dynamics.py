@@ -7,21 +7,17 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hingepair.engine.calls import Call
-from hingepair.engine.results import writable_arrays
 from hingepair.equations.spatial import ZERO_VECTOR
 from hingepair.errors import ArgumentError
-from hingepair.numeric.arrays import Float64Array, FloatArray, is_zero, one_constant, vectors
+from hingepair.numeric.arrays import Float64Array, FloatArray, is_zero, one_constant
 from hingepair.numeric.blocks import numbers
 from hingepair.pair.body import Body, warn_of_dynamics
-from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
-from hingepair.pair.evaluate import cached_call, compute_arrays
-from hingepair.plans.arguments import read_component
+from hingepair.pair.evaluate import compute, compute_arrays
 from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES, LOADS
-from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, make_plan
+from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan
 
 DEFAULT_GRAVITY_VECTOR = (0.0, 0.0, -9.81)
 """Acceleration of free fall unless given, world axes [m/s^2]."""
@@ -131,7 +127,6 @@ HINGE_WRENCH: Final = DynamicsTask(
     ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",)
 )
 FORWARD_DYNAMICS: Final = DynamicsTask(ACCELERATIONS, ("S", "omega"))
-PIVOTS: Final = DynamicsTask(("pivots",), ("S", "omega"))
 ENERGY: Final = DynamicsTask(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
 MOMENTUM: Final = DynamicsTask(("linear", "angular"), ("R", "S", "v", "omega"))
 
@@ -140,48 +135,33 @@ def compute_dynamics(
     task: DynamicsTask,
     constants: Constants,
     bodies: Bodies,
-    body1: BodyMotion,
+    given: Mapping[str, Any],
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
-    **hinge_and_loads: ArrayLike,
-) -> tuple[FloatArray, ...]:
-    """Compute the outputs of a task at all samples; return writable arrays. psi, psid, psidd and loads are keyword
-    arguments. Issue a DynamicsWarning for each assumed mass.
+    *,
+    out: Any = None,
+    workers: int = 1,
+    backend: str = "auto",
+) -> Any:
+    """Compute the outputs of a task from the motion of body 1, the hinge angle and loads by input name. Issue a
+    DynamicsWarning for each assumed mass.
 
     Raises:
         ArgumentError: an argument cannot be used, or a body that is needed has no mass.
     """
-    gravity_array = _DEFAULT_GRAVITY if gravity is DEFAULT_GRAVITY_VECTOR else one_constant("gravity", gravity, 3)
-    inputs = {
-        name: _load_array(name, value) if name in _VECTOR_LOADS else value for name, value in hinge_and_loads.items()
-    }
-    rows = (*(getattr(body1, letter, None) for letter in task.letters), gravity_array, *inputs.values())
-    call: Call | None = constants.prepared.get(task)
-    if call is not None and type(body1) is BodyMotion:
-        state = call.rows(*rows)
-        if state is not None:
-            return tuple(writable_arrays(state).values())
-    with_tree = with_masses(task, constants, bodies)
-    values: dict[str, Any] = motion_arrays("body1", body1, *task.letters)
-    for name, value in inputs.items():
-        if value is None:
-            raise ArgumentError(name, f"a value, as in {name}=0.0 or an array: an output needs it", None)
-    values["gravity"] = tuple(gravity_array.tolist())
-    for name, value in inputs.items():
-        if name not in _VECTOR_LOADS:
-            values[name] = read_component(name, value)
-        else:
-            values[name] = ZERO_VECTOR if value is _ZERO_LOAD else value
-    shapes = {name: np.shape(v)[: np.ndim(v) - len(SPATIAL_MOTION_KIND.shapes[name])] for name, v in values.items()}
-    plan = make_plan(task.outputs, None, "home" in constants.values, given_names=tuple(values))
-    call = cached_call(with_tree, plan, tuple(values), "auto")
-    if not any(body is not None and body.assumed for body in bodies):  # else every call warns
-        constants.prepared[task] = call
-    state = call.rows(*rows)
-    return tuple(writable_arrays(call.run(values, shapes) if state is None else state).values())
-
-
-def _load_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    return _ZERO_LOAD if is_zero(value) else vectors(name, value, 3)
+    given = {name: value for name, value in given.items() if name not in _VECTOR_LOADS or not is_zero(value)}
+    key = (task.outputs, backend, *given) if gravity is DEFAULT_GRAVITY_VECTOR else None
+    bare = len(task.outputs) == 1
+    if bare and out is not None and type(out) is not dict:
+        out = {task.outputs[0]: out}
+    result = None if key is None else constants.cache.again(key, given.values(), out, workers)
+    if result is not None:
+        return result
+    vector = DEFAULT_GRAVITY_VECTOR if key is not None else tuple(one_constant("gravity", gravity, 3).tolist())
+    warns = any(body is not None and body.assumed for body in bodies)  # at every call
+    return compute(
+        SPATIAL_MOTION_KIND, with_masses(task, constants, bodies), task.outputs, given, gravity=vector, out=out,
+        backend=backend, workers=workers, bare=bare, key=None if warns else key, cache=constants.cache,
+    )  # fmt: skip
 
 
 def may_be_singular(tree: Constants) -> bool:
@@ -197,9 +177,11 @@ def _limits(tree: Constants) -> Float64Array:
 
 def warn_where_singular(psidd: FloatArray, name: str | None, constants: Constants) -> None:
     """Issue a DynamicsWarning where accelerations are NaN because the mass matrix of the pair is singular."""
-    tree: Constants = constants.prepared["tree"]
+    tree: Constants = constants.cache.others["tree"]
+    if not may_be_singular(tree) or not isinstance(psidd, np.ndarray | np.generic):
+        return
     bad = np.isnan(psidd)
-    if not may_be_singular(tree) or not bad.any():
+    if not bad.any():
         return
     still: dict[str, Any] = dict.fromkeys(("omega1", "gravity", *_VECTOR_LOADS), ZERO_VECTOR)
     still |= dict.fromkeys(("psi", "psid", "hinge_torque"), 0.0) | {"S1": np.eye(3)}
@@ -237,12 +219,13 @@ def tree_constants(constants: Constants, bodies: Bodies) -> Constants:
     Raises:
         ArgumentError: a mass times the square of a length overflows.
     """
-    extended: Constants | None = constants.prepared.get("tree")
+    extended: Constants | None = constants.cache.others.get("tree")
     if extended is None:
         arrays = tree_numbers(constants, *bodies)
-        values = {name: numbers(array) for name, array in arrays.items()}
+        values = {name: numbers(array) for name, array in arrays.items()} | dict.fromkeys(_VECTOR_LOADS, ZERO_VECTOR)
+        arrays |= dict.fromkeys(_VECTOR_LOADS, np.zeros(3))
         extended = Constants({**constants.values, **values}, {**constants.arrays, **arrays}, constants.shape)
-        constants.prepared["tree"] = extended
+        constants.cache.others["tree"] = extended
     return extended
 
 

@@ -18,7 +18,7 @@ from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import Arguments, CoordinateNames
-from hingepair.plans.computation import Computation
+from hingepair.plans.computation import Cache, Computation
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, Plan, make_plan, plan_loop
 from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES
 
@@ -85,10 +85,13 @@ def compute(
     sequence: str | None = None,
     backend: str = "auto",
     workers: int = 1,
+    gravity: tuple[float, ...] | None = None,
     bare: bool = False,
     key: Any = None,
+    cache: Cache | None = None,
 ) -> Any:
-    """Compute outputs of a pair from inputs by name, as users give them. `Cache.again` finds the call by `key`.
+    """Compute outputs of a pair from inputs by name, as users give them. `Cache.again` of the pair's cache, or of
+    another one, finds the call by `key`.
 
     Raises:
         ArgumentError: an argument cannot be used, or an output needs an input that is not given.
@@ -97,8 +100,8 @@ def compute(
     computation = computation_of(*what)
     check_inputs(computation, given)
     return computation.compute(
-        given, execution_of(backend, workers), None, out, labels=INPUT_LABELS,
-        keep=None if key is None else (pair.cache, key), remade=functools.partial(computation_of, *what),
+        given, execution_of(backend, workers), gravity, out, labels=INPUT_LABELS,
+        keep=None if key is None else (cache or pair.cache, key), remade=functools.partial(computation_of, *what),
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from hingepair.pair.body import Body
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_inputs
 from hingepair.pair.constants import Constants, check_single_pair, pair_constants, with_hinge_frames
 from hingepair.pair.derivatives import Sensitivities
-from hingepair.pair.dynamics import Accelerations, Energy, Forces, HingeWrench, Momentum
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.evaluate import COORDINATES, compute
 from hingepair.pair.prepare import prepare
 from hingepair.pair.residuals import Residuals
@@ -152,11 +152,6 @@ class HingePair(Shown):
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses])
 
-    @property
-    def _bodies(self) -> tuple[Body | None, Body | None]:
-        """Mass properties of body 1 and of body 2, each None if not given."""
-        return self.body1, self.body2
-
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return the result of the function `method` with lazy Dask arrays in it; nothing is computed. The arguments
         of `method` are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading
@@ -174,18 +169,40 @@ class HingePair(Shown):
         self,
         name: str,
         given: Mapping[str, Any],
-        out: FloatArray | None,
+        out: Any,
         workers: int,
         backend: str,
         sequence: str | None = None,
     ) -> FloatArray:
         """Compute one output as a bare array."""
+        if out is not None and type(out) is not dict:
+            out = {name: out}
         constants = with_hinge_frames(self.constants) if "S2" in given else self.constants
-        array: FloatArray = compute(
-            SPATIAL_MOTION_KIND, constants, (name,), given,
-            out=out, sequence=sequence, backend=backend, workers=workers, bare=True,
-        )  # fmt: skip
+        key = name, sequence, backend, *given
+        array: FloatArray | None = constants.cache.again(key, given.values(), out, workers)
+        if array is None:
+            array = compute(
+                SPATIAL_MOTION_KIND, constants, (name,), given,
+                out=out, sequence=sequence, backend=backend, workers=workers, bare=True, key=key,
+            )  # fmt: skip
         return array
+
+    def _dynamics(
+        self,
+        task: dynamics.DynamicsTask,
+        body1: BodyMotion,
+        others: Mapping[str, Any],
+        gravity: ArrayLike,
+        out: Any,
+        workers: int,
+        backend: str,
+    ) -> Any:
+        """Compute a task of dynamics; return its outputs in order, or its only output as a bare array."""
+        result = dynamics.compute_dynamics(
+            task, self.constants, (self.body1, self.body2), {**motion_inputs("body1", body1, task.letters), **others},
+            gravity, out=out, workers=workers, backend=backend,
+        )  # fmt: skip
+        return result if len(task.outputs) == 1 else [result[name] for name in task.outputs]
 
     def forward_kinematics(
         self,
@@ -250,7 +267,7 @@ class HingePair(Shown):
         *,
         outputs: Iterable[str] | None = None,
         sequence: str = "XYZ",
-        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
@@ -457,7 +474,15 @@ class HingePair(Shown):
         level = ("psid" in given) + ("psidd" in given)
         return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, level, outputs)
 
-    def mass_matrix(self, body1: BodyMotion, psi: ArrayLike) -> FloatArray:
+    def mass_matrix(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        *,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape
         (..., 7, 7) (T4). `body1` is the BodyMotion of body 1; only S is used. Raise ArgumentError if a body has no
         mass properties.
@@ -468,6 +493,9 @@ class HingePair(Shown):
         Args:
             body1: the motion of body 1; only S is used.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            out: array into which the result is written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             M, a symmetric matrix; shape (..., 7, 7). Its elements are masses [kg], first moments of mass [kg m] and
@@ -485,9 +513,9 @@ class HingePair(Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
-        if holds_dask(body1, psi):
-            return self._lazily(self.mass_matrix, body1=body1, psi=psi)
-        (matrix,) = dynamics.compute_dynamics(dynamics.MASS_MATRIX, self.constants, self._bodies, body1, psi=psi)
+        matrix: FloatArray = self._dynamics(
+            dynamics.MASS_MATRIX, body1, {"psi": psi}, DEFAULT_GRAVITY_VECTOR, out, workers, backend
+        )
         return matrix
 
     def inverse_dynamics(
@@ -497,7 +525,10 @@ class HingePair(Shown):
         psid: ArrayLike,
         psidd: ArrayLike,
         *,
-        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
         (T1-T3). `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError
@@ -509,6 +540,9 @@ class HingePair(Shown):
             psid: time derivative of psi [rad/s]; shape (...,).
             psidd: second time derivative of psi [rad/s^2]; shape (...,).
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
+            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The Forces. Its attributes force1 [N] and torque1 [N m] are the force at R1 and the torque about R1 that
@@ -529,13 +563,8 @@ class HingePair(Shown):
         ([0.0, 0.0, 39.24], -19.62)
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        if holds_dask(body1, hinge):
-            return self._lazily(self.inverse_dynamics, body1=body1, **hinge, gravity=gravity)
-        return Forces(
-            *dynamics.compute_dynamics(
-                dynamics.INVERSE_DYNAMICS, self.constants, self._bodies, body1, gravity, **hinge
-            )
-        )
+        task = dynamics.INVERSE_DYNAMICS
+        return Forces(*self._dynamics(task, body1, hinge, gravity, out, workers, backend))
 
     def forward_dynamics(
         self,
@@ -548,7 +577,10 @@ class HingePair(Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0,
-        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> Accelerations:
         """Compute the Accelerations of body 1 and of the hinge angle under gravity and under the forces and torques
         on both bodies (T5, T6). `body1` is the BodyMotion of body 1.
@@ -565,6 +597,9 @@ class HingePair(Shown):
             force2: force on body 2 at R2, world axes [N]; shape (..., 3).
             torque2: torque on body 2 about R2, world axes [N m]; shape (..., 3).
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
+            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The Accelerations, with the attributes a1 [m/s^2] and alpha1 [rad/s^2] of body 1, world axes, shape
@@ -585,19 +620,10 @@ class HingePair(Shown):
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
-        if holds_dask(body1, loads, hinge):
-            return self._lazily(self.forward_dynamics, body1=body1, **hinge, **loads, gravity=gravity)
-        outputs = dynamics.compute_dynamics(
-            dynamics.FORWARD_DYNAMICS,
-            self.constants,
-            self._bodies,
-            body1,
-            gravity=gravity,
-            **loads,
-            **hinge,
-        )
-        dynamics.warn_where_singular(outputs[2], self.name, self.constants)
-        return Accelerations(*outputs)
+        task = dynamics.FORWARD_DYNAMICS
+        found = Accelerations(*self._dynamics(task, body1, hinge | loads, gravity, out, workers, backend))
+        dynamics.warn_where_singular(found.psidd, self.name, self.constants)
+        return found
 
     def hinge_wrench(
         self,
@@ -606,7 +632,10 @@ class HingePair(Shown):
         psid: ArrayLike,
         psidd: ArrayLike,
         *,
-        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (T3).
         `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError if body 2
@@ -618,6 +647,9 @@ class HingePair(Shown):
             psid: time derivative of psi [rad/s]; shape (...,).
             psidd: second time derivative of psi [rad/s^2]; shape (...,).
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
+            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The HingeWrench. Its attributes force [N] and torque [N m] are in world axes, shape (..., 3). The torque
@@ -638,12 +670,10 @@ class HingePair(Shown):
         [0.0, 0.0, 19.62]
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        if holds_dask(body1, hinge):
-            return self._lazily(self.hinge_wrench, body1=body1, **hinge, gravity=gravity)
-        outputs = dynamics.compute_dynamics(
-            dynamics.HINGE_WRENCH, self.constants, self._bodies, body1, gravity, **hinge
-        )
-        return HingeWrench(*outputs)
+        task, names = dynamics.HINGE_WRENCH, {"force": "hinge_force", "torque": "hinge_moment"}
+        if isinstance(out, Mapping):
+            out = {names.get(name, name): array for name, array in out.items()}
+        return HingeWrench(*self._dynamics(task, body1, hinge, gravity, out, workers, backend))
 
     def energy(
         self,
@@ -651,7 +681,10 @@ class HingePair(Shown):
         psi: ArrayLike,
         psid: ArrayLike,
         *,
-        gravity: ArrayLike = dynamics.DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). `body1` is the BodyMotion of
         body 1. If body 1 has no mass properties, return the energy of body 2 alone. Raise ArgumentError if body 2 has
@@ -662,6 +695,9 @@ class HingePair(Shown):
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
             psid: time derivative of psi [rad/s]; shape (...,).
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
+            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy is
@@ -680,13 +716,18 @@ class HingePair(Shown):
         [2.0, 78.48]
         """
         hinge = {"psi": psi, "psid": psid}
-        if holds_dask(body1, hinge):
-            return self._lazily(self.energy, body1=body1, **hinge, gravity=gravity)
-        return Energy(
-            *dynamics.compute_dynamics(dynamics.ENERGY, self.constants, self._bodies, body1, gravity, **hinge)
-        )
+        return Energy(*self._dynamics(dynamics.ENERGY, body1, hinge, gravity, out, workers, backend))
 
-    def momentum(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike) -> Momentum:
+    def momentum(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike,
+        *,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> Momentum:
         """Compute the Momentum of the pair: linear, and angular about the world's origin (T8). `body1` is the
         BodyMotion of body 1. Raise ArgumentError if a body has no mass properties.
 
@@ -694,6 +735,9 @@ class HingePair(Shown):
             body1: the motion of body 1; R, S, v and omega are used.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
             psid: time derivative of psi [rad/s]; shape (...,).
+            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The Momentum, with the attributes linear [kg m/s] and angular [kg m^2/s], world axes, shape (..., 3).
@@ -711,9 +755,9 @@ class HingePair(Shown):
         [4.0, 0.0, 0.0]
         """
         hinge = {"psi": psi, "psid": psid}
-        if holds_dask(body1, hinge):
-            return self._lazily(self.momentum, body1=body1, **hinge)
-        return Momentum(*dynamics.compute_dynamics(dynamics.MOMENTUM, self.constants, self._bodies, body1, **hinge))
+        return Momentum(
+            *self._dynamics(dynamics.MOMENTUM, body1, hinge, DEFAULT_GRAVITY_VECTOR, out, workers, backend)
+        )
 
     def residuals(
         self,

@@ -265,12 +265,12 @@ class PlanarPair(Shown):
         >>> pair.massive().body2
         Body(mass=2.0, center_of_mass=[0.0, 0.0, 0.0], inertia=[[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])
         """
-        pair: HingePair | None = self.constants.prepared.get("massive")
+        pair: HingePair | None = self.constants.cache.others.get("massive")
         if pair is None:
             pair = self._in_space(
                 *(None if body is None else _body_in_plane(body) for body in (self.body1, self.body2))
             )
-            self.constants.prepared["massive"] = pair
+            self.constants.cache.others["massive"] = pair
         return pair
 
     def _in_space(self, body1: Body | None, body2: Body | None) -> HingePair:

@@ -200,6 +200,8 @@ def common_library(arguments: Mapping[str, Any]) -> Library | None:
     Raises:
         ArgumentError: arrays of two libraries are mixed.
     """
+    if not any(is_foreign(part) for value in arguments.values() for part in _parts(value)):
+        return None
     leaves: dict[str, Any] = {}
     for name, value in arguments.items():
         if isinstance(value, Mapping):
@@ -208,7 +210,11 @@ def common_library(arguments: Mapping[str, Any]) -> Library | None:
             leaves |= {f"{name}[{k}]": part for k, part in enumerate(value)}
         else:
             leaves[name] = value
-    return library_of(leaves) if any(map(is_foreign, leaves.values())) else None
+    return library_of(leaves)
+
+
+def _parts(value: Any) -> Iterable[Any]:
+    return value.values() if isinstance(value, Mapping) else value if type(value) is tuple else (value,)
 
 
 # ---- what is asked for

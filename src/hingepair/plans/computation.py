@@ -177,11 +177,12 @@ class Computation:
         """
         call = self.call(tuple(given), execution.backend, gravity, derivative=derivative)
         out = check_out(out, call.outputs)
-        result = call.rows(*given.values(), out=out, workers=execution.workers)
-        if result is not None:
-            if keep is not None:
-                keep[0].calls[keep[1]] = call
-            return result
+        if keep is None or execution.workers > 1 or keep[0].calls.get(keep[1]) is not call:  # else it was tried
+            result = call.rows(*given.values(), out=out, workers=execution.workers)
+            if result is not None:
+                if keep is not None:
+                    keep[0].calls[keep[1]] = call
+                return result
         labels = labels or {}
         if holds_dask(given) and remade is not None:
             if self._shape:
