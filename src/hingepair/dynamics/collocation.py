@@ -25,97 +25,49 @@ from hingepair.numeric.arrays import Float64Array as Array
 StateRates: TypeAlias = Callable[[Array, Array], Array]
 """Derivatives (m, k) of the state at times (m,) and states (m, k), smooth until the next event."""
 
-NODES_PER_STEP: Final = 8
-"""Nodes of a step."""
-_MAX_NODE_ITERATIONS_PER_STEP: Final = 30  # of the states at the nodes; a step that needs more is too long
-_STEP_LENGTH_SAFETY_FACTOR = 0.8  # of the length that the estimate of the error allows
-_MIN_LENGTH_FACTOR, _MAX_LENGTH_FACTOR = 0.2, 3.0  # from the length of one step to that of the next
-# Factor of the length by which errors of velocities are scaled, with each shorter step.
-_RECENT_STEP_LENGTH_DECAY_FACTOR_PER_STEP = 0.9
-# Iterations after which Newton's method computes the derivatives of psi'' again.
-_NEWTON_ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE = 4
-_FIXED_POINT_ITERATIONS_PER_CONTRACTION_CHECK = 4  # iterations after which the convergence of fixed points is checked
-# Factor of the change in an iteration: above it Newton's method is tried.
-_MAX_FIXED_POINT_CONTRACTION_RATIO_PER_ITERATION = 0.1
-# Of a step, without unit: below it fixed points converge without Newton's method.
-_MIN_STEP_STIFFNESS_FOR_NEWTON = 0.5
-# Events applied at one instant; if more follow each other, the next one is ignored, and the step is made.
-_MAX_EVENTS_AT_ONE_INSTANT_BEFORE_NEXT_IS_IGNORED = 8
-# Of the length of recent steps: in a step of at most this length the derivative jumps, and no step is better.
-_MAX_JUMP_STEP_TO_RECENT_STEP_LENGTH_RATIO = 1e-12
+NODES: Final = 8
+_SAFETY = 0.8  # of the length that the estimate of the error allows
+_MIN_GROWTH, _MAX_GROWTH = 0.2, 3.0  # from the length of one step to that of the next
+_STIFF = 0.5  # stiffness times length of a step: below it fixed points converge without Newton's method
 
-_gauss_nodes, _gauss_weights = legendre.leggauss(NODES_PER_STEP)
-RELATIVE_NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2
-"""Nodes of a step from 0 to 1; shape (8,)."""
-_NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.stack(
-    [
-        (2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODES_PER_STEP)[k])
-        for k in range(NODES_PER_STEP)
-    ]
+# Matrices take values at the nodes to other values of the polynomial through them. Times are relative to the step: 0
+# at its start, 1 at its end.
+_gauss_nodes, _gauss_weights = legendre.leggauss(NODES)
+NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2  # (8,)
+_SERIES: Final[Array] = np.stack(  # to the coefficients of the Legendre series; (8, 8)
+    [(2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODES)[k]) for k in range(NODES)]
 )
-"""Matrix from values at the nodes to the coefficients of their Legendre series; shape (8, 8)."""
-
-
-_NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX: Final[Array] = (
-    np.stack(
-        [
-            np.pad(c := legendre.legint(unit, lbnd=-1), (0, NODES_PER_STEP + 1 - len(c)))
-            for unit in np.eye(NODES_PER_STEP)
-        ],
-        axis=1,
-    )
-    @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
-    / 2
+_antiderivatives = [legendre.legint(unit, lbnd=-1) for unit in np.eye(NODES)]
+_INTEGRAL_SERIES: Final[Array] = (  # to those of the integral; (9, 8)
+    np.stack([np.pad(c, (0, NODES + 1 - len(c))) for c in _antiderivatives], axis=1) @ _SERIES / 2
 )
-"""Matrix from values at the nodes to the coefficients of the Legendre series of the integral; shape (9, 8)."""
 
 
 def integration_matrix(times: Array) -> Array:
-    """Return the matrix (m, 8) that maps values at the nodes of a step to integrals of the polynomial through these
-    values, from the start of the step to each of `times`. The times are relative: 0 at the start of the step, 1 at
-    its end.
-    """
-    return legendre.legvander(2 * times - 1, NODES_PER_STEP) @ _NODE_VALUES_TO_INTEGRAL_LEGENDRE_COEFFS_MATRIX
+    """Return the matrix (m, 8) from values at the nodes to integrals from the start of the step to the times."""
+    return legendre.legvander(2 * times - 1, NODES) @ _INTEGRAL_SERIES
 
 
 def interpolation_matrix(times: Array) -> Array:
-    """Return the matrix (m, 8) that maps values at the nodes of a step to the values at `times` of the polynomial
-    through them. The times are relative: 0 at the start of the step, 1 at its end.
-    """
-    return legendre.legvander(2 * times - 1, NODES_PER_STEP - 1) @ _NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX
+    """Return the matrix (m, 8) from values at the nodes to values at the times."""
+    return legendre.legvander(2 * times - 1, NODES - 1) @ _SERIES
 
 
-_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX: Final[Array] = integration_matrix(RELATIVE_NODE_TIMES)
-"""From values at the nodes to the integrals from 0 to each node; shape (8, 8)."""
-NODE_QUADRATURE_WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
+_INTEGRALS: Final[Array] = integration_matrix(NODE_TIMES)  # to the integrals up to each node; (8, 8)
+_DERIVATIVES: Final[Array] = np.asarray(np.linalg.inv(_INTEGRALS), np.float64)  # and back
+WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
 """Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
-_RELATIVE_RESIDUAL_CHECK_TIMES: Final[Array] = np.hstack(
-    [0.0, (RELATIVE_NODE_TIMES[1:] + RELATIVE_NODE_TIMES[:-1]) / 2, 1.0]
-)
-"""Times in a step from 0 to 1, between the nodes and at both ends, at which the residual is checked; shape (9,)."""
-_RELATIVE_NODE_GAPS_AROUND_CHECK_TIMES: Final[Array] = np.diff(RELATIVE_NODE_TIMES, prepend=0.0, append=1.0)[:, None]
-"""Distances between the neighbouring nodes or ends around each check time; shape (9, 1)."""
-_RESIDUAL_INTEGRATION_MATRIX, _RESIDUAL_INTERPOLATION_MATRIX = (
-    integration_matrix(_RELATIVE_RESIDUAL_CHECK_TIMES),
-    interpolation_matrix(_RELATIVE_RESIDUAL_CHECK_TIMES),
-)
-_NODE_INTEGRALS_TO_NODE_VALUES_MATRIX: Final[Array] = np.asarray(
-    np.linalg.inv(_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX), np.float64
-)
-"""From integrals at the nodes to the values there; shape (8, 8)."""
-_RELATIVE_EVENT_SAMPLE_TIMES: Final[Array] = np.sort(np.hstack([RELATIVE_NODE_TIMES, _RELATIVE_RESIDUAL_CHECK_TIMES]))
-"""Times in a step from 0 to 1 at which the distances from events are evaluated, at least; shape (17,)."""
-_EVENT_SAMPLES_TO_LEGENDRE_COEFFS_MATRIX: Final[Array] = np.asarray(
-    np.linalg.inv(legendre.legvander(2 * _RELATIVE_EVENT_SAMPLE_TIMES - 1, len(_RELATIVE_EVENT_SAMPLE_TIMES) - 1)),
-    np.float64,
-)
-"""From values at these times to the coefficients of their Legendre series; shape (17, 17)."""
+# Where the residual is checked: between the nodes and at both ends; (9,). And how far the nodes there are apart.
+_BETWEEN: Final[Array] = np.hstack([0.0, (NODE_TIMES[1:] + NODE_TIMES[:-1]) / 2, 1.0])
+_GAPS: Final[Array] = np.diff(NODE_TIMES, prepend=0.0, append=1.0)[:, None]
+_TO_STATES, _TO_RATES = integration_matrix(_BETWEEN), interpolation_matrix(_BETWEEN)
+# Where distances from events are evaluated, at least, (17,), and the matrix to their Legendre series.
+_EVENT_TIMES: Final[Array] = np.sort(np.hstack([NODE_TIMES, _BETWEEN]))
+_EVENT_SERIES: Final[Array] = np.asarray(np.linalg.inv(legendre.legvander(2 * _EVENT_TIMES - 1, 16)), np.float64)
 
 
 class TooStiffError(Exception):
-    """Error that even the shortest possible step is too long for the tolerance. Its attribute `t` is the start of
-    that step [s].
-    """
+    """Even the shortest possible step from the instant `t` [s] is too long for the tolerance."""
 
     def __init__(self, t: float) -> None:
         super().__init__(t)
@@ -124,9 +76,7 @@ class TooStiffError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class StepPolynomial:
-    """Polynomial in time of the state over one step: first instant and length of the step [s], state at its start,
-    (k,), and derivatives (`rates`) at its nodes, (8, k). Its method `states_at` evaluates it.
-    """
+    """Polynomial in time of the state over one step."""
 
     start: float  # first instant of the step [s]
     length: float  # of the step [s]
@@ -134,21 +84,16 @@ class StepPolynomial:
     rates: Array  # derivatives of the state at the nodes; (8, k)
 
     def states_at(self, t: Array) -> Array:
-        """Return the states at instants t [s] of the step as an array (m, k)."""
+        """Return the states at instants t [s] of the step; (m, k)."""
         return self.state + self.length * (integration_matrix((t - self.start) / self.length) @ self.rates)
 
 
 class Events(Protocol):
-    """Protocol of an object that finds and applies events. At an event the state jumps, or its derivatives change
-    from one smooth function to another.
-    """
+    """Where the state jumps, or its derivatives change from one smooth function to another."""
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Return two arrays for instants t and states: the distances from each event, (m, e), positive until the
-        event happens, and the sizes (e,) that scale the rounding errors of the distances.
-
-        Returns:
-            Distances, positive until the event happens, shape (m, e); and sizes, shape (e,).
+        """Return the distances from each event, (m, e), positive until it happens, and the sizes (e,) that scale
+        their rounding errors.
         """
 
     def apply(self, event: int, t: float, state: Array) -> Array | None:
@@ -159,9 +104,7 @@ class Events(Protocol):
 
 @dataclass
 class Stepper:
-    """Mutable stepper of one motion: holds the present time and state, and makes steps that are as long as the
-    tolerance allows and end at events. `rates` is the function that computes the derivatives of states.
-    """
+    """Makes steps that are as long as the tolerance allows and end at events."""
 
     rates: StateRates  # derivatives of the state
     events: Events | None  # events, at which steps end; None where there are none
@@ -187,13 +130,8 @@ class Stepper:
         self.ended = False  # whether an event has ended the motion
 
     def step(self, stop: float) -> StepPolynomial | None:
-        """Advance the time and the state of this object by one step, which goes neither past the instant `stop` nor
-        past an event; return the StepPolynomial. An event at the end of the step is applied only by
-        `apply_pending_event`. Return None if an event at the start of the step ends the motion. Raise a TooStiffError
-        if no step is short enough.
-
-        The time and the state of this object become those at the end of the step. The event there is applied by
-        `apply_pending_event`.
+        """Make one step, neither past the instant `stop` nor past an event; return it, or None if an event at its
+        start ends the motion. An event at its end is applied by `apply_pending_event` only.
 
         Raises:
             TooStiffError: the shortest step is too long.
@@ -213,14 +151,10 @@ class Stepper:
                 if node_rates is None
                 else self._estimate_error(node_rates, length, 64 * time_rounding, extra_times)
             )
-            factor = (
-                _MIN_LENGTH_FACTOR
-                if not error < np.inf
-                else _STEP_LENGTH_SAFETY_FACTOR * max(error, 1e-12) ** (-1 / (NODES_PER_STEP + 1))
-            )
-            next_length = length * min(max(factor, _MIN_LENGTH_FACTOR), _MAX_LENGTH_FACTOR)
+            factor = _MIN_GROWTH if not error < np.inf else _SAFETY * max(error, 1e-12) ** (-1 / (NODES + 1))
+            next_length = length * min(max(factor, _MIN_GROWTH), _MAX_GROWTH)
             if node_rates is None or not error <= 1:
-                self.length = min(good_share, _STEP_LENGTH_SAFETY_FACTOR) * length if good_share else next_length
+                self.length = min(good_share, _SAFETY) * length if good_share else next_length
                 continue
             self.length = max(self.length, next_length) if is_last and end < stop else next_length
             first_event = self._find_first_event(
@@ -230,7 +164,7 @@ class Stepper:
                 break
             share, event = first_event
             if share * length <= 32 * time_rounding:  # it starts at an event
-                if applied_count == _MAX_EVENTS_AT_ONE_INSTANT_BEFORE_NEXT_IS_IGNORED:
+                if applied_count == 8:  # more at one instant: the next is ignored, and the step is made
                     first_event = None
                     break
                 self._apply_event(event)
@@ -242,41 +176,31 @@ class Stepper:
             else:
                 end, expected_event = self.t + share * length, event
         piece = self._last_step = StepPolynomial(self.t, length, self.state, node_rates)
-        self._recent_step_length = max(length, _RECENT_STEP_LENGTH_DECAY_FACTOR_PER_STEP * self._recent_step_length)
+        self._recent_step_length = max(length, 0.9 * self._recent_step_length)
         self.t = end if is_last else self.t + length
-        self._advance(length * (NODE_QUADRATURE_WEIGHTS @ node_rates))
+        self._advance(length * (WEIGHTS @ node_rates))
         self._pending_event = None if first_event is None else first_event[1]
         return piece
 
     def apply_pending_event(self) -> None:
-        """Apply the event at the end of the last step, if there is one, to the state of this object. Set the
-        attribute `ended` to whether this event ends the motion.
-        """
+        """Apply the event at the end of the last step, if there is one; set `ended` to whether it ends the motion."""
         if self._pending_event is not None:
             self._apply_event(self._pending_event)
             self._pending_event = None
 
     def set_state(self, state: Array) -> None:
-        """Replace the present state by `state`, after an event or for coordinates that are reset after every step.
-        The stored rounding residues of changed components become 0.
-        """
+        """Replace the present state, after an event or for coordinates that are reset after every step."""
         self._rounding_residue = np.where(state == self.state, self._rounding_residue, 0.0)
         self.state = state
 
     def _apply_event(self, event_index: int) -> None:
-        """Apply the event with the index `event_index` to the state of this object. Set the attribute `ended` to
-        whether the event ends the motion.
-        """
         state = self.events.apply(event_index, self.t, self.state) if self.events else None
         self.ended = state is None
         if state is not None:
             self.set_state(state)
 
     def _extra_check_times(self, length: float) -> Array:
-        """Return an array of additional times in a step of this length [s] at which the residual and the distances
-        from events are checked, since loads or events are callables. The times are relative: 0 at the start of the
-        step, 1 at its end.
-        """
+        """Return further times at which residual and events are looked at, since callables may do anything."""
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
         return np.hstack([(self.instants[first:last] - self.t) / length, np.arange(1, count + 1) / (count + 1)])
@@ -284,11 +208,8 @@ class Stepper:
     def _find_first_event(
         self, node_rates: Array, length: float, time_rounding: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
-        """Return a tuple of the share of the step, 0 to 1, after which the first event happens, and the index
-        of the event; None if no event happens in the step. `node_rates` are the derivatives at the nodes,
-        `time_rounding` is the spacing of instants [s], and `extra_times` are further relative times (0 to 1) at which
-        distances are checked. The event with the index `expected_event` counts as happening at the end of the
-        step if only rounding prevents it.
+        """Return the time in the step at which the first event happens, and its index; None if there is none. An
+        `expected_event` has ended a longer step before.
         """
         if self.events is None:
             return None
@@ -298,13 +219,13 @@ class Stepper:
                 self.t + length * times, self.state + length * (integration_matrix(times) @ node_rates)
             )
 
-        times = np.unique(np.hstack([_RELATIVE_EVENT_SAMPLE_TIMES, extra_times]))
+        times = np.unique(np.hstack([_EVENT_TIMES, extra_times]))
         values, sizes = distances(times)
         slopes = np.abs(np.diff(values, axis=0) / np.diff(times)[:, None])
         slopes = np.where(np.isfinite(slopes), slopes, 0.0).max(axis=0) / length  # NaN is found as a crossing
         margins = event_margin(sizes, slopes, time_rounding)
         crossings = []
-        event_time_indices = np.searchsorted(times, _RELATIVE_EVENT_SAMPLE_TIMES)
+        event_time_indices = np.searchsorted(times, _EVENT_TIMES)
         for event, margin in enumerate(margins):
             distance_at = functools.partial(lambda event, times: distances(times)[0][:, event], event)
             bracket = _bracket_crossing(
@@ -322,19 +243,15 @@ class Stepper:
         return min(crossings, default=None)
 
     def _advance(self, change: Array) -> None:
-        """Add `change`, an array (k,), to the state of this object by compensated summation, and store the rounding
-        residue.
-        """
+        """Add to the state by compensated summation."""
         change = change + self._rounding_residue
         state = self.state + change
         self._rounding_residue = change - (state - self.state)
         self.state = state
 
     def _node_rates(self, length: float) -> Array | None:
-        """Compute the derivatives of the state at the nodes of a step of this length [s]; return an array (8, k), or
-        None if no iteration converges. Newton's method is used if psi'' is stiff or fixed-point iteration fails.
-        """
-        if self._stiffness(length) < _MIN_STEP_STIFFNESS_FOR_NEWTON:
+        """Return the derivatives at the nodes of a step, (8, k); None if no iteration converges."""
+        if self._stiffness(length) < _STIFF:
             self._hinge_derivatives = None
             node_rates = self._solve_nodes(length, use_newton=False)
             if node_rates is not None:
@@ -345,38 +262,32 @@ class Stepper:
         return node_rates
 
     def _stiffness(self, length: float) -> float:
-        """Return the stiffness of psi'' in psi and psi' over a step of this length [s], a number without unit. Return
-        0 if the stiffness is not known.
-        """
+        """Return the stiffness of psi'' over a step, without unit; 0 if it is not known."""
         if self._hinge_derivatives is None:
             return 0.0
         by_angle, by_rate = (float(np.abs(slope).max()) for slope in self._hinge_derivatives)
         return float(length * max(by_rate, np.sqrt(by_angle)))
 
     def _solve_nodes(self, length: float, use_newton: bool) -> Array | None:
-        """Iterate the states at the nodes of a step of this length [s] by fixed-point (Picard) iteration or, if
-        `use_newton` is True, by a simplified Newton method in (psi, psi'). Return the derivatives at the nodes, (8,
-        k); None if the iteration does not converge, or if the other method suits better. Store the derivatives of
-        psi'' that Newton's method needs.
-
-        For Newton's method the derivatives of psi'' with respect to psi and psi' at each node are differences; all
-        other components are iterated by fixed points.
+        """Iterate the states at the nodes by fixed points (Picard) or by a simplified Newton method in (psi, psi').
+        Return the derivatives there, (8, k); None if the iteration fails, or the other one suits better.
         """
-        times, sizes, last_change = self.t + length * RELATIVE_NODE_TIMES, self._error_sizes(length), np.inf
-        states = self.state + length * (_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX @ self._predict_rates(times))
+        times, sizes, last_change = self.t + length * NODE_TIMES, self._error_sizes(length), np.inf
+        states = self.state + length * (_INTEGRALS @ self._predict_rates(times))
         block = slice(self.psi_index, self.psi_index + 2)
-        for iteration in range(_MAX_NODE_ITERATIONS_PER_STEP):
-            if use_newton and iteration % _NEWTON_ITERATIONS_PER_PSIDD_DERIVATIVE_UPDATE == 0:
+        for iteration in range(30):  # a step that needs more is too long
+            if use_newton and iteration % 4 == 0:  # new derivatives of psi''
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
-                if not iteration and not self._stiffness(length) > _MIN_STEP_STIFFNESS_FOR_NEWTON:
+                if not iteration and not self._stiffness(length) > _STIFF:
                     return None
                 inverse, by_angle = self._newton_matrices(length)
+            # Picard's step, in psi and psi' corrected by Newton's.
             node_rates = self.rates(times, states)
-            new_states = self.state + length * (_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX @ node_rates)
+            new_states = self.state + length * (_INTEGRALS @ node_rates)
             if use_newton:
                 angle, rate = (new_states - states)[:, block].T
                 rate = inverse @ (rate + by_angle @ angle)
-                angle = angle + length * (_NODE_VALUES_TO_NODE_INTEGRALS_MATRIX @ rate)
+                angle = angle + length * (_INTEGRALS @ rate)
                 new_states[:, block] = states[:, block] + np.stack([angle, rate], axis=-1)
             change = float(np.abs((new_states - states) / sizes).max())
             states = new_states
@@ -385,29 +296,21 @@ class Stepper:
             if change <= 4e-16 or (change >= last_change / 2 and change <= 1e-3 * self.tol):
                 if use_newton:  # rates that belong to the states: rounding of psi' would be magnified in psi''
                     node_rates = node_rates.copy()
-                    node_rates[:, block] = (
-                        _NODE_INTEGRALS_TO_NODE_VALUES_MATRIX @ (states[:, block] - self.state[block]) / length
-                    )
+                    node_rates[:, block] = _DERIVATIVES @ (states[:, block] - self.state[block]) / length
                 return node_rates
             if change > 2 * last_change and change > self.tol:
                 return None
-            if (
-                not use_newton
-                and iteration
-                and iteration % _FIXED_POINT_ITERATIONS_PER_CONTRACTION_CHECK == 0
-                and change > _MAX_FIXED_POINT_CONTRACTION_RATIO_PER_ITERATION * last_change
-            ):
+            # Do fixed points converge too slowly, because psi'' is stiff?
+            if not use_newton and iteration and iteration % 4 == 0 and change > 0.1 * last_change:
                 self._hinge_derivatives = self._psidd_derivatives(times, states)
-                if self._stiffness(length) > _MIN_STEP_STIFFNESS_FOR_NEWTON:
+                if self._stiffness(length) > _STIFF:
                     return None
                 self._hinge_derivatives = None
             last_change = change
         return None
 
     def _psidd_derivatives(self, times: Array, states: Array) -> tuple[Array, Array]:
-        """Return two arrays (m,): the derivatives of psi'' with respect to psi and to psi' at m times and states, (m,
-        k), by forward differences.
-        """
+        """Return the derivatives of psi'' by psi and psi', (m,) each, by forward differences."""
         # 1.5e-8 is the square root of the spacing of doubles at 1, which balances truncation and rounding errors.
         increments = 1.5e-8 * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
         shifted = np.concatenate([states] * 3)
@@ -417,19 +320,16 @@ class Stepper:
         return (by_angle - unshifted) / increments[:, 0], (by_rate - unshifted) / increments[:, 1]
 
     def _newton_matrices(self, length: float) -> tuple[Array, Array]:
-        """Return the two matrices (8, 8) of Newton's method for a step of this length [s]. The second maps residuals
-        of psi at the nodes to residuals of psi'; the first maps the sum of these and the residuals of psi' to the
-        change of psi'.
+        """Return the matrices (8, 8) of Newton's method: the second takes residuals of psi to residuals of psi', the
+        first the sum of these and those of psi' to the change of psi'.
         """
-        by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODES_PER_STEP), np.zeros(NODES_PER_STEP))
-        integrals = length * _NODE_VALUES_TO_NODE_INTEGRALS_MATRIX
-        matrix = np.eye(NODES_PER_STEP) - integrals * by_rate - (integrals * by_angle) @ integrals
+        by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODES), np.zeros(NODES))
+        integrals = length * _INTEGRALS
+        matrix = np.eye(NODES) - integrals * by_rate - (integrals * by_angle) @ integrals
         return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
 
     def _damp_stiff_errors(self, errors: Array, length: float) -> Array:
-        """Return a copy of `errors`, errors of the derivatives of the state, (m, k), without the part that a stiff
-        psi'' damps within a step of this length [s]. If psi'' is not stiff, return `errors` itself.
-        """
+        """Return errors of derivatives, (m, k), without what a stiff psi'' damps within the step."""
         if self._hinge_derivatives is None:
             return errors
         by_angle, by_rate = (length * float(slope.mean()) for slope in self._hinge_derivatives)
@@ -439,61 +339,47 @@ class Stepper:
         return errors
 
     def _predict_rates(self, times: Array) -> Array:
-        """Predict the derivatives at the nodes of a step from the polynomial of the last step, evaluated at the
-        instants `times` of the nodes; return an array (8, k). If the step is much longer than the last one, all rows
-        are the value of the polynomial at the end of the last step. Return zeros for the first step.
-        """
+        """Return the derivatives at the nodes that the polynomial of the last step predicts, (8, k)."""
         last_step = self._last_step
         if last_step is None:
-            return np.zeros((NODES_PER_STEP, len(self.state)))
+            return np.zeros((NODES, len(self.state)))
         relative_times = (times - last_step.start) / last_step.length
         return (
-            interpolation_matrix(
-                relative_times if relative_times[-1] <= _MAX_LENGTH_FACTOR else np.ones(NODES_PER_STEP)
-            )
+            interpolation_matrix(relative_times if relative_times[-1] <= _MAX_GROWTH else np.ones(NODES))
             @ last_step.rates
         )
 
     def _error_sizes(self, length: float) -> Array:
-        """Return an array (k,) of the scales of errors for a step of this length [s]. The scales of velocities and
-        momenta are divided by the length.
-        """
+        """Return the scales of errors, (k,); those of velocities and momenta are divided by the length."""
         return np.where(self.rate_mask, self.sizes / length, self.sizes)
 
     def _estimate_error(
         self, node_rates: Array, length: float, shortest_length: float, extra_times: Array
     ) -> tuple[float, float]:
-        """Return (error, share): an estimate of the error of the polynomial between the nodes, in units of the
-        tolerance, and the share of the step that could be kept, from 0 to 1. The share is 0 unless only checks at
-        `extra_times` (from 0 to 1) find an error above 1. Steps of at most `shortest_length` [s] count as steps
-        across a jump.
-
-        Returns:
-            The error, and, where only the residual at an extra check time shows an error above 1, the share of the
-            step up to which no check does; 0 elsewhere.
+        """Return an estimate of the error between the nodes, in units of the tolerance, and the share of the step
+        that could be kept: 0 unless only checks at the extra times find an error above 1. Steps of at most
+        `shortest_length` [s] count as steps across a jump.
         """
-        jumps = length <= max(_MAX_JUMP_STEP_TO_RECENT_STEP_LENGTH_RATIO * self._recent_step_length, shortest_length)
+        jumps = length <= max(1e-12 * self._recent_step_length, shortest_length)
         sizes = self._error_sizes(length if jumps else max(length, self._recent_step_length))
         units = length / (self.tol * sizes + 1e-15 * np.abs(self.state))
-        tails = np.abs(
-            self._damp_stiff_errors(_NODE_VALUES_TO_LEGENDRE_COEFFS_MATRIX[-3:] @ node_rates, length) * units
-        ).max(axis=1)
+        tails = np.abs(self._damp_stiff_errors(_SERIES[-3:] @ node_rates, length) * units).max(axis=1)
         first, second, third = map(float, tails)
         ratio = min(1.0, max(third / second if second else 0.0, second / first if first else 0.0))
         error = max(third, second * ratio) * ratio
         if not error <= 1:
             return error, 0.0
         times, gaps, to_states, to_rates = (
-            _RELATIVE_RESIDUAL_CHECK_TIMES,
-            _RELATIVE_NODE_GAPS_AROUND_CHECK_TIMES,
-            _RESIDUAL_INTEGRATION_MATRIX,
-            _RESIDUAL_INTERPOLATION_MATRIX,
+            _BETWEEN,
+            _GAPS,
+            _TO_STATES,
+            _TO_RATES,
         )
         if extra_times.size:
-            times, order = np.unique(np.hstack([_RELATIVE_RESIDUAL_CHECK_TIMES, extra_times]), return_index=True)
+            times, order = np.unique(np.hstack([_BETWEEN, extra_times]), return_index=True)
             gaps = (np.diff(times, prepend=0.0) + np.diff(times, append=1.0))[:, None]
-            is_check_time = order < len(_RELATIVE_RESIDUAL_CHECK_TIMES)
-            gaps[is_check_time] = _RELATIVE_NODE_GAPS_AROUND_CHECK_TIMES[order[is_check_time]]
+            is_check_time = order < len(_BETWEEN)
+            gaps[is_check_time] = _GAPS[order[is_check_time]]
             to_states, to_rates = integration_matrix(times), interpolation_matrix(times)
         rates = self.rates(self.t + length * times, self.state + length * (to_states @ node_rates))
         residuals = (np.abs(self._damp_stiff_errors(rates - to_rates @ node_rates, length)) * gaps * units).max(
@@ -507,23 +393,19 @@ class Stepper:
 
 
 def event_margin(size: Any, slope: Any, time_rounding: float) -> Any:
-    """Return the distance past an event that rounding alone may cause, of a quantity of this size and rate of change
-    at instants of this spacing [s]. Closer than this, two events cannot be told apart.
-    """
+    """Return the distance past an event that rounding alone may cause; closer, events cannot be told apart."""
     return 2e-15 * size + 64 * time_rounding * slope
 
 
 def _bracket_crossing(
     times: Array, distances: Array, sampled_distances: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
-    """Return a tuple of two relative times (0 to 1 in a step) between which the distance from an event first falls
-    below -margin, or None if it does not. `distances` are the distances at `times`, and the function `distance_at`
-    computes the distance at an array of times. Between `times`, the crossing is searched for where the polynomial
-    through `sampled_distances`, the distances at _RELATIVE_EVENT_SAMPLE_TIMES, is negative.
+    """Return two times between which the distance from an event first falls below -margin, or None. Between the given
+    times, a crossing is searched for where the polynomial through `sampled_distances` is negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None
-    series = _EVENT_SAMPLES_TO_LEGENDRE_COEFFS_MATRIX @ sampled_distances
+    series = _EVENT_SERIES @ sampled_distances
     if not series[0] - float(np.abs(series[1:]).sum()) < -margin:
         return bracket
     series = np.asarray(
@@ -542,10 +424,7 @@ def _bracket_crossing(
 
 
 def _bisect_crossing(start: float, end: float, margin: float, distance_at: Callable[[Array], Array]) -> float:
-    """Return the first relative time between `start` and `end` at which the distance from an event is below -margin,
-    by repeated division of the interval. The function `distance_at` computes the distance at an array of times. At
-    `end` the distance must be below -margin.
-    """
+    """Return the first time in the bracket at which the distance is below -margin, as it is at the end."""
     while end - start > 2e-16 * (1 + end):
         times = np.linspace(start, end, 17)
         below = int(np.argmax(~(distance_at(times) >= -margin)))

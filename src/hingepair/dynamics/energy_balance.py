@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hingepair.dynamics.collocation import (
-    NODE_QUADRATURE_WEIGHTS,
-    NODES_PER_STEP,
-    RELATIVE_NODE_TIMES,
+    NODE_TIMES,
+    NODES,
+    WEIGHTS,
     StepPolynomial,
 )
 from hingepair.dynamics.pair_motion import MotionSamples, PairMotion
@@ -21,14 +21,11 @@ from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
 
-_MIN_RELATIVE_HINGE_RATE_CHANGE_BY_IMPACT = 1e-12  # of 1 + |psi'|: a larger jump of psi' between steps is an impact
-_QUADRATURE_INTERVALS_PER_WORK_CHUNK = 20_000  # intervals whose work is computed at a time
+_CHUNK = 20_000  # intervals whose work is computed at a time
 
 
 class StepRecord(NamedTuple):
-    """Record of one step of a simulation: its StepPolynomial, the attitude `quat` (4,) at its start, the pair `side`
-    (angle, rate), which selects the smooth branch of the hinge torque, and `held`, whether the hinge is held.
-    """
+    """One step of a simulation."""
 
     polynomial: StepPolynomial
     quat: Array  # attitude at the start of the step; (4,)
@@ -38,28 +35,22 @@ class StepRecord(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EnergyBalance:
-    """Energy balance of a motion at instants t: the work of each load by name, and the kinetic and potential energies
-    [J], an array (N,) each. `print` shows a table.
+    """Energy balance of a motion: the work of each load, and the energies [J]. `print` shows a table."""
 
-    Attributes:
-        t: instants [s]; shape (N,).
-        work: work of each load since the first instant [J], by name, shape (N,): force1, torque1, force2, torque2
-            and hinge_torque (for a HingeLoad instead motor, spring, damper, friction and stop); impacts at rigid
-            stops; base, which moves a body 1 whose motion is given. Loads that do no work are left out.
-        kinetic: kinetic energy [J]; shape (N,); without body 1 where its motion is given or it has no mass.
-        potential: potential energy in uniform gravity [J], zero at the world's origin; shape (N,).
-    """
-
+    #: instants [s]; shape (N,)
     t: Array
+    #: work since the first instant [J], (N,), by load: force1, torque1, force2, torque2 and hinge_torque, or motor,
+    #: spring, damper, friction and stop; impacts at rigid stops; base, which moves a body 1 whose motion is given.
+    #: Loads that do no work are left out.
     work: Mapping[str, Array]
+    #: kinetic energy [J]; shape (N,); without body 1 where its motion is given or it has no mass
     kinetic: Array
+    #: potential energy in uniform gravity [J], zero at the world's origin; shape (N,)
     potential: Array
 
     @property
     def residual(self) -> Array:
-        """Change of the kinetic and potential energy since the first instant minus the work of all loads [J], an
-        array (N,); 0 except for numerical errors.
-        """
+        """Change of the energies since the first instant less the work of all loads [J], (N,): numerical errors."""
         total = self.kinetic + self.potential
         return np.asarray(total - total[:1] - sum(self.work.values()))
 
@@ -77,9 +68,7 @@ class EnergyBalance:
 
 
 class LazyBalance:
-    """Callable that returns an `EnergyBalance`, which is computed at the first call and then kept. A copy or a pickle
-    computes the balance first.
-    """
+    """Callable that computes an `EnergyBalance` at the first call; a copy or a pickle computes it first."""
 
     def __init__(self, balance: Callable[[], EnergyBalance] | EnergyBalance) -> None:
         self._balance = balance
@@ -103,14 +92,11 @@ def energy_balance(
     gravity: tuple[float, ...],
     samples: MotionSamples,
 ) -> EnergyBalance:
-    """Compute the `EnergyBalance` of a simulated motion at the instants t: the work of each load by quadrature over
-    `steps`, a sequence of StepRecords, and the energies from the MotionSamples `samples` at the instants. Loads that
-    do no work are left out; if impacts change the energy, their work is named "impacts". `initial_state` is the state
-    vector before the first event.
+    """Return the `EnergyBalance` of a simulated motion, by quadrature over its steps.
 
     Args:
         motion: the equations of the motion.
-        initial_state: the state at the first instant; shape (k,).
+        initial_state: the state at the first instant, before its events; shape (k,).
         steps: the steps.
         t: instants [s]; shape (N,).
         spatial_pair: the pair as a pair in space.
@@ -126,10 +112,10 @@ def energy_balance(
         starts = np.array([step.polynomial.start for step in steps])
         edges = np.unique(np.hstack([starts, elapsed]))
         chunks = []
-        for first in range(0, max(len(edges) - 1, 1), _QUADRATURE_INTERVALS_PER_WORK_CHUNK):
-            chunk_edges = edges[first : first + _QUADRATURE_INTERVALS_PER_WORK_CHUNK + 1]
+        for first in range(0, max(len(edges) - 1, 1), _CHUNK):
+            chunk_edges = edges[first : first + _CHUNK + 1]
             lengths = np.diff(chunk_edges)
-            times = chunk_edges[:-1, None] + lengths[:, None] * RELATIVE_NODE_TIMES
+            times = chunk_edges[:-1, None] + lengths[:, None] * NODE_TIMES
             step_indices = (np.searchsorted(starts, chunk_edges[:-1], side="right") - 1).tolist()
             states = np.stack(
                 [steps[i].polynomial.states_at(row) for i, row in zip(step_indices, times, strict=True)]
@@ -138,15 +124,10 @@ def energy_balance(
                 motion,
                 t[0] + times.ravel(),
                 np.concatenate(states),
-                [steps[i] for i in step_indices for _ in RELATIVE_NODE_TIMES],
+                [steps[i] for i in step_indices for _ in NODE_TIMES],
             )
             powers = _powers_by_load(pair, nodes, gravity, is_carried=is_carried)
-            chunks.append(
-                {
-                    name: lengths * (power.reshape(-1, NODES_PER_STEP) @ NODE_QUADRATURE_WEIGHTS)
-                    for name, power in powers.items()
-                }
-            )
+            chunks.append({name: lengths * (power.reshape(-1, NODES) @ WEIGHTS) for name, power in powers.items()})
         instant_indices = np.searchsorted(edges, elapsed)
         for name in chunks[0]:
             work_of_load = np.hstack([0.0, np.cumsum(np.concatenate([part[name] for part in chunks]))])[
@@ -160,15 +141,12 @@ def energy_balance(
 
 
 def _body1_motion(samples: MotionSamples, **accelerations: Array) -> BodyMotion:
-    """Return the motion of body 1 in MotionSamples as a BodyMotion. Accelerations, if any, are added by keyword."""
     motion = samples.motion
     return motion_of_rotations(R=motion.R1, S=motion.S1, v=motion.v1, omega=motion.omega1, **accelerations)
 
 
 def _sample_within_steps(motion: PairMotion, t: Array, states: Array, steps: Sequence[StepRecord]) -> MotionSamples:
-    """Return MotionSamples of motion and loads at n instants. `states`, (n, k), and `steps`, a StepRecord for each
-    instant, give the state and the step.
-    """
+    """Return motion and loads at n instants, each with its state and its step."""
     sides = np.array([step.side for step in steps])
     held, quats = np.array([step.held for step in steps]), np.array([step.quat for step in steps])
     return motion.sample(t, states, quats, (sides[:, 0], sides[:, 1]), held)
@@ -177,10 +155,8 @@ def _sample_within_steps(motion: PairMotion, t: Array, states: Array, steps: Seq
 def _powers_by_load(
     pair: HingePair, samples: MotionSamples, gravity: tuple[float, ...], *, is_carried: bool
 ) -> dict[str, Array]:
-    """Compute the power of each load [W] from the motion and loads in MotionSamples; return a dict of arrays (n,) by
-    name. Parts of a HingeLoad, such as "spring", take the place of "hinge_torque". If `is_carried` is True, the
-    motion of body 1 is given: the powers of force1 and torque1 are then 0, and "base" is the power of the support
-    that moves body 1.
+    """Return the power of each load [W], (n,); parts of a HingeLoad take the place of hinge_torque. Where body 1 is
+    carried, force1 and torque1 have none, and "base" has that of the support.
     """
     motion, loads = samples.motion, samples.loads
     body1 = _body1_motion(samples, a=samples.a1, alpha=samples.alpha1)
@@ -215,9 +191,8 @@ def _impact_work(
     pair: HingePair,
     gravity: tuple[float, ...],
 ) -> Array:
-    """Return an array (N,) of the kinetic energy [J] that impacts have added between t[0] and each instant, mostly
-    negative. An impact is a jump of the hinge rate between two of the StepRecords `steps`, or between `initial_state`
-    and the first of them.
+    """Return the kinetic energy [J] that impacts, jumps of the hinge rate between steps, have added up to each
+    instant.
     """
     work = np.zeros(len(t))
     column = motion.psi_index + 1
@@ -228,7 +203,7 @@ def _impact_work(
         )
         rate = end_state[column]
         rate_change = abs(next_step.polynomial.state[column] - rate)
-        if rate_change <= _MIN_RELATIVE_HINGE_RATE_CHANGE_BY_IMPACT * (1 + abs(rate)):
+        if rate_change <= 1e-12 * (1 + abs(rate)):
             continue
         states = np.stack([end_state, next_step.polynomial.state])
         samples: Any = _sample_within_steps(motion, np.full(2, t[0] + instant), states, [last_step, next_step])

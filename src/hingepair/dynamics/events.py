@@ -26,33 +26,25 @@ UserEvent: TypeAlias = Callable[[Array, MotionAtInstants], ArrayLike]
 """Event of the user: a callable of instants (n,) and the motion at them that returns values (n,), 0 at the event."""
 
 # Names of events: the next kinks in angle and rate, release of a held hinge, and the user's event.
-_LOWER_ANGLE_EVENT, _UPPER_ANGLE_EVENT = "lower angle", "upper angle"
-_LOWER_RATE_EVENT, _UPPER_RATE_EVENT = "lower rate", "upper rate"
-_RELEASE_DOWN_EVENT, _RELEASE_UP_EVENT = "release downwards", "release upwards"
-_USER_EVENT_NAME = "until"  # as the argument of `simulate`
-_MIN_REBOUND = 0.01  # of the tolerance: a hinge that would rebound from a stop by less is held there
-# Of the largest value of the user's event in the first step: above, its sign counts.
-_USER_EVENT_SIGN_TOLERANCE_TO_LARGEST_VALUE_RATIO: Final = 1e-6
-# Of the largest value of the user's event so far: below, an impact makes it 0.
-_USER_EVENT_ZERO_TOLERANCE_TO_LARGEST_VALUE_RATIO: Final = 1e-12
-# Of the time since the start, or of 1 s if that is more: events at a smaller distance happen at once.
-_USER_EVENT_SAME_INSTANT_TOLERANCE_TO_TIME_RATIO: Final = 1e-13
-# Of the torques: by which the holding torque may exceed its limit, for rounding.
-_RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE: Final = 1e-12
+_LOWER_ANGLE, _UPPER_ANGLE = "lower angle", "upper angle"
+_LOWER_RATE, _UPPER_RATE = "lower rate", "upper rate"
+_RELEASE_DOWN, _RELEASE_UP = "release downwards", "release upwards"
+_USER = "until"  # as the argument of `simulate`
+_HOLDING: Final = 1e-12  # of the torques: by which the holding torque may exceed its limit, for rounding
 
 
 class HingeEvents:
-    """Events of a hinge: computes the distances from the next events, and applies an event to the state. It sets two
-    attributes of the PairMotion `motion`, also at construction: `side`, which selects the smooth branch of the hinge
-    torque, and `held`, whether the hinge is held. The user's event is a callable or None; raise an ArgumentError at
-    construction if its `direction` is invalid.
+    """Events of a hinge, which switch the motion's `side`, the smooth branch of the hinge torque, and `held`.
 
     Args:
-        motion: the motion; its `side` and `held` are set here.
+        motion: the motion.
         start: the first instant [s].
         tol: largest error of a step [rad].
         user_event: ends the motion where its value passes 0; None: no such event.
         span: length of the whole motion [s].
+
+    Raises:
+        ArgumentError: the event's `direction` is none.
     """
 
     def __init__(
@@ -85,27 +77,26 @@ class HingeEvents:
         return bool(self._motion.loads.kinks or self._motion.loads.rate_kinks or self._user_event)
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Return two arrays for instants t, counted from the start, and states: the distances from each event, (m,
-        e), and the sizes (e,) that scale the rounding errors of the distances. Store the names of the events, and the
-        sign and the size of the values of the user's event.
+        """Return the distances from each event, (m, e), at instants from the start on, and the sizes (e,) that scale
+        their rounding errors.
         """
         psi, psid = states[:, self._motion.psi_index], states[:, self._motion.psi_index + 1]
         rows: dict[str, tuple[Array, float]] = {}
         if self._motion.held:
             torque = self._motion.holding_torque(self._start + t, states)
-            size = _RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE / 2e-15 * (self._friction + float(np.abs(torque).max()))
+            size = _HOLDING / 2e-15 * (self._friction + float(np.abs(torque).max()))
             lowest, highest = self._torque_limits
-            rows |= {_RELEASE_UP_EVENT: (torque - lowest, size)} if lowest > -np.inf else {}
-            rows |= {_RELEASE_DOWN_EVENT: (highest - torque, size)} if highest < np.inf else {}
+            rows |= {_RELEASE_UP: (torque - lowest, size)} if lowest > -np.inf else {}
+            rows |= {_RELEASE_DOWN: (highest - torque, size)} if highest < np.inf else {}
         else:
             lower_angle, upper_angle = self._angle_kinks[self._angle_interval : self._angle_interval + 2]
             lower_rate, upper_rate = self._rate_kinks[self._rate_interval : self._rate_interval + 2]
             size, rate_size = 1 + float(np.abs(psi).max()), 1 + float(np.abs(psid).max())
             for name, distance, scale in (
-                (_LOWER_ANGLE_EVENT, psi - lower_angle, size),
-                (_UPPER_ANGLE_EVENT, upper_angle - psi, size),
-                (_LOWER_RATE_EVENT, psid - lower_rate, rate_size),
-                (_UPPER_RATE_EVENT, upper_rate - psid, rate_size),
+                (_LOWER_ANGLE, psi - lower_angle, size),
+                (_UPPER_ANGLE, upper_angle - psi, size),
+                (_LOWER_RATE, psid - lower_rate, rate_size),
+                (_UPPER_RATE, upper_rate - psid, rate_size),
             ):
                 if np.isfinite(distance).all():
                     rows[name] = distance, scale
@@ -114,78 +105,71 @@ class HingeEvents:
             finite = values[np.isfinite(values)]  # at others the stepper stops, and `apply` refuses them
             size = float(np.abs(finite).max(initial=0.0))
             if not self._sign:  # where the value is 0 at the start, the sign of the first certain value
-                certain_values = finite[np.abs(finite) > _USER_EVENT_SIGN_TOLERANCE_TO_LARGEST_VALUE_RATIO * size]
+                certain_values = finite[np.abs(finite) > 1e-6 * size]
                 self._sign = float(np.sign(certain_values[0])) if certain_values.size else 0.0
             self._largest = max(self._largest, size)
-            rows[_USER_EVENT_NAME] = np.where(np.isfinite(values), self._sign * values, np.nan), size
+            rows[_USER] = np.where(np.isfinite(values), self._sign * values, np.nan), size
         self._names = tuple(rows)
         distances = np.stack([distance for distance, _ in rows.values()], axis=-1) if rows else np.ones((len(t), 0))
         return distances, np.array([size for _, size in rows.values()])
 
     def apply(self, event_index: int, t: float, state: Array) -> Array | None:
-        """Apply the event that has the index `event_index` in the last result of `distances`. Set the attributes
-        `side` (which selects the branch of the hinge torque) and `held` (whether the hinge is held) of the motion,
-        and return a changed copy of the state, or None if the event ends the motion.
-
-        Returns:
-            The state after the event, a copy; None where the motion ends.
+        """Apply an event out of the last result of `distances`; return the state after it, a copy, or None where the
+        motion ends.
         """
         name, psi_index = self._names[event_index], self._motion.psi_index
         state = state.copy()
-        if name == _USER_EVENT_NAME:
+        if name == _USER:
             self._check_user_value(t, state)
             ends = self._ends_motion()
             self._sign, self._passed_at = -self._sign, t
             return None if ends else state
-        if name in (_LOWER_ANGLE_EVENT, _UPPER_ANGLE_EVENT):
-            kink = self._angle_kinks[self._angle_interval + (name == _UPPER_ANGLE_EVENT)]
+        if name in (_LOWER_ANGLE, _UPPER_ANGLE):
+            kink = self._angle_kinks[self._angle_interval + (name == _UPPER_ANGLE)]
             if kink in self._rigid_stops:
-                self._rebound(t, state, kink, 1 if name == _UPPER_ANGLE_EVENT else -1)
+                self._rebound(t, state, kink, 1 if name == _UPPER_ANGLE else -1)
                 return None if self._lands_on_zero(t, state) else state
-            self._angle_interval += 1 if name == _UPPER_ANGLE_EVENT else -1
-        elif name in (_LOWER_RATE_EVENT, _UPPER_RATE_EVENT):
-            kink = self._rate_kinks[self._rate_interval + (name == _UPPER_RATE_EVENT)]
+            self._angle_interval += 1 if name == _UPPER_ANGLE else -1
+        elif name in (_LOWER_RATE, _UPPER_RATE):
+            kink = self._rate_kinks[self._rate_interval + (name == _UPPER_RATE)]
             if kink == 0 and self._friction:
                 state[psi_index + 1] = 0.0
                 self._hold(t, state)
                 return None if self._lands_on_zero(t, state) else state
-            self._rate_interval += 1 if name == _UPPER_RATE_EVENT else -1
+            self._rate_interval += 1 if name == _UPPER_RATE else -1
         else:
-            self._release(1 if name == _RELEASE_UP_EVENT else -1)
+            self._release(1 if name == _RELEASE_UP else -1)
         self._update_torque_branch()
         return state
 
     def _check_user_value(self, t: float, state: Array) -> None:
-        """Raise an ArgumentError unless the value of the user's event is a finite number in this state."""
         value = float(self._user_values(np.array([self._start + t]), state[None])[0])
         if not np.isfinite(value):
             raise ArgumentError("until", "a finite number at every instant", f"{value} at t = {self._start + t:.9g}")
 
     def _ends_motion(self) -> bool:
-        """Return whether the user's event ends the motion when its value passes 0 from its present sign. The
-        `direction` of the event may exclude this.
-        """
+        """Return whether the user's event ends the motion when its value passes 0 from its present sign."""
         return bool(self._direction * self._sign <= 0)
 
     def _lands_on_zero(self, t: float, state: Array) -> bool:
         """Return whether the motion ends because an impact, or friction that stops the hinge, leaves the value of the
-        user's event at exactly 0 in this state. If the value is 0, set its stored sign to 0, which means unknown.
-
-        From there the value may stay 0 or turn back, so that it might never pass 0.
+        user's event at exactly 0: from there it may stay 0 or turn back, and never pass.
         """
         if self._user_event is None or not self._sign:
             return False
         value = float(self._user_values(np.array([self._start + t]), state[None])[0])
-        if abs(value) > _USER_EVENT_ZERO_TOLERANCE_TO_LARGEST_VALUE_RATIO * self._largest:
+        if abs(value) > 1e-12 * self._largest:
             return False
-        tolerance = _USER_EVENT_SAME_INSTANT_TOLERANCE_TO_TIME_RATIO * max(1.0, t)
+        tolerance = 1e-13 * max(1.0, t)  # events so close happen at once
         ends = self._ends_motion() and t - self._passed_at > tolerance
         self._sign = 0.0
         return ends
 
     def _user_values(self, t: Array, states: Array) -> Array:
-        """Return the values of the user's event at instants and states as an array (m,). Raise a DtypeError or a
-        ShapeError if the event does not return one number for each instant.
+        """Return the values of the user's event, (m,).
+
+        Raises:
+            DtypeError, ShapeError: it does not return one number for each instant.
         """
         result = call_with_arrays("until", self._user_event, t, self._motion.motion_at(t, states))  # type: ignore[arg-type]
         if isinstance(result, bool) or getattr(result, "dtype", None) == np.bool_:
@@ -197,9 +181,7 @@ class HingeEvents:
         return np.array(values, np.float64)
 
     def _update_torque_branch(self) -> None:
-        """Set the attribute `side` of the motion, (angle, rate), which selects the smooth branch of the hinge torque,
-        from the stored numbers of the present intervals of angle and rate between kinks.
-        """
+        """Set `side` of the motion by the present intervals of angle and rate between kinks."""
         held = self._motion.held
         self._motion.side = (
             _value_in_interval(self._angle_kinks, self._angle_interval),
@@ -207,18 +189,15 @@ class HingeEvents:
         )
 
     def _release(self, direction: int) -> None:
-        """Set the hinge of the motion free, so that psi may increase (`direction` 1) or decrease (-1), and select the
-        branch of the hinge torque for this direction.
-        """
+        """Set the hinge free to move upwards (1) or downwards (-1)."""
         self._motion.held = False
         if self._friction:
             self._rate_interval = self._rate_kinks.index(0.0) - (direction < 0)
         self._update_torque_branch()
 
     def _hold(self, t: float, state: Array) -> None:
-        """Hold the hinge of the motion at a state in which the hinge rate is 0, and store the limits of the holding
-        torque: friction, or infinity where a rigid stop supports the hinge. Release the hinge at once if the torque
-        that holds it exceeds a limit.
+        """Hold the hinge in a state with rate 0, unless the torque that holds it exceeds friction, or pulls at a
+        stop.
         """
         psi = float(state[self._motion.psi_index])
         lowest = -np.inf if psi in self._rigid_stops and self._is_upper(psi) else -self._friction
@@ -226,21 +205,18 @@ class HingeEvents:
         self._motion.held = True
         self._update_torque_branch()
         torque = float(self._motion.holding_torque(np.array([self._start + t]), state[None])[0])
-        margin = _RELATIVE_HOLDING_TORQUE_LIMIT_TOLERANCE * (self._friction + abs(torque))
+        margin = _HOLDING * (self._friction + abs(torque))
         if not lowest - margin <= torque <= highest + margin:
             self._release(-1 if torque > highest else 1)
         self._torque_limits = lowest, highest
 
     def _is_upper(self, stop: float) -> bool:
-        """Return whether the rigid stop at the angle `stop` [rad] is the upper limit of the present interval of
-        angles.
-        """
+        """Return whether a rigid stop is the upper limit of the present interval of angles."""
         return bool(self._angle_kinks[self._angle_interval + 1] == stop)
 
     def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:
-        """Set the hinge angle in `state` to the angle `stop` [rad] of a rigid stop, reverse the hinge rate and
-        multiply it by the stop's restitution, in place. `side` is 1 for the upper stop and -1 for the lower one. Hold
-        the hinge at the stop, with rate 0, if the rebound would be too low to be followed.
+        """Put the state, in place, after an impact at a rigid stop on the upper (1) or lower (-1) side. A hinge that
+        would rebound too little to be followed is held.
         """
         psi_index = self._motion.psi_index
         state[psi_index] = stop
@@ -255,7 +231,7 @@ class HingeEvents:
         # The next impact can be located only if the hinge rises well above the margin within which
         # `Stepper` takes it for still at the stop; small tolerances lie below that margin.
         margin = event_margin(1 + abs(stop), abs(rate), np.spacing(max(t, self._span)))
-        lowest = max(_MIN_REBOUND * self._tol, 8 * margin)
+        lowest = max(0.01 * self._tol, 8 * margin)  # a lower rebound is held
         if pressing_acceleration > 0 and rate**2 <= 2 * pressing_acceleration * lowest:
             state[psi_index + 1] = 0.0
             self._hold(t, state)

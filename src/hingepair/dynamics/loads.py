@@ -47,8 +47,7 @@ class MotionAtInstants(NamedTuple):
 
 
 class Loads:
-    """Checked loads on a pair, constants and callables, whose methods evaluate them at any instants. Raise an
-    ArgumentError at construction if a constant or the arguments of a callable do not fit.
+    """Checked loads on a pair, constants and callables.
 
     Args:
         forces: force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now).
@@ -57,7 +56,7 @@ class Loads:
         is_planar: whether the pair is planar: forces and gravity have two components then, and torques one.
 
     Raises:
-        ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments; names it.
+        ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments.
     """
 
     def __init__(
@@ -92,12 +91,11 @@ class Loads:
     def callables_at(
         self, t: Array, now: MotionAtInstants | None, psi: Array, psid: Array, side: KinkSide | None = None
     ) -> dict[str, Array]:
-        """Evaluate the loads that are callables at instants t, (n,); return a dict of arrays by name, (n, 3), and
-        hinge_torque, (n,). `now` is the motion at the instants (MotionAtInstants; None if no load needs it), and
-        `side`, (angle, rate) or None, selects the smooth branch of a HingeLoad. Raise an ArgumentError if a result
-        does not fit.
+        """Return the loads that are callables at instants t, (n,): (n, 3), and hinge_torque, (n,). `side` selects the
+        smooth branch of a HingeLoad; `now` may be None if no load needs it.
 
-        With a side, the torque of a HingeLoad is its smooth branch on that side of its kinks.
+        Raises:
+            ArgumentError: a result does not fit.
         """
         loads = {}
         for name, load in self._callables.items():
@@ -114,12 +112,8 @@ class Loads:
         return loads
 
     def all_at(self, t: Array, now: MotionAtInstants, side: KinkSide | None = None) -> dict[str, Array]:
-        """Evaluate all loads but gravity, and the parts of a HingeLoad, at instants t, (n,); return a dict of arrays
-        by name. `now` is the motion at the instants (MotionAtInstants), and `side`, (angle, rate) or None, selects
-        the smooth branch of a HingeLoad. Raise an ArgumentError if the result of a callable does not fit.
-
-        Forces and torques on the bodies have shape (n, 3); hinge_torque, motor_torque, spring_torque, damper_torque,
-        friction_torque and stop_torque (n,).
+        """Return all loads but gravity, and the parts of a HingeLoad, such as motor_torque, at instants t; as
+        `callables_at`.
         """
         constants = {name: np.array(load) for name, load in self.constants.items() if name != "gravity"}
         loads = {name: np.broadcast_to(load, (len(t), *load.shape)) for name, load in constants.items()}
@@ -131,18 +125,13 @@ class Loads:
         return loads
 
     def _load_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of one value of the load named `name` as users give it: (3,); for planar pairs (2,), and
-        () if the load is a torque.
-        """
+        """Return the shape of one value of a load as users give it."""
         if not self._is_planar:
             return (3,)
         return () if name.startswith("torque") else (2,)
 
     def _checked_constant(self, name: str, load: Any) -> tuple[float, ...]:
-        """Check a constant force, torque or gravity named `name`, and return its three components in space as a
-        tuple. The number 0 is accepted for a zero vector. Raise an ArgumentError if the load is not finite or has the
-        wrong shape.
-        """
+        """Return a constant force, torque or gravity as three components in space."""
         tail = self._load_shape(name)
         if is_zero(load):
             return (0.0, 0.0, 0.0)
@@ -151,9 +140,7 @@ class Loads:
 
     @staticmethod
     def _broadcast_load(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-        """Return the result `value` of the callable load named `name`, broadcast to `shape`, which has one value for
-        each instant. Raise an ArgumentError if the result does not fit.
-        """
+        """Return the result of a callable load, one value for each instant."""
         try:
             if value is None:  # NumPy reads it as NaN
                 raise TypeError
@@ -164,13 +151,11 @@ class Loads:
 
 
 def _has_callable(torque: object) -> bool:
-    """Return whether a torque at the hinge is a callable other than a HingeLoad, or has one as its motor."""
+    """Return whether a torque is a callable other than a HingeLoad, or has one as its motor."""
     return _has_callable(torque.motor) if is_plain_hinge_load(torque) else callable(torque)
 
 
 def _to_space(value: Array, rank: int) -> Array:
-    """Convert values for planar pairs to an array of vectors in space, (..., 3): vectors in the plane (`rank` 1) get
-    z = 0, and torques (`rank` 0) become vectors along z.
-    """
+    """Return values for planar pairs as vectors in space: vectors in the plane (rank 1), or torques (rank 0)."""
     columns = [value[..., 0], value[..., 1], 0 * value[..., 0]] if rank else [0 * value, 0 * value, value]
     return np.stack(columns, axis=-1)

@@ -45,32 +45,27 @@ PrescribedMotion: TypeAlias = Callable[[Array], BodyMotion]
 HingeMotion: TypeAlias = Callable[[Array], Any]
 """psi, psi' and psi'' at instants (n,) [s]; each (n,)."""
 
-_CAYLEY_SLICE, _PSI_STATE_INDEX = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
+_TURN, _PSI = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
 
 # Components of the state by name.
-_STATE_INDEX_OR_SLICE_BY_COMPONENT_NAME = {
+_PLACES = {
     "base_point": slice(0, 3),
     "momentum": slice(3, 6),
     "angular_momentum": slice(6, 9),
-    "g": _CAYLEY_SLICE,
-    "psi": _PSI_STATE_INDEX,
+    "g": _TURN,
+    "psi": _PSI,
     "psid": 13,
 }
 # Steps that take the components from the state.
-_UNPACK_STATE_PLAN_STEPS = tuple(
-    Step(name, operator.itemgetter(where), ("state",))
-    for name, where in _STATE_INDEX_OR_SLICE_BY_COMPONENT_NAME.items()
-)
-_ATTITUDE_AND_CAYLEY_RATE_PLAN_STEPS_BY_IS_PLANAR = {
+_UNPACKED = tuple(Step(name, operator.itemgetter(where), ("state",)) for name, where in _PLACES.items())
+_ATTITUDES = {
     False: (Step("S1", dyn.cayley_attitude, ("g", "S0")), Step("g_rate", dyn.cayley_rate, ("g", "omega1"))),
     True: (Step("S1", lambda g: upright(turn_terms(g[2])), ("g",)), Step("g_rate", same, ("omega1",))),
 }
 """Steps from g to the attitude and to the derivative of g, by whether the pair is planar."""
 # The angular velocity from the angular momentum.
-_OMEGA1_FROM_ANGULAR_MOMENTUM_PLAN_STEP = Step(
-    "omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid")
-)
-_BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE_NAME = {
+_OMEGA1 = Step("omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid"))
+_MOMENTUM_RATES = {
     "free": (
         Step("psid_fraction", operator.mul, ("mass_fraction2", "psid")),
         Step(
@@ -90,7 +85,7 @@ _BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE_NAME = {
 }
 """Steps to the derivatives of base point and momenta, and to v1, by the kind of base."""
 # Steps from the loads to the derivatives of the state.
-_STATE_RATE_PLAN_STEPS = (
+_STATE_RATES = (
     Step("weight", eq.scale, ("gravity", "mass")),
     Step("R1", eq.subtract, ("base_point", "point")),
     Step("initial_angular_momentum", dyn.pair_angular_momentum, ("inertia_about_point", "omega1", "psid")),
@@ -99,7 +94,7 @@ _STATE_RATE_PLAN_STEPS = (
 )  # fmt: skip
 
 # Whether each component of the state is a velocity or a momentum.
-_VELOCITY_AND_MOMENTUM_COMPONENT_MASK: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])
+_ARE_RATES: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])
 
 
 class MotionSamples(NamedTuple):
@@ -177,7 +172,7 @@ class PairMotion:
             self.state, self.sizes, self.rate_mask, self.psi_index = (
                 np.array([psi, psid]),
                 np.ones(2),
-                _VELOCITY_AND_MOMENTUM_COMPONENT_MASK[-2:],
+                _ARE_RATES[-2:],
                 0,
             )
             self._rate_call = self._acceleration_call = compile_call(None, "psidd")
@@ -197,7 +192,7 @@ class PairMotion:
         length = sum(float(np.linalg.norm(x)) for x in (pair.u1, pair.u2, masses["c1"], masses["c2"])) or 1.0
         inertia = sum(sum(masses[name][0::4]) for name in ("I1", "I2")) + total_mass * length**2
         self.sizes = np.repeat([length, total_mass * length, inertia, 1.0, 1.0], [3, 3, 3, 3, 2])
-        self.rate_mask, self.psi_index = _VELOCITY_AND_MOMENTUM_COMPONENT_MASK, _PSI_STATE_INDEX
+        self.rate_mask, self.psi_index = _ARE_RATES, _PSI
 
     @property
     def callable_names(self) -> tuple[str, ...]:
@@ -231,7 +226,7 @@ class PairMotion:
         rates: Array = results["state_rates"]
         if self.held or self._hinge:
             rates = rates.copy()
-            rates[:, _PSI_STATE_INDEX:] = np.stack([inputs["psid"], inputs["psidd"]], axis=-1) if self._hinge else 0.0
+            rates[:, _PSI:] = np.stack([inputs["psid"], inputs["psidd"]], axis=-1) if self._hinge else 0.0
         return rates
 
     def hinge_acceleration(self, t: float, state: Array) -> float:
@@ -293,10 +288,10 @@ class PairMotion:
         """
         if self._is_planar or not self._is_free_or_pinned:
             return state
-        self.quat = _rotate_by_cayley(state[_CAYLEY_SLICE], self.quat)
+        self.quat = _rotate_by_cayley(state[_TURN], self.quat)
         self._S0 = quaternions_to_matrices(self.quat[None]).reshape(1, 9)
         state = state.copy()
-        state[_CAYLEY_SLICE] = 0.0
+        state[_TURN] = 0.0
         return state
 
     def sample(self, t: Array, states: Array, quats: Array, side: KinkSide, held: NDArray[np.bool_]) -> MotionSamples:
@@ -313,9 +308,9 @@ class PairMotion:
         """
         S0 = self._S0
         if self._is_free_or_pinned and not self._is_planar:
-            quats = _rotate_by_cayley(states[:, _CAYLEY_SLICE], quats)
+            quats = _rotate_by_cayley(states[:, _TURN], quats)
             S0, states = quaternions_to_matrices(quats).reshape(-1, 9), states.copy()
-            states[:, _CAYLEY_SLICE] = 0.0
+            states[:, _TURN] = 0.0
         inputs = self._program_inputs(t, states, S0)
         motion = self._motion_from_inputs(inputs)
         callable_loads = self._loads_at(t, inputs, side)
@@ -335,7 +330,7 @@ class PairMotion:
                     loads[name] = loads[name] + part
         results = self._rest | inputs | _run_compiled_call(self._acceleration_call, inputs | callable_loads).arrays()
         if self._is_free_or_pinned:
-            phi = states[:, _CAYLEY_SLICE][:, 2]
+            phi = states[:, _TURN][:, 2]
         else:
             quats = matrix_to_quaternion(motion.S1)
             phi = np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0]))
@@ -474,23 +469,23 @@ def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs:
     """
     hinge, body1_steps = all_steps(None, has_home), list[Step]()
     if is_planar is not None:
-        attitude, rate = _ATTITUDE_AND_CAYLEY_RATE_PLAN_STEPS_BY_IS_PLANAR[is_planar]
+        attitude, rate = _ATTITUDES[is_planar]
         attitude_count = [step.result for step in hinge].index("omega2")
         body1_steps = [
-            *_UNPACK_STATE_PLAN_STEPS,
+            *_UNPACKED,
             attitude,
             *hinge[:attitude_count],
             *inertia_steps(base),
-            _OMEGA1_FROM_ANGULAR_MOMENTUM_PLAN_STEP,
+            _OMEGA1,
             rate,
         ]
     steps = forward_dynamics_steps((*body1_steps, *hinge), base)
     if base != "carried":
         steps = (
             *steps,
-            *_STATE_RATE_PLAN_STEPS[:1],
-            *_BASE_POINT_AND_MOMENTUM_RATE_PLAN_STEPS_BY_BASE_NAME[base],
-            *_STATE_RATE_PLAN_STEPS[1:],
+            *_STATE_RATES[:1],
+            *_MOMENTUM_RATES[base],
+            *_STATE_RATES[1:],
         )
     plan_steps, inputs = needed_steps({step.result: step for step in steps}.values(), outputs)
     return Plan(outputs, plan_steps, inputs, SPATIAL_MOTION_KIND)

@@ -41,17 +41,17 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.plans.arguments import Outputs
 
-SIMULATION_BASE_NAMES: Final = ("free", "pinned", "fixed")
+BASES: Final = ("free", "pinned", "fixed")
 """Names of the bases."""
-_ALLOWED_STEP_TOLERANCE_RANGE_RAD: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
+_TOLERANCES: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
 # A start in the plane, in messages.
-_PLANAR_BODY1_START_EXAMPLE_TEXT = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
-_MIN_REPORTED_STOP_OVERRUN_RAD = 0.02  # rad past a stop, from which on a warning or a note reports it
+_PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
+_MAX_OVERRUN = 0.02  # rad past a stop, from which on a warning or a note reports it
 # Tolerance of the second run, from which errors are estimated, divided by the tolerance of the first.
-_REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO = 1e-3
+_FINER = 1e-3
 # Instants of a whole motion at which loads that are callables are evaluated in the first run, at least.
-_MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN: Final = 509 * 17
-_REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO: Final = 4.3  # the same number of the second run, divided by the above
+_EVALUATIONS: Final = 509 * 17
+_MORE_EVALUATIONS: Final = 4.3  # the same number of the second run, divided by the above
 
 
 class SimulationError(HingePairError, RuntimeError):
@@ -291,10 +291,10 @@ def simulate(
     instants = instants_of("t", t)
     tolerance = finite_number("tol", tol)
     step_limit = finite_number("max_steps", max_steps)
-    if not _ALLOWED_STEP_TOLERANCE_RANGE_RAD[0] <= tolerance <= _ALLOWED_STEP_TOLERANCE_RANGE_RAD[1]:
+    if not _TOLERANCES[0] <= tolerance <= _TOLERANCES[1]:
         raise ArgumentError(
             "tol",
-            f"a number from {_ALLOWED_STEP_TOLERANCE_RANGE_RAD[0]} to {_ALLOWED_STEP_TOLERANCE_RANGE_RAD[1]}",
+            f"a number from {_TOLERANCES[0]} to {_TOLERANCES[1]}",
             tol,
         )
     is_planar = space is not pair
@@ -335,19 +335,17 @@ def simulate(
         samples = _sample_motion(motion, first_state, steps, sampled)
         return motion, first_state, steps, samples, end_time is not None
 
-    motion, first_state, steps, samples, ended_by_event = run_simulation(
-        tolerance, _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN, until, step_limit
-    )
+    motion, first_state, steps, samples, ended_by_event = run_simulation(tolerance, _EVALUATIONS, until, step_limit)
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops, samples)
     lowest, highest = _psi_extremes(steps, motion.psi_index, samples)
     _warn_of_range(space.limits, stops, lowest, highest, tolerance)
     instants = samples.t
-    reference_tolerance = max(tolerance * _REFERENCE_TO_FIRST_RUN_TOLERANCE_RATIO, 1e-15)
+    reference_tolerance = max(tolerance * _FINER, 1e-15)
     reference = functools.cache(
         lambda: run_simulation(
             reference_tolerance,
-            _MIN_CALLABLE_LOAD_EVALUATIONS_IN_FIRST_RUN * _REFERENCE_TO_FIRST_RUN_LOAD_EVALUATIONS_RATIO,
+            _EVALUATIONS * _MORE_EVALUATIONS,
             None,
             3 * step_limit,
         )[3]
@@ -437,13 +435,13 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         if body1 is not None:
             raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
         return zero, np.eye(3), zero, zero, psi, psid
-    check_choice("base", base, SIMULATION_BASE_NAMES)
+    check_choice("base", base, BASES)
     if not isinstance(body1, BodyMotion):
-        example = _PLANAR_BODY1_START_EXAMPLE_TEXT if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
+        example = _PLANAR_START if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
         raise ArgumentError("body1", f"the start of body 1, a BodyMotion such as {example}", quoted(body1))
     motion_arrays("body1", body1, "S")
     if body1.shape != ():
-        example = _PLANAR_BODY1_START_EXAMPLE_TEXT if is_planar else "BodyMotion(R=(0, 0, 0), S=np.eye(3))"
+        example = _PLANAR_START if is_planar else "BodyMotion(R=(0, 0, 0), S=np.eye(3))"
         expected = f"one start, such as {example}"
         raise ArgumentError("body1", expected, f"shape {body1.shape}")
     R, S, v, omega = (zero if x is None else x.astype(np.float64) for x in (body1.R, body1.S, body1.v, body1.omega))
@@ -452,7 +450,7 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         if name in zero_names and speed.any():
             raise ArgumentError(f"body1.{name}", f"None or zeros for base={base!r}", speed)
     if is_planar and (R[2] or v[2] or omega[:2].any() or S[2, 2] != 1):
-        example = _PLANAR_BODY1_START_EXAMPLE_TEXT
+        example = _PLANAR_START
         expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {example}"
         raise ArgumentError("body1", expected, quoted(body1))
     return R, S, v, omega, psi, psid
@@ -473,7 +471,7 @@ def _warn_of_units(
     sentences += suspicions("written rates", "psid_0", start[5])
     sentences += suspicions("written rates", "body1.omega", start[3][None])
     bodies = {"body1": (pair.body1, pair.u1), "body2": (pair.body2, pair.u2)}
-    for name in ("body1", "body2") if base in SIMULATION_BASE_NAMES[:2] else ("body2",):
+    for name in ("body1", "body2") if base in BASES[:2] else ("body2",):
         body, lever = bodies[name]
         if body is not None:
             levers = [float(np.linalg.norm(vector)) for vector in (lever, body.center_of_mass)]
@@ -536,11 +534,7 @@ def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: fl
     the upper one of `stops`. Return an empty string if psi passes it by at most 0.02 rad.
     """
     depth = max(stops[0] - lowest, highest - stops[1])
-    return (
-        f"psi passes the stops by {depth:.3g} rad, for they are springs"
-        if depth > _MIN_REPORTED_STOP_OVERRUN_RAD
-        else ""
-    )
+    return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MAX_OVERRUN else ""
 
 
 class _RunOptions(NamedTuple):

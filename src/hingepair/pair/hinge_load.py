@@ -14,9 +14,9 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array, finite_number
 
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
-HINGE_TORQUE_PART_NAMES: Final = ("motor", "spring", "damper", "friction", "stop")
+TORQUE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
 """The parts of the torque of a `HingeLoad`. In records of all loads, their names end in _torque."""
-_NUMPY_MESSAGE_PARTS_ON_ARRAY_USED_AS_SCALAR = (
+_SCALAR_MESSAGES = (
     "truth value of an array",
     "arrays can be converted to Python scalars",
 )  # parts of messages of NumPy
@@ -255,7 +255,7 @@ class HingeLoad:
         own_torques = {name: terms[name] for name, coefficient in acting.items() if coefficient}
         return {
             name: sum(terms[name] for terms in (own_torques, motor_torques) if name in terms)
-            for name in HINGE_TORQUE_PART_NAMES
+            for name in TORQUE_PARTS
             if name in own_torques or name in motor_torques
         }
 
@@ -333,7 +333,7 @@ def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -
     try:
         return function(*arguments)
     except (TypeError, ValueError) as error:
-        if not any(sign in str(error) for sign in _NUMPY_MESSAGE_PARTS_ON_ARRAY_USED_AS_SCALAR):
+        if not any(sign in str(error) for sign in _SCALAR_MESSAGES):
             raise
         expected = "a callable of arrays, one element for each instant: np.where instead of if, np.sin of math.sin"
         raise ArgumentError(name, expected, f"one that takes single numbers ({error})") from error

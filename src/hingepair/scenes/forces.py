@@ -16,7 +16,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.numeric.tables import Sheet, cell_text, instant_text, number_texts, unit_of
-from hingepair.pair.hinge_load import HINGE_TORQUE_PART_NAMES
+from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record, column_names
@@ -192,7 +192,7 @@ def pair_forces(
         given = _forces_from_body2_loads(massive(pair), motion.simulated)
         arrays = {name: array - given[name] for name, array in arrays.items()}
         loads = motion.simulated.loads
-        parts = {name: loads[name] for part in HINGE_TORQUE_PART_NAMES if (name := f"{part}_torque") in loads}
+        parts = {name: loads[name] for part in TORQUE_PARTS if (name := f"{part}_torque") in loads}
         arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
     notes = [*non_finite_sentences(arrays), *_torque_limit_sentences(pair, t, arrays)]
     if flat and gravity is None and not motion.simulated:

@@ -12,7 +12,7 @@ import numpy as np
 
 from hingepair.dynamics.loads import MotionAtInstants
 from hingepair.dynamics.simulate import (
-    SIMULATION_BASE_NAMES,
+    BASES,
     SimulatedMotion,
     SimulatedPlanarMotion,
     SimulationError,
@@ -132,7 +132,7 @@ def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
             "tol": Table.number,
             "max_steps": Table.number,
             "breaks": _read_instants,
-            "base": lambda table, key: table.choice(key, (*SIMULATION_BASE_NAMES, PRESCRIBED)),
+            "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED)),
         },
     }
 
@@ -160,7 +160,7 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
     """Return the DynamicsSetup of the Table [dynamics] for a pair, without simulating it."""
     planar = isinstance(pair, PlanarPair)
     others = table.read(_dynamics_key_readers(2 if planar else 3))
-    base = others.pop("base", SIMULATION_BASE_NAMES[0])
+    base = others.pop("base", BASES[0])
     start: dict[str, Any] = {key: others.pop(key) for key in _START_KEYS if key in others}
     hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE_LOAD_KEYS, "stops") if key in others}
     if hinge.get("stops") is True:
