@@ -562,3 +562,17 @@ def test_one_output_alone_is_returned_itself(lead, backend):
     np.testing.assert_allclose(out, wanted, rtol=1e-14)
     with pytest.raises(RefusedError):
         one.run(dict(zip(GIVEN, (*given[:2], given[2] + 3.0), strict=True)), shapes)
+
+
+@pytest.mark.parametrize("width", [1, 3])
+@pytest.mark.parametrize("result", [None, Results])
+def test_the_only_output_is_written_in_place(width, result):
+    loop = Loop("twice", lambda v: {"y": tuple(2 * x for x in v["x"])}, {"x": (width,)}, {"y": (width,)})
+    one, x, y = Call(loop, {"x": (width,)}, {}, result, backend="compiled"), np.ones(width), np.empty(width)
+    state = one.rows(x, out={"y": y})
+    assert (y == 2).all()
+    found = state if result is None else state["y"]
+    assert found.shape == (width,)
+    assert np.shares_memory(found, y)
+    with pytest.raises(ArgumentError, match="overlaps x"):
+        one.rows(x, out={"y": x})

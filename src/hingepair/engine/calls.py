@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, BoundConstant, ComponentSource, bind_constant
 from hingepair.engine.loops import Loop, Program
-from hingepair.engine.outputs import Out as Out  # noqa: PLC0414 (until its users have moved)
-from hingepair.engine.outputs import output_arrays
+from hingepair.engine.outputs import Out, output_arrays
 from hingepair.engine.results import Results
 from hingepair.engine.rows import Output, Rows, rows_function
 from hingepair.engine.slices import run_slices

@@ -84,7 +84,7 @@ def _source(
     shapes = [one.sample_shape for one in layout.inputs]
     places = range(len(shapes))
     arguments = ", ".join(f"in{k}" for k in places)
-    targets = "".join(f"out{k}, " for k in range(len(outputs)))
+    targets = ", ".join(f"out{k}" for k in range(len(outputs)))
     other = f"return general({arguments}, out=out, workers=workers)"
     frees = [] if slots is None else [f"freeze(out{k}, False)" for k, one in enumerate(outputs)]
     one_state, few_states, arrays = [], [], []
@@ -111,13 +111,13 @@ def _source(
         f"            {other}",
         *_indented(2, _memory_lines(shapes, outputs, other)),
         "        try:",
-        f"            {targets} = kernel({arguments}, out=({targets}))",
+        f"            {targets} = kernel({arguments}, {targets})",
         "        except ValueError:",  # an array that cannot be written: the general function says which
         f"            {other}",
         *_indented(2, _result_lines(outputs, slots, arguments, written=True)),
         f"    lead = {lead}",
         f"    if out is None and workers == 1 and {' and '.join(few_states)}:",
-        f"        {targets if len(outputs) > 1 else 'out0'} = kernel({arguments})",
+        f"        {targets} = kernel({arguments})",
         *_indented(2, frees),
         *_indented(2, _result_lines(outputs, slots, arguments, written=False)),
         f"    {other}",
@@ -150,33 +150,26 @@ def _packed_lines(layout: Layout, is_result: bool, arguments: str) -> list[str]:
 
 
 def _memory_lines(shapes: Sequence[tuple[int, ...]], outputs: Sequence[Output], other: str) -> list[str]:
-    """Return the lines that take the arrays of `out`, unless they might share memory with others or do not fit."""
-    lines = ["seen = set()"]
-    for k in (k for k, shape in enumerate(shapes) if shape):
+    """Return the lines that take the arrays of `out`, unless one is missing, does not fit, or might share memory."""
+    shown = [(k, one) for k, one in enumerate(outputs) if one.limit is None]
+    lines = ["try:", *(f"    out{k} = out[{one.name!r}]" for k, one in shown), "except KeyError:", f"    {other}"]
+    lines += [f"out{k} = None" for k, one in enumerate(outputs) if one.limit is not None]
+    fits = (f"type(out{k}) is ndarray and out{k}.dtype is dtype and out{k}.shape == {one.shape}" for k, one in shown)
+    lines += [f"if not (len(out) == {len(shown)} and {' and '.join(fits)}):", f"    {other}"]
+    read = [f"in{k}" for k, shape in enumerate(shapes) if shape]
+    written = [f"out{k}" for k, _ in shown]
+    for array in (*read, *written):
+        dense = f" and {array}.flags.c_contiguous" if array in written else ""
         lines += [
-            f"owner = in{k}.base",
-            "if owner is None:",
-            f"    seen.add(id(in{k}))",
-            "elif type(owner) is ndarray and owner.base is None:",
-            "    seen.add(id(owner))",
-            "else:",
+            f"{array}_owner = {array}.base",
+            f"if {array}_owner is None:",
+            f"    {array}_owner = {array}",
+            f"elif not (type({array}_owner) is ndarray and {array}_owner.base is None{dense}):",
             f"    {other}",
         ]
-    lines.append("found = len(seen)")
-    for k, one in enumerate(outputs):
-        lines.append(f"out{k} = {f'out.get({one.name!r})' if one.limit is None else None}")
-        if one.limit is None:
-            lines += [
-                f"if out{k} is not None:",
-                f"    if type(out{k}) is not ndarray or out{k}.dtype is not dtype or out{k}.shape != {one.shape}:",
-                f"        {other}",
-                f"    owner = out{k}.base",
-                "    if owner is None:",
-                f"        seen.add(id(out{k}))",
-                f"    elif type(owner) is ndarray and owner.base is None and out{k}.flags.c_contiguous:",
-                "        seen.add(id(owner))",
-            ]
-    return [*lines, "if not out or len(seen) != found + len(out):", f"    {other}"]
+    theirs, ours = ("".join(f"id({array}_owner), " for array in arrays) for arrays in (read, written))
+    lines += [f"seen = {{{ours}}}", f"if len(seen) != {len(written)} or not seen.isdisjoint(({theirs})):"]
+    return [*lines, f"    {other}"]
 
 
 def _result_lines(outputs: Sequence[Output], slots: Sequence[str] | None, arguments: str, written: bool) -> list[str]:

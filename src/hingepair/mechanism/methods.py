@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.calls import Out
 from hingepair.engine.loops import OperationCounts
+from hingepair.engine.outputs import Out
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath

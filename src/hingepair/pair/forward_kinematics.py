@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hingepair.engine.calls import Out
+from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError
 from hingepair.pair.body_motion import BodyMotion, motion_inputs
 from hingepair.pair.constants import Constants

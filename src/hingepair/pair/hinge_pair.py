@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.calls import Out
+from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.engine.calls import Out
+from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, is_zero, one_constant, vectors
 from hingepair.numeric.blocks import components_of, numbers

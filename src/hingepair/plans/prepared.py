@@ -109,7 +109,10 @@ class Prepared:
         """
         if len(given) != len(self.given):
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
-        result = self._call.rows(*given) if out is None and self._plain else self._call_with_options(given, out)
+        if self._plain and (out is None or type(out) is dict):
+            result = self._call.rows(*given, out=out)
+        else:
+            result = self._call_with_options(given, out)
         return self._call_any_arguments(given, out) if result is None else result
 
     def _call_with_options(self, given: Sequence[Any], out: Any) -> Any:
