@@ -33,7 +33,10 @@ Array: TypeAlias = NDArray[Any]
 
 POSE, VELOCITY, ACCELERATION, JACOBIAN = "pose", "velocity", "acceleration", "Jacobian"
 INVERSE, FORWARD = "inverse dynamics", "forward dynamics"
+TORQUE_SLOPES, ACCELERATION_SLOPES = "derivatives of torques", "derivatives of accelerations"  # by q and v
+GRADIENT = "gradient of torques"  # of their sum, by q and v
 WORKLOADS = {POSE: 1, VELOCITY: 2, ACCELERATION: 3, JACOBIAN: 1, INVERSE: 3, FORWARD: 3}
+WORKLOADS |= {TORQUE_SLOPES: 3, ACCELERATION_SLOPES: 3, GRADIENT: 3}
 """How many of q, v and w (accelerations or efforts) each workload takes; in the order of loops.cpp."""
 
 PINOCCHIO, PINOCCHIO_CPP, MUJOCO = "Pinocchio, Python loop", "Pinocchio, C++ loop", "MuJoCo, Python loop"
@@ -114,6 +117,14 @@ def pinocchio_job(states: States) -> Job:
         pin.updateFramePlacement(model, data, frame)
         return (pin.getFrameJacobian(model, data, frame, world),)
 
+    def torque_slopes(*state: Array) -> tuple[Array, ...]:
+        pin.computeRNEADerivatives(model, data, *state)
+        return data.dtau_dq, data.dtau_dv
+
+    def acceleration_slopes(*state: Array) -> tuple[Array, ...]:
+        pin.computeABADerivatives(model, data, *state)
+        return data.ddq_dq, data.ddq_dv
+
     compute: dict[str, Callable[..., Any]] = {
         POSE: pose,
         VELOCITY: velocity,
@@ -121,6 +132,9 @@ def pinocchio_job(states: States) -> Job:
         JACOBIAN: jacobian,
         INVERSE: lambda *state: (pin.rnea(model, data, *state),),
         FORWARD: lambda *state: (pin.aba(model, data, *state),),
+        TORQUE_SLOPES: torque_slopes,
+        ACCELERATION_SLOPES: acceleration_slopes,
+        GRADIENT: lambda *state: tuple(part.sum(axis=0) for part in torque_slopes(*state)),
     }
     return _fill(compute[states.workload], rows)
 
@@ -233,7 +247,9 @@ def cpp_job(states: States) -> Job:
     place = np.array(_placement(frame.placement))
     addresses = [array.ctypes.data for array in constants]
     system = library.system_new(len(joints), *addresses, frame.parentJoint, place.ctypes.data)
-    width = {POSE: 12, VELOCITY: 18, ACCELERATION: 24, JACOBIAN: 6 * model.nv}.get(workload, model.nv)
+    n = model.nv
+    widths = {POSE: 12, VELOCITY: 18, ACCELERATION: 24, JACOBIAN: 6 * n, INVERSE: n, FORWARD: n, GRADIENT: 2 * n}
+    width = widths.get(workload, 2 * n * n)
     arrays = [*map(np.ascontiguousarray, rows), np.ones((len(rows[0]), width))]
     inputs = [array.ctypes.data for array in arrays[:-1]]
     pointers = [*inputs, *[None] * (3 - len(rows)), arrays[-1].ctypes.data]

@@ -5,10 +5,12 @@
 #define BOOST_MPL_LIMIT_LIST_SIZE 30
 #define BOOST_MPL_LIMIT_VECTOR_SIZE 30
 #define BOOST_FUSION_INVOKE_MAX_ARITY 12
+#include <pinocchio/algorithm/aba-derivatives.hpp>
 #include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/frames.hpp>
 #include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
+#include <pinocchio/algorithm/rnea-derivatives.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/multibody.hpp>
 
@@ -17,6 +19,7 @@ using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using Constant = Eigen::Map<const Eigen::Vector3d>;
 using Row = Eigen::Map<const Eigen::VectorXd>;
 using Out = Eigen::Map<Eigen::Vector3d>;
+using Square = Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
 
 struct System
 {
@@ -132,6 +135,21 @@ extern "C" void system_run(
       break;
     case 5: // forward dynamics
       Eigen::Map<Eigen::VectorXd>(out, n) = pin::aba(model, data, qi, vi, wi);
+      break;
+    case 6: // derivatives of torques
+      pin::computeRNEADerivatives(model, data, qi, vi, wi);
+      Square(out, n, n) = data.dtau_dq;
+      Square(out + n * n, n, n) = data.dtau_dv;
+      break;
+    case 7: // derivatives of accelerations
+      pin::computeABADerivatives(model, data, qi, vi, wi);
+      Square(out, n, n) = data.ddq_dq;
+      Square(out + n * n, n, n) = data.ddq_dv;
+      break;
+    case 8: // gradient of torques
+      pin::computeRNEADerivatives(model, data, qi, vi, wi);
+      Eigen::Map<Eigen::RowVectorXd>(out, n) = data.dtau_dq.colwise().sum();
+      Eigen::Map<Eigen::RowVectorXd>(out + n, n) = data.dtau_dv.colwise().sum();
       break;
     }
   }

@@ -17,7 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench import engines
-from hingepair.bench.engines import FORWARD, INVERSE, JACOBIAN, POSE, States, join_parts
+from hingepair.bench.engines import (
+    ACCELERATION_SLOPES,
+    FORWARD,
+    GRADIENT,
+    INVERSE,
+    JACOBIAN,
+    POSE,
+    TORQUE_SLOPES,
+    States,
+    join_parts,
+)
 from hingepair.bench.harness import (
     HINGEPAIR,
     PREPARED,
@@ -42,8 +52,9 @@ from hingepair.mechanism.tree import Frame
 Array: TypeAlias = NDArray[Any]
 
 LOCKED = {"panda": {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}}  # positions [m], by robot
-WORKLOADS = (POSE, JACOBIAN, INVERSE, FORWARD)  # in the order of the table
-CHECKED = 4  # states whose results are compared with the exact ones
+SLOPES = (TORQUE_SLOPES, ACCELERATION_SLOPES, GRADIENT)
+WORKLOADS = (POSE, JACOBIAN, INVERSE, FORWARD, *SLOPES)  # in the order of the table
+CHECKED = 4  # states whose results are compared with the exact ones; of derivatives one
 
 
 class Task(NamedTuple):
@@ -90,8 +101,9 @@ def robot_cases(name: str, methods: Sequence[Method], sizes: Sequence[int]) -> I
         able = [method for method in methods if workload in _ONLY.get(method.name, WORKLOADS)]
         make = cache(partial(make_task, robot, model, workload))
         print_progress(f"{name}, {workload}: {DIGITS} digits")
-        truth = exact_results(make(CHECKED))
-        errors = {one.name: result_error(one, make(1 if one.name == PREPARED else CHECKED), truth) for one in able}
+        checked = 1 if workload in SLOPES else CHECKED
+        truth = exact_results(make(checked))
+        errors = {one.name: result_error(one, make(1 if one.name == PREPARED else checked), truth) for one in able}
         for size in sizes:
             chosen = [method for method in able if method.name != PREPARED or size == 1]
             yield batch_case(f"{robot.name} ({robot.dof} joints), {workload}", chosen, make, size, errors)
@@ -125,6 +137,10 @@ def exact_results(task: Task) -> Array:
     if task.workload == FORWARD:
         return ExactRobot(tree, q, qd).accelerations(w)
     exact = ExactRobot(tree, q, qd, w)
+    if task.workload in SLOPES:
+        found = exact.acceleration_slopes(w) if task.workload == ACCELERATION_SLOPES else exact.torque_slopes()
+        parts = [one.sum(axis=1) if task.workload == GRADIENT else one for one in found]
+        return np.concatenate([one.reshape(count, -1) for one in parts], axis=-1)
     if task.workload == INVERSE:
         return exact.forces()[2]
     body = 1 + [joint.name for joint in tree.joints].index(task.tip)
@@ -149,8 +165,24 @@ def hingepair_job(task: Task) -> Job:
         JACOBIAN: partial(robot.jacobian, frame=tip),
         INVERSE: partial(robot.inverse_dynamics, outputs=("tau",)),
         FORWARD: robot.forward_dynamics,
+        TORQUE_SLOPES: partial(robot.inverse_dynamics_derivatives, outputs=("tau_q", "tau_qd")),
+        ACCELERATION_SLOPES: partial(robot.forward_dynamics_derivatives, outputs=("qdd_q", "qdd_qd")),
     }
+    if task.workload == GRADIENT:
+        return _gradient_job(robot, task.inputs)
     return _read(partial(calls[task.workload], backend="compiled"), task.inputs, task.workload)
+
+
+def _gradient_job(robot: Mechanism, inputs: Sequence[Array]) -> Job:
+    """Return the job of the gradient of the sum of all torques, of a prepared call."""
+    pull = robot.prepare("inverse_dynamics", outputs=("tau",), backend="compiled").vjp
+    weights = {"tau": np.ones(robot.dof)}
+
+    def run() -> tuple[Array, ...]:
+        _, gradient = pull(tuple(inputs), weights, wrt=("q", "qd"))
+        return gradient["q"], gradient["qd"]
+
+    return run
 
 
 def prepared_job(task: Task) -> Job:
@@ -171,6 +203,9 @@ def _read(call: Any, inputs: Sequence[Array], workload: str) -> Job:
         return lambda: (call(*inputs),)
     if workload == POSE:
         read = attrgetter("R", "S")
+        return lambda: read(call(*inputs))
+    if workload in SLOPES:
+        read = attrgetter(*(("tau_q", "tau_qd") if workload == TORQUE_SLOPES else ("qdd_q", "qdd_qd")))
         return lambda: read(call(*inputs))
     read = attrgetter("tau" if workload == INVERSE else "qdd")
     return lambda: (read(call(*inputs)),)
@@ -194,9 +229,11 @@ def frax_job(task: Task) -> Job:
         INVERSE: lambda q, v, w: robot.rnea(q, v, w, gravity, None),
         FORWARD: lambda q, v, w: robot.forward_dynamics(q, v, w, None),
     }
+    functions[TORQUE_SLOPES] = jax.jacfwd(functions[INVERSE], argnums=(0, 1))
     call = jax.jit(jax.vmap(functions[task.workload]))
     rows = [jax.numpy.asarray(row) for row in task.inputs]
-    return lambda: (call(*rows).block_until_ready(),)
+    wait: Any = jax.block_until_ready
+    return lambda: tuple(jax.tree_util.tree_leaves(wait(call(*rows))))
 
 
 METHODS = (
@@ -225,7 +262,8 @@ METHODS = (
     Method("frax (JAX, one batch)", frax_job, min_samples=2, package="frax"),
 )
 # The workloads of methods that do not compute all of them.
-_ONLY = dict.fromkeys((METHODS[3].name, engines.MUJOCO, METHODS[6].name), (INVERSE, FORWARD))
+_ONLY: dict[str, tuple[str, ...]] = dict.fromkeys((METHODS[3].name, engines.MUJOCO), (INVERSE, FORWARD))
+_ONLY |= {METHODS[6].name: (INVERSE, FORWARD, TORQUE_SLOPES), PREPARED: (POSE, JACOBIAN, INVERSE, FORWARD)}
 
 
 def _cold_codes(name: str) -> dict[str, tuple[str, str]]:
@@ -240,7 +278,7 @@ states = np.random.default_rng(0).uniform(-1, 1, (3, 1_000, {load_robot(name, lo
 
 
 def _panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
-    """Return a panel for each workload, in two rows: a line for each robot, with the times of the largest batches.
+    """Return a panel for each workload, two in a row: a line for each robot, with the times of the largest batches.
 
     The legend shows the largest error of each engine.
     """
@@ -268,4 +306,4 @@ def _panels(rows: Sequence[Row], size: int) -> list[list[Panel]]:
                 x_range=(min(times) / 2, 2 * max(times)),
             )
         )
-    return [panels[:2], panels[2:]]
+    return [panels[:2], panels[2:4], panels[4:6], panels[6:]]

@@ -197,7 +197,7 @@ class ExactRobot:
         qd: Any = None,
         qdd: Any = None,
         base: Sequence[Any] | None = None,
-        gravity: Sequence[float] = (0, 0, -9.81),
+        gravity: Sequence[Any] | Array = (0, 0, -9.81),
     ) -> None:
         self._tree, self._gravity = tree, exactly(gravity)
         shape = np.shape(q)
@@ -208,6 +208,7 @@ class ExactRobot:
             base = (zero, np.broadcast_to(np.eye(3), (shape[0], 3, 3)), zero, zero, zero, zero)
         with mpmath.workdps(DIGITS):
             q, qd, qdd = (_coordinates(c, shape)[:, self._columns] * self._ratios for c in (q, qd, qdd))
+            self._state = q, qd, qdd
             q = q + offsets
             self.poses = [given_motion(base)]
             self._axes = [exactly(np.zeros(3))]
@@ -287,6 +288,26 @@ class ExactRobot:
             systems = zip(M.tolist(), remaining.tolist(), strict=True)
             return np.array([list(mpmath.lu_solve(mpmath.matrix(A), b)) for A, b in systems], dtype=object)
 
+    def torque_slopes(self, qdd: Any = None) -> tuple[Array, Array]:
+        """Return the derivatives of tau by q and by qd, (N, dof, dof), of a robot without mimic joints at rest on its
+        base; qdd takes the place of the robot's own.
+        """
+
+        def tau(q: Any, qd: Any, qdd: Any) -> Array:
+            return ExactRobot(self._tree, q, qd, qdd, gravity=self._gravity).forces()[2]
+
+        state = (*self._state[:2], self._state[2] if qdd is None else qdd)
+        return exact_slopes(tau, state, 0), exact_slopes(tau, state, 1)
+
+    def acceleration_slopes(self, tau: Any) -> tuple[Array, Array]:
+        """Return the derivatives of the qdd that efforts tau cause, by q and by qd, (N, dof, dof)."""
+        with mpmath.workdps(DIGITS):
+            q, qd, _ = self._state
+            slopes = self.torque_slopes(ExactRobot(self._tree, q, qd, gravity=self._gravity).accelerations(tau))
+            inverse = np.array([mpmath.inverse(mpmath.matrix(M)).tolist() for M in self.mass_matrix().tolist()])
+            by_q, by_qd = (-np.stack([A @ B for A, B in zip(inverse, one, strict=True)]) for one in slopes)
+            return by_q, by_qd
+
     def _path(self, body: int) -> list[int]:
         found = []
         while body:
@@ -341,6 +362,25 @@ def unit(n: ArrayLike) -> Array:
     """Return an axis of any size scaled to length one."""
     n = exactly(n)
     return np.asarray(n / _sqrt((n * n).sum(axis=-1, keepdims=True)))
+
+
+def exact_slopes(function: Any, arguments: Sequence[Any], by: int) -> Array:
+    """Return the derivatives (N, m, n) of a function's results (N, m) by one of its arguments, (N, n).
+
+    Central differences of steps of 10^-20 are right to some 35 digits.
+    """
+    with mpmath.workdps(DIGITS):
+        given = [exactly(one) for one in arguments]
+        n, step = given[by].shape[1], mpmath.mpf(10) ** -20
+        columns = []
+        for k in range(n):
+            near = []
+            for sign in (1, -1):
+                moved = given[by].copy()
+                moved[:, k] += sign * step
+                near.append(function(*given[:by], moved, *given[by + 1 :]))
+            columns.append((near[0] - near[1]) / (2 * step))
+        return np.stack(columns, axis=-1)
 
 
 def exactly(numbers: ArrayLike) -> Array:
