@@ -24,6 +24,7 @@ PRINTED = {
     "talos_lift": (r"largest mass: 1\.7\d kg, limited by joint 4",),
     "trailer": (r"at 5\.43 m: passes",),
     "ur5_circle": (r"each by itself: True [1-9]", r"as a path: +True 0 jumps", "8 solutions of the first point"),
+    "ur5_shooting": (r"\d iterations", r"effort: (29|30|31)% of that", r"misses by 0\.\d mm"),
     "ur5_workspace": (r"axis of joint 1: 0\.027 m", r"shoulder: 0\.9[45]"),
 }
 """Results that the text of each script speaks of, as patterns."""
