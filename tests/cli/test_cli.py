@@ -252,6 +252,19 @@ def test_urdf_is_written_whole_and_read_back(short_scene: Path, tmp_path: Path) 
     np.testing.assert_array_equal(back.u1, (0.5, 0.2, 0.1))
 
 
+DOUBTFUL = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\nlimits = [-90, 90]\n[pair.body2]\nmass = 1\n"
+
+
+@pytest.mark.parametrize("command", ["urdf", "mjcf", "derive"])
+@pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")
+def test_exports_ask_about_units_and_say_what_they_assume(command: str, tmp_path: Path) -> None:
+    (tmp_path / "knee.toml").write_text(DOUBTFUL)
+    said = run_command(command, tmp_path / "knee.toml").stderr
+    assert "hingepair: note: limits of psi: 90 is taken for radians" in said
+    assumed = "hingepair: assumed, since URDF wants a limit: effort 1000 of knee; velocity 100 of knee\n"
+    assert (assumed in said) is (command == "urdf")
+
+
 def test_a_urdf_has_a_free_base_unless_told(short_scene: Path) -> None:
     pair = hp.load_scene(short_scene).pair
     assert run_command("urdf", short_scene).stdout == hp.to_urdf(pair) != hp.to_urdf(pair, base="fixed")

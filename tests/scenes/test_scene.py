@@ -557,7 +557,8 @@ def test_a_scene_in_millimetres_is_suspected_in_one_line(tmp_path: Path) -> None
         "[motion]\n", "body2 = { mass = 2, shapes = [{ box = [900, 40, 2000], center = [0, 0, 60] }] }\n[motion]\n", 1
     )
     (sentence,) = doubts(tmp_path, text)
-    assert sentence.startswith("pair.u1, pair.u2, pair.body2.shapes[0].box and 1 more: 2000 is taken for metres")
+    assert sentence.startswith("pair.body2.shapes[0].box: 2000 is taken for metres")
+    assert sentence.endswith(" Likewise pair.u1, pair.u2 and 1 more.")
 
 
 def test_a_motion_in_millimetres_is_suspected_and_a_flight_is_not(tmp_path: Path) -> None:

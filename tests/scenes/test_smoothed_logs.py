@@ -141,3 +141,19 @@ def test_a_missing_sample_that_cannot_be_differentiated_is_said_to_need_smoothin
         hp.SceneError, match=r"differentiated \(motion.smooth = true fills missing samples\), got nan"
     ):
         hp.load_scene(path)
+
+
+def test_a_loss_makes_outliers_of_a_log_count_little(tmp_path):
+    path, _ = written(tmp_path)
+    lines = (tmp_path / "log.csv").read_text().splitlines()
+    lines[300] = ",".join((*lines[300].split(",")[:-1], "30.0"))  # psi
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    off = []
+    for text in (PAIR, PAIR + 'loss = "cauchy"\n'):
+        path.write_text(text)
+        scene = hp.load_scene(path)
+        off.append(np.abs(scene.evaluate(("psi",)).psi - np.sin(2 * scene.t))[290:310].max())
+    assert off[0] > 0.1 > 20 * off[1]
+    path.write_text(PAIR.replace("smooth = true", 'differentiate = true\nloss = "cauchy"'))
+    with pytest.raises(hp.SceneError, match=r"motion\.loss: expected no such key without smooth = true"):
+        hp.load_scene(path)

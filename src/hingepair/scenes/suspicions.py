@@ -56,8 +56,11 @@ def _table_suspicions(values: Mapping[str, Any], hinges: Iterable[str]) -> Itera
         else:
             yield from doubts
     if lengths:
-        name = ", ".join([*lengths][:3]) + f" and {len(lengths) - 3} more" * (len(lengths) > 3)
-        yield from suspicions(_LENGTHS, name, [number for numbers in lengths.values() for number in numbers])
+        worst, *others = sorted(lengths, key=lambda name: -max(map(abs, lengths[name])))
+        more = f" and {len(others) - 2} more" * (len(others) > 2)
+        likewise = f" Likewise {', '.join(others[:2])}{more}." if others else ""
+        for sentence in suspicions(_LENGTHS, worst, lengths[worst]):
+            yield sentence + likewise
 
 
 def _judged_numbers(

@@ -207,7 +207,8 @@ class Table(NamedSource):
         table = self.table(key)
         turns = [name for name in ("deg", "rad", "rpy_deg", "rpy") if name in value]
         if len(turns) != 1 or (turns[0] in {"deg", "rad"}) != ("axis" in value):
-            self.fail(key, "{ axis, deg }, { axis, rad }, { rpy_deg } or { rpy }: a matrix in other words")
+            forms = "{ axis, deg }, { axis, rad }, { rpy_deg } or { rpy }: a matrix in other words"
+            self.refuse(key, forms, f"a table with {', '.join(map(repr, value)) or 'nothing'}")
         (turn,) = turns
         table.check_keys(("axis", turn))
         from sympy import pi

@@ -21,6 +21,7 @@ from hingepair.errors import SceneError, choices, nearest
 from hingepair.integration.integrate import RATE_FRAME_NAMES
 from hingepair.integration.signals import SampledSignal
 from hingepair.integration.trajectory import rotate_to_world
+from hingepair.measured.robust import LOSSES
 from hingepair.measured.smooth import smooth
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import ColumnRequest, csv_column, read_columns
@@ -122,8 +123,10 @@ def read_log(table: Table, folder: Path) -> PairMotion:
         wanted = "without differentiate = true" if not integrated else "for a log of rates"
         table.fail("unwrap", f"no such key {wanted}: it determines how angles are differentiated")
     keys = integration_keys if integrated else ("sequence", "unwrap")
-    table.check_keys(("file", "ignore", "differentiate", "integrate", "smooth", "frame", "constants", *keys))
+    table.check_keys(("file", "ignore", "differentiate", "integrate", "smooth", "loss", "frame", "constants", *keys))
     smoothed = table.flag("smooth")
+    if "loss" in table.values and not smoothed:
+        table.fail("loss", "no such key without smooth = true, whose outliers it makes count little")
     if smoothed and (integrated or completed):
         table.fail("smooth", "no such key together with differentiate or integrate: smoothing computes all rates")
     log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap, read_ignored_columns(table))
@@ -434,6 +437,8 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
             "file",
             "ignore",
             "smooth",
+            "loss",
+            "constants",
             *(("sequence",) if attitude is _EULER else ()),
         )
     )
@@ -449,14 +454,15 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
         S1 = np.asarray(euler_to_matrix(turns, table.choice("sequence", SEQUENCE_NAMES, "XYZ")))
     else:
         S1 = log.rotations(turns)
+    loss = table.choice("loss", tuple(LOSSES))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeasurementWarning)
         try:
             with log.naming():
-                body = smooth(log.since, BodyMotion(R=R1, S=S1))
+                body = smooth(log.since, BodyMotion(R=R1, S=S1), loss=loss)
                 texts = [str(warning.message) for warning in caught]
                 caught.clear()
-                angle = smooth(log.since, psi)
+                angle = smooth(log.since, psi, loss=loss)
         except SceneError as error:
             if not log.angle_doubts:
                 raise
