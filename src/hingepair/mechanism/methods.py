@@ -15,6 +15,7 @@ from hingepair.engine.outputs import Out
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
+from hingepair.mechanism import conventions
 from hingepair.mechanism.accuracy import error_bounds
 from hingepair.mechanism.arguments import BASE_LABELS, base_inputs, read_robot_arguments, read_wrenches
 from hingepair.mechanism.constants import RobotConstants, robot_constants
@@ -1257,6 +1258,130 @@ class MechanismMethods(Shown):
         computation = self._computation(("linear", angular))
         state = self._run(computation, {"q": q, "qd": qd}, base_motion, None, workers, backend)
         return Momentum(state["linear"], state[angular])
+
+    # ---- conventions
+
+    def to_pinocchio_state(
+        self,
+        q: Coordinates,
+        qd: Coordinates | None = None,
+        base_motion: BodyMotion | None = None,
+        *,
+        cos_sin: bool = False,
+    ) -> tuple[Float64Array, Float64Array | None]:
+        """Return q and v as Pinocchio writes them. For a free base, q begins with R1 and the quaternion (x, y, z, w)
+        of S1, and v with v1 and omega1 in the axes of the base.
+
+        Args:
+            q: coordinates, as for `forward_kinematics`.
+            qd: their time derivatives, or None.
+            base_motion: R, S, v and omega of a free base; at rest at the origin unless given.
+            cos_sin: hinges without limits become two numbers, cosine and sine, as in models that Pinocchio reads from
+                URDF files.
+
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot", base="free")
+        >>> q, v = robot.to_pinocchio_state([0.1] * 6, [0.2] * 6)
+        >>> q.shape, v.shape
+        ((13,), (12,))
+        """
+        turning = conventions.continuous_columns(self.tree) if cos_sin else []
+        return self._written(conventions.PINOCCHIO, q, qd, base_motion, turning)
+
+    def to_mujoco_state(
+        self, q: Coordinates, qd: Coordinates | None = None, base_motion: BodyMotion | None = None
+    ) -> tuple[Float64Array, Float64Array | None]:
+        """Return qpos and qvel as MuJoCo writes them, for joints in the order of `names`. For a free base, qpos
+        begins with R1 and the quaternion (w, x, y, z) of S1, and qvel with v1 in world axes and omega1 in the axes of
+        the base.
+
+        Args:
+            q: coordinates, as for `forward_kinematics`.
+            qd: their time derivatives, or None.
+            base_motion: R, S, v and omega of a free base; at rest at the origin unless given.
+        """
+        return self._written(conventions.MUJOCO, q, qd, base_motion, [])
+
+    def from_pinocchio_state(self, q: ArrayLike, v: ArrayLike | None = None) -> conventions.State:
+        """Return (q, qd, base_motion) of a state that Pinocchio has written; base_motion is None unless the base is
+        free. Hinges without limits may be cosine and sine in Pinocchio's q.
+
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot", base="free")
+        >>> state = robot.from_pinocchio_state([0, 0, 1, 0, 0, 0, 1] + [0.1] * 6)
+        >>> state.q.shape, state.base_motion.R.tolist()
+        ((6,), [0.0, 0.0, 1.0])
+        """
+        turning = conventions.continuous_columns(self.tree)
+        dof = len(self._constants.names)
+        return conventions.read_state(conventions.PINOCCHIO, q, v, self.base == "free", dof, turning)
+
+    def from_mujoco_state(self, qpos: ArrayLike, qvel: ArrayLike | None = None) -> conventions.State:
+        """Return (q, qd, base_motion) of a state that MuJoCo has written, for joints in the order of `names`;
+        base_motion is None unless the base is free.
+        """
+        dof = len(self._constants.names)
+        return conventions.read_state(conventions.MUJOCO, qpos, qvel, self.base == "free", dof, [])
+
+    def integrate(self, q: Coordinates, v: ArrayLike, base_motion: BodyMotion | None = None) -> conventions.State:
+        """Return the configuration (q, None, base_motion) that a change v leads to: q + v; with a free base, v begins
+        with the change of R1 and the rotation vector of the base, world axes: S1 becomes exp(v[3:6]) S1.
+
+        Args:
+            q: coordinates, as for `forward_kinematics`.
+            v: the change, shape (..., dof), with a free base (..., 6 + dof): the order of `mass_matrix`.
+            base_motion: R and S of a free base; at the origin unless given.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot", base="free")
+        >>> there = robot.integrate(np.zeros(6), np.full(12, 0.1))
+        >>> robot.difference(np.zeros(6), there.q, base_motion_1=there.base_motion).round(12).tolist()
+        [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
+        """
+        free = self.base == "free"
+        conventions.check_base(base_motion, free)
+        return conventions.integrated(conventions.read_rows("q", q, self._constants.names), v, base_motion, free)
+
+    def difference(
+        self,
+        q_0: Coordinates,
+        q_1: Coordinates,
+        base_motion_0: BodyMotion | None = None,
+        base_motion_1: BodyMotion | None = None,
+    ) -> Float64Array:
+        """Return the change for which `integrate` leads from one configuration to the other.
+
+        Args:
+            q_0: coordinates, as for `forward_kinematics`.
+            q_1: coordinates to reach.
+            base_motion_0: R and S of a free base; at the origin unless given.
+            base_motion_1: R and S of a free base to reach.
+
+        Returns:
+            The change, shape (..., dof), with a free base (..., 6 + dof).
+        """
+        free, names = self.base == "free", self._constants.names
+        conventions.check_base(base_motion_0, free, "base_motion_0")
+        conventions.check_base(base_motion_1, free, "base_motion_1")
+        rows = conventions.read_rows("q_0", q_0, names), conventions.read_rows("q_1", q_1, names)
+        return conventions.difference(*rows, base_motion_0, base_motion_1, free)
+
+    def _written(
+        self,
+        convention: conventions.Convention,
+        q: Coordinates,
+        qd: Coordinates | None,
+        base_motion: BodyMotion | None,
+        turning: list[int],
+    ) -> tuple[Float64Array, Float64Array | None]:
+        free, names = self.base == "free", self._constants.names
+        conventions.check_base(base_motion, free)
+        rates = None if qd is None else conventions.read_rows("qd", qd, names)
+        written = conventions.written_q(convention, conventions.read_rows("q", q, names), base_motion, free, turning)
+        if rates is None:
+            return written, None
+        return written, conventions.written_v(convention, rates, base_motion, free)
 
     def prepare(
         self,

@@ -1,0 +1,163 @@
+"""States of robots as Pinocchio and MuJoCo write them, and steps between configurations.
+
+                 Pinocchio                                   MuJoCo
+q of a base      R1, quaternion x y z w of S1                R1, quaternion w x y z of S1
+v of a base      S1^T v1, S1^T omega1 (own axes)             v1 (world axes), S1^T omega1 (own axes)
+continuous       cos q, sin q, of models read from URDF      q
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.errors import ArgumentError, ShapeError
+from hingepair.mechanism.tree import Tree
+from hingepair.numeric.arrays import Float64Array, vectors
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
+from hingepair.rotations.matrices import matrix_to_quaternion, quaternion_to_matrix, rotation_exp, rotation_log
+
+
+class State(NamedTuple):
+    """Configuration and velocity of a robot."""
+
+    q: Float64Array  # coordinates; (..., dof)
+    qd: Float64Array | None  # their time derivatives
+    base_motion: BodyMotion | None  # pose and velocity of a free base
+
+
+class Convention(NamedTuple):
+    """How a package writes the state of a free base."""
+
+    scalar_first: bool  # quaternions as w x y z
+    local_velocity: bool  # v1 in the axes of the base; omega1 always is
+
+
+PINOCCHIO: Final = Convention(scalar_first=False, local_velocity=True)
+MUJOCO: Final = Convention(scalar_first=True, local_velocity=False)
+
+
+def read_rows(name: str, value: Coordinates, names: tuple[str, ...]) -> Float64Array:
+    """Return coordinates in any form as an array (..., dof)."""
+    read, _ = read_coordinates(name, value, CoordinateNames(names, noun="joints"))
+    return np.asarray(np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read, np.float64)
+
+
+def continuous_columns(tree: Tree) -> list[int]:
+    """Return the columns in q of the hinges without limits, which Pinocchio's models of URDF have as two numbers."""
+    joints = enumerate(tree.coordinates)
+    return [k for k, one in joints if one.kind == "hinge" and not np.isfinite(one.position_limits).any()]
+
+
+def written_q(
+    convention: Convention, q: Float64Array, base: BodyMotion | None, free: bool, turning: list[int]
+) -> Float64Array:
+    """Return q as a package writes it; the columns in `turning` become cosine and sine."""
+    parts = []
+    if free:
+        S = _attitude(base)
+        quat = matrix_to_quaternion(S)
+        parts += [_part(base, "R"), quat if convention.scalar_first else np.roll(quat, -1, axis=-1)]
+    for k in range(q.shape[-1]):
+        angle = q[..., k : k + 1]
+        parts += [np.cos(angle), np.sin(angle)] if k in turning else [angle]
+    return _joined(parts)
+
+
+def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None, free: bool) -> Float64Array:
+    """Return v as a package writes it."""
+    if not free:
+        return qd
+    S, v, omega = _attitude(base), _part(base, "v"), _part(base, "omega")
+    return _joined([_back(S, v) if convention.local_velocity else v, _back(S, omega), qd])
+
+
+def read_state(
+    convention: Convention, q: ArrayLike, v: ArrayLike | None, free: bool, dof: int, turning: list[int]
+) -> State:
+    """Return the state that a package has written.
+
+    Raises:
+        ArgumentError: q or v cannot be used.
+    """
+    array = np.asarray(q, np.float64)
+    first, width = 7 * free, array.shape[-1] if array.ndim else 0
+    pairs = turning if width == first + dof + len(turning) else []
+    columns = vectors("q", q, first + dof + len(pairs)).astype(np.float64)
+    places, angles = first, []
+    for k in range(dof):
+        if k in pairs:
+            angles.append(np.arctan2(columns[..., places + 1], columns[..., places]))
+            places += 1
+        else:
+            angles.append(columns[..., places])
+        places += 1
+    rows = np.stack(angles, axis=-1) if angles else columns[..., first:first]
+    rates = None if v is None else vectors("v", v, 6 * free + dof).astype(np.float64)
+    if not free:
+        return State(rows, rates, None)
+    S = np.asarray(quaternion_to_matrix("q", columns[..., 3:7], scalar_first=convention.scalar_first), np.float64)
+    if rates is None:
+        return State(rows, None, BodyMotion(R=columns[..., :3], S=S))
+    linear, omega = rates[..., :3], _turned(S, rates[..., 3:6])
+    velocity = _turned(S, linear) if convention.local_velocity else linear
+    return State(rows, rates[..., 6:], BodyMotion(R=columns[..., :3], S=S, v=velocity, omega=omega))
+
+
+def integrated(q: Float64Array, v: ArrayLike, base: BodyMotion | None, free: bool) -> State:
+    """Return the configuration that a change v leads to; that of a free base comes first."""
+    step = vectors("v", v, 6 * free + q.shape[-1]).astype(np.float64)
+    if not free:
+        return State(q + step, None, None)
+    S = np.asarray(rotation_exp(step[..., 3:6])) @ _attitude(base)
+    return State(q + step[..., 6:], None, BodyMotion(R=_part(base, "R") + step[..., :3], S=S))
+
+
+def difference(
+    q0: Float64Array, q1: Float64Array, base0: BodyMotion | None, base1: BodyMotion | None, free: bool
+) -> Float64Array:
+    """Return the change that leads from one configuration to another."""
+    if not free:
+        return q1 - q0
+    turn = rotation_log(_attitude(base1) @ np.swapaxes(_attitude(base0), -1, -2))
+    return _joined([_part(base1, "R") - _part(base0, "R"), np.asarray(turn), q1 - q0])
+
+
+def check_base(base: Any, free: bool, name: str = "base_motion") -> None:
+    """Refuse what is no BodyMotion, or one of a base that is not free."""
+    if base is not None and not (free and isinstance(base, BodyMotion)):
+        raise ArgumentError(name, "a BodyMotion" if free else "None, since the base is not free", type(base).__name__)
+
+
+def _part(base: BodyMotion | None, letter: str) -> Float64Array:
+    value = None if base is None else getattr(base, letter)
+    return np.zeros(3) if value is None else np.asarray(value, np.float64)
+
+
+def _attitude(base: BodyMotion | None) -> Float64Array:
+    if base is not None and base.S is None:
+        raise ArgumentError("base_motion.S", "an attitude", None)
+    return np.eye(3) if base is None else np.asarray(base.S, np.float64)
+
+
+def _back(S: Float64Array, v: Float64Array) -> Float64Array:
+    return _turned(np.swapaxes(S, -1, -2), v)
+
+
+def _turned(S: Float64Array, v: Float64Array) -> Float64Array:
+    rotated: Float64Array = (S @ v[..., None])[..., 0]
+    return rotated
+
+
+def _joined(parts: list[Float64Array]) -> Float64Array:
+    """Return parts behind each other on the last axis, broadcast."""
+    try:
+        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+    except ValueError:
+        raise ShapeError(
+            "base_motion", "samples that broadcast against q", f"{[one.shape for one in parts]}"
+        ) from None
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)

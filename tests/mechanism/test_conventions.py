@@ -1,0 +1,119 @@
+"""States as Pinocchio and MuJoCo write them, and steps between configurations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from support.trees import Robot, base_motion, on_free_base, pinocchio_state, random_model, record_of
+
+MODEL = random_model(2, 4)
+FREE, FIXED = Robot(record_of(MODEL), "free"), Robot(record_of(MODEL))
+Q, QD = np.random.default_rng(3).uniform(-3, 3, (2, 5, 4))
+BASE = base_motion(np.random.default_rng(4), (5,))
+
+
+def close(found, expected):
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * max(1.0, np.abs(expected).max()))
+
+
+def test_pinocchio_places_and_moves_the_robot_from_our_state():
+    flying = on_free_base(MODEL)
+    data = flying.createData()
+    q, v = FREE.to_pinocchio_state(Q, QD, BASE)
+    name = FREE.names[-1]
+    state = FREE.forward_kinematics(Q, QD, frames=name, base_motion=BASE)[name]
+    for k in range(5):
+        pin.forwardKinematics(flying, data, q[k], v[k])
+        place, moving = data.oMi[5], data.v[5]
+        close(state.R[k], place.translation)
+        close(state.v[k], place.rotation @ moving.linear)
+        close(state.omega[k], place.rotation @ moving.angular)
+        one = hp.BodyMotion(**{x: getattr(BASE, x)[k] for x in ("R", "S", "v", "omega", "a", "alpha")})
+        expected = pinocchio_state(one, Q[k], QD[k], QD[k])
+        close(
+            q[k] * np.sign(q[k, 6]), expected[0] * np.r_[np.ones(3), np.full(4, np.sign(expected[0][6])), np.ones(4)]
+        )
+        close(v[k], expected[1])
+
+
+def test_mujoco_places_and_moves_the_robot_from_our_state():
+    import mujoco
+
+    body = hp.Body(2.0, (0.1, -0.2, 0.3), (0.5, 0.6, 0.4))
+    pair = hp.HingePair((0.5, -0.1, 0.2), (-0.25, 0.1, 0.3), (0.3, -0.4, 0.6), body1=body, body2=body)
+    robot = hp.Mechanism([pair], base="free")
+    q, qd = Q[:, :1], QD[:, :1]
+    qpos, qvel = robot.to_mujoco_state(q, qd, BASE)
+    model = mujoco.MjModel.from_xml_string(hp.to_mjcf(pair))
+    data = mujoco.MjData(model)
+    kinetic = robot.energy(q, qd, base_motion=BASE).kinetic
+    for k in range(5):
+        data.qpos[:], data.qvel[:] = qpos[k], qvel[k]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_energyVel(model, data)
+        np.testing.assert_allclose(data.energy[1], kinetic[k], rtol=1e-13)
+
+
+@pytest.mark.parametrize("package", ["pinocchio", "mujoco"])
+def test_states_come_back(package):
+    q, v = getattr(FREE, f"to_{package}_state")(Q, QD, BASE)
+    state = getattr(FREE, f"from_{package}_state")(q, v)
+    close(state.q, Q)
+    close(state.qd, QD)
+    for name in ("R", "S", "v", "omega"):
+        close(getattr(state.base_motion, name), getattr(BASE, name))
+    alone = getattr(FIXED, f"from_{package}_state")(Q[0])
+    assert alone.base_motion is None
+    close(alone.q, Q[0])
+    close(getattr(FIXED, f"to_{package}_state")(Q)[0], Q)
+
+
+def test_hinges_without_limits_are_cosine_and_sine():
+    """Those of a model that Pinocchio reads from a URDF."""
+    links = "".join(f'<link name="{name}"/>' for name in "abcd")
+    joints = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{p}"/><child link="{c}"/>{limit}</joint>'
+        for name, kind, p, c, limit in (
+            ("one", "continuous", "a", "b", ""),
+            ("two", "revolute", "b", "c", '<limit lower="-1" upper="1" effort="1" velocity="1"/>'),
+            ("three", "continuous", "c", "d", ""),
+        )
+    )
+    text = f'<robot name="turning">{links}{joints}</robot>'
+    robot, model = hp.Mechanism.from_urdf(text), pin.buildModelFromXML(text)
+    q, _ = robot.to_pinocchio_state([0.3, 0.4, -2.0], cos_sin=True)
+    assert q.shape == (model.nq,)
+    close(q, [np.cos(0.3), np.sin(0.3), 0.4, np.cos(-2.0), np.sin(-2.0)])
+    close(robot.from_pinocchio_state(q).q, [0.3, 0.4, -2.0])
+
+
+def test_a_change_leads_to_the_other_configuration():
+    change = np.random.default_rng(5).uniform(-1, 1, (5, 10))
+    there = FREE.integrate(Q, change, BASE)
+    close(there.q, Q + change[:, 6:])
+    close(there.base_motion.S, hp.rotation_exp(change[:, 3:6]) @ BASE.S)
+    close(FREE.difference(Q, there.q, BASE, there.base_motion), change)
+    close(FIXED.difference(Q[0], Q), Q - Q[0])
+    step = 1e-7 * np.concatenate([BASE.v, BASE.omega, QD], axis=-1)  # as a velocity for a short time
+    near = FREE.integrate(Q, step, BASE)
+    name = FREE.names[-1]
+    before, after = (
+        FREE.forward_kinematics(q, frames=name, base_motion=base)[name].R
+        for q, base in ((Q, BASE), (near.q, near.base_motion))
+    )
+    rate = FREE.forward_kinematics(Q, QD, frames=name, base_motion=BASE)[name].v
+    np.testing.assert_allclose((after - before) / 1e-7, rate, rtol=0, atol=1e-5)
+
+
+def test_what_cannot_be_used_is_named():
+    with pytest.raises(hp.ArgumentError, match=r"^base_motion: expected None, since the base is not free"):
+        FIXED.integrate(Q, Q, BASE)
+    with pytest.raises(hp.ArgumentError, match=r"^v: "):
+        FREE.integrate(Q, Q, BASE)
+    with pytest.raises(hp.ArgumentError, match=r"^q: "):
+        FREE.from_mujoco_state(np.zeros(4))
+    with pytest.raises(hp.RotationError, match=r"^q: expected non-zero quaternions"):
+        FREE.from_mujoco_state(np.zeros(11))
