@@ -72,10 +72,10 @@ def pytest_xdist_auto_num_workers(config):
 def pytest_collection_modifyitems(config, items):
     """The longest first, or one worker waits for another at the end; proofs only where they are asked for."""
     if "proof" not in config.option.markexpr:
-        proofs = [item for item in items if item.get_closest_marker("proof")]
-        config.hook.pytest_deselected(items=proofs)
+        proofs = {item for item in items if item.get_closest_marker("proof")}
+        config.hook.pytest_deselected(items=[*proofs])
         items[:] = [item for item in items if item not in proofs]
-    marks = {item: item.get_closest_marker("slow") for item in items}
+    marks = {item: item.get_closest_marker("proof") or item.get_closest_marker("slow") for item in items}
     items.sort(key=lambda item: marks[item].args if marks[item] else (), reverse=True)
 
 

@@ -223,7 +223,9 @@ def __getattr__(name: str) -> Any:
     if name not in _LAZY_MODULE_BY_NAME:
         from hingepair.errors import nearest
 
-        raise AttributeError(f"module 'hingepair' has no attribute {name!r}{nearest(name, __all__)}")
+        # Tools ask every module for names with underscores, thousands of times: no search for those.
+        hint = "" if name.startswith("_") else nearest(name, __all__)
+        raise AttributeError(f"module 'hingepair' has no attribute {name!r}{hint}")
     value = globals()[name] = getattr(import_module(f"hingepair.{_LAZY_MODULE_BY_NAME[name]}"), name)
     return value
 

@@ -226,7 +226,7 @@ def test_without_a_compiler_or_headers_the_cpp_loop_is_a_line(monkeypatch):
     assert "a C++ compiler" in engines.cpp_reasons(True)[engines.PINOCCHIO_CPP]
 
 
-@pytest.mark.proof
+@pytest.mark.proof(80)
 def test_the_cpp_loop_computes_the_truth(monkeypatch):
     """Not optimised, and with what Pinocchio's library has compiled already."""
     engines.compile_loops.cache_clear()

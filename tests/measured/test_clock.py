@@ -245,7 +245,7 @@ def test_a_point_beside_a_body_1_at_rest_does_not_determine_the_offset() -> None
     assert "clock offset: not determined by this motion" in str(found)
 
 
-@pytest.mark.proof
+@pytest.mark.proof(20)
 def test_errors_of_a_point_with_an_offset_are_within_the_intervals_in_many_runs() -> None:
     inside, runs, late = np.zeros(7), 80, 13e-3
     for seed in range(runs):

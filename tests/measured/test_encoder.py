@@ -198,7 +198,7 @@ def seen_by_an_encoder(kind: str, seed: int) -> hp.HingeFit:
     return hp.fit(*bodies(made), loss=loss, encoder=reading, t=made.t if kind == "clock" else None)
 
 
-@pytest.mark.proof
+@pytest.mark.proof(10)
 @pytest.mark.parametrize("kind", ["good", "rough", "gaps", "outliers", "clock"])
 def test_errors_with_an_encoder_are_within_the_intervals_in_many_runs(kind: str) -> None:
     inside, runs = np.zeros(11), 40 if kind == "clock" else 120
