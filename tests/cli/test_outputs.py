@@ -92,6 +92,7 @@ program.main()
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_program_silently_while_it_imports():
     done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, timeout=HANG, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")

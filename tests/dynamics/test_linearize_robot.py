@@ -25,6 +25,7 @@ def test_a_robot_of_one_hinge_swings_as_the_pair():
         _ = hp.linearize(hp.Mechanism([PAIR]), np.zeros((2, 1))).poles
 
 
+@pytest.mark.slow
 def test_rates_of_a_free_robot_change_as_the_linearization_says():
     robot = Robot(record_of(random_model(3, 4)), "free")
     rng = np.random.default_rng(1)

@@ -77,6 +77,7 @@ def test_a_wheel_on_a_fixed_base_is_turned_by_what_acts_about_its_axis(load):
     np.testing.assert_allclose(wheel.psi, 0.5 - t + 1.5 * t**2, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["free", "fixed"])
 def test_motion_starts_where_it_is_told_to(base):
     rng = generator(31)
@@ -404,6 +405,7 @@ def test_what_cannot_be_followed_says_why(load, said):
         hp.simulate(pendulum(), np.linspace(0, 10, 11), STILL, 0.0, 0.0, **{"base": "fixed", **load})
 
 
+@pytest.mark.slow
 def test_an_event_that_is_undefined_beyond_a_stop_is_followed():
     stops = hp.HingeLoad(stops=(-1, 1), stop_restitution=0.5)
 
@@ -425,6 +427,7 @@ class WeakLoad(hp.HingeLoad):
         return 0.5 * super().__call__(t, psi, psid)
 
 
+@pytest.mark.slow
 def test_a_derived_load_has_the_stops_of_its_base_or_is_refused():
     arguments = {"stops": (-1, 1), "stop_restitution": 0.5, "friction": 0.1}
     moved = [

@@ -194,6 +194,7 @@ def test_workers_change_nothing(backend):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
 
 
+@pytest.mark.slow
 def test_threads_that_call_at_once_do_not_mix():
     rng = generator(70)
     jobs = [(pair_of(rng), coordinates(rng, 20_000)) for _ in range(6)]

@@ -137,6 +137,7 @@ def test_an_edited_source_has_another_digest(tmp_path, monkeypatch):
     assert digest() is None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not images.CAN_LINK, reason="llvmlite loads objects of other systems")
 @pytest.mark.usefixtures("folder")
 def test_code_on_disk_is_loaded_without_llvmlite():

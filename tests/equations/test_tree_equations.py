@@ -150,6 +150,7 @@ def test_motion_of_bodies_and_frames(tree, truth):
         )
 
 
+@pytest.mark.slow
 def test_forces_are_those_of_the_points_beyond_each_joint(tree, truth):
     _, changes, points = truth
     feels = trees.accelerations_in_own_axes(

@@ -66,6 +66,7 @@ def test_no_estimate_is_far_below_the_error(kinds, least, tolerances, block):
     assert np.percentile(ratios, 80) <= 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop", sparse([100, 1000], 2))
 def test_steps_are_not_many_more_than_a_tolerance_needs(stop):
     """Errors that go to and fro cancel, so that their sizes are no measure; beside the fewest that any goal gives."""

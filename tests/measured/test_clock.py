@@ -166,6 +166,7 @@ def test_what_is_left_of_samples_is_that_of_the_moved_ones() -> None:
     assert np.sqrt(np.mean((found.body2.R - R2)[inside] ** 2)) < 1.2e-3
 
 
+@pytest.mark.slow
 def test_gaps_take_no_other_samples_from_the_fit() -> None:
     """The hinge is the most likely one of all samples at the offset that is found."""
     t, body1, body2 = recorded(0.0, count=200)

@@ -209,6 +209,7 @@ def test_what_cannot_be_used_is_named(name: str) -> None:
         call()
 
 
+@pytest.mark.slow
 def test_short_pieces_between_gaps_are_smoothed_with_long_ones() -> None:
     """The lowest bandwidths do not determine a short piece: they are passed over."""
     t, random = np.arange(600) / 100, np.random.default_rng(0)
@@ -349,6 +350,7 @@ def test_errors_of_samples_are_within_the_intervals_in_many_runs(share: float, l
         assert len(told) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["linear", "cauchy"])
 @pytest.mark.parametrize("turned", [False, True])
 def test_noise_of_a_planar_recording_is_that_of_its_plane(loss: str, turned: bool) -> None:
@@ -363,6 +365,7 @@ def test_noise_of_a_planar_recording_is_that_of_its_plane(loss: str, turned: boo
     assert found.noise["S"] == pytest.approx(2e-3, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 1, 300, -1])
 def test_one_outlier_anywhere_counts_little(row: int) -> None:
     t = np.arange(400) / 100

@@ -148,6 +148,7 @@ def test_joints_transmit_what_pinocchio_says(model, mode):
             check(found.torque[k, j], S @ exact.angular, scale[k])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_wrenches_of_joints_in_every_form(mode):
     """Against the forces of inverse dynamics; prepared, in batches, loaded, with mimic joints."""

@@ -195,6 +195,7 @@ def test_opposite_attitudes_are_reached(axis):
     assert found.ok
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "frame"),
     [("tiago", "arm_7_link"), ("talos_full_v2", "gripper_left_base_link"), ("panda", "panda_leftfinger"),

@@ -104,6 +104,7 @@ def chain(count):
     return hp.Mechanism(pairs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [100, pytest.param(200, marks=pytest.mark.slow(5))])
 def test_long_chains_agree_with_pinocchio(count):
     with joint_by_joint(chain(count)) as robot:
@@ -118,6 +119,7 @@ def test_what_is_traced_has_a_limit():
         assert trees.request_loop(own._constants.form, request).traced is traced
 
 
+@pytest.mark.slow
 def test_what_is_differentiated_has_a_limit():
     call = chain(200).prepare("inverse_dynamics", outputs=("tau",), backend="numpy")
     with pytest.raises(hp.ArgumentError, match="robot: expected fewer joints, or derivatives by fewer arguments"):

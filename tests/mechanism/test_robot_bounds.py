@@ -144,6 +144,7 @@ def test_accelerations_of_a_follower_with_a_tip_without_mass_have_a_bound():
     assert 0 < bound < 1e-10
 
 
+@pytest.mark.slow
 def test_exact_masses_of_long_chains_have_a_bounded_number_of_digits():
     """Each joint multiplies what its masses hand to the parent: digits would add up, and the first call with them."""
     tree = random_robot(states.generator(812), 200, "fixed", heavy=True).tree

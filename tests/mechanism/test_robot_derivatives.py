@@ -59,6 +59,7 @@ def test_a_pose_changes_as_the_geometric_jacobian_says(ur5, states):
     assert not found["R"]["qd"].any()
 
 
+@pytest.mark.slow
 def test_a_turn_of_the_base_turns_all_that_it_carries(moving, moving_state):
     found = moving.jacobian(moving_state, wrt=("S1", "R1"))
     R, eye = moving(*moving_state).R - moving_state[2], np.eye(3)
@@ -67,6 +68,7 @@ def test_a_turn_of_the_base_turns_all_that_it_carries(moving, moving_state):
     np.testing.assert_array_equal(found["R"]["R1"], np.broadcast_to(eye, (4, 2, 3, 3)))
 
 
+@pytest.mark.slow
 def test_products_with_the_jacobian_are_its_products(moving, moving_state):
     rng, sizes = np.random.default_rng(5), {"q": 6, "qd": 6, "R1": 3, "S1": 3, "omega1": 3}
     J, value = moving.jacobian(moving_state), moving(*moving_state)
@@ -86,6 +88,7 @@ def test_products_with_the_jacobian_are_its_products(moving, moving_state):
     assert not only.any()
 
 
+@pytest.mark.slow
 def test_numbers_that_fold_are_differentiated_all_the_same(ur5, torques, states):
     q, qd, qdd = states.copy()
     known = (0.0, 1.0, -1.0, 0.0, 0.0, 0.5)
@@ -101,6 +104,7 @@ def test_numbers_that_fold_are_differentiated_all_the_same(ur5, torques, states)
                 np.testing.assert_allclose(found[name], array, atol=1e-13 * abs(array).max())
 
 
+@pytest.mark.slow
 def test_all_forms_of_a_call_agree(ur5, torques, states):
     given = tuple(states)
     expected = torques.jacobian(given, "q")["tau"]["q"]
@@ -182,6 +186,7 @@ def test_derivatives_of_dynamics_are_those_of_pinocchio(name):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_jacobians_in_both_axes_momentum_matrices_and_their_rates_are_those_of_pinocchio(base):
     model = random_model(4)
@@ -260,6 +265,7 @@ def test_torques_are_linear_in_masses_and_follow_lengths_as_pinocchio_says(base)
             np.testing.assert_allclose(found["lengths"][:, joint, k], slopes, rtol=0, atol=1e-8 * abs(tau[0]).max())
 
 
+@pytest.mark.slow
 def test_products_with_derivatives_by_constants_are_products(torques, states):
     given, rng = tuple(states), np.random.default_rng(3)
     J = torques.jacobian(given, ("masses", "q"))["tau"]
@@ -296,6 +302,7 @@ def torque_derivatives_by_pinocchio(model, base, force1, torque1, q, qd, qdd):
     return by_q, by_qd, M
 
 
+@pytest.mark.slow
 def test_derivatives_on_a_free_base_are_those_of_pinocchio_in_world_axes():
     model = random_model(3, 4)
     robot, free = Robot(record_of(model), "free"), on_free_base(model)
@@ -317,6 +324,7 @@ def test_derivatives_on_a_free_base_are_those_of_pinocchio_in_world_axes():
     np.testing.assert_allclose(M @ a.qdd_tau, np.eye(len(M)), rtol=0, atol=left)
 
 
+@pytest.mark.slow
 def test_wrenches_the_motion_of_the_base_and_mimic_joints_count():
     model = random_model(1)
     tree = record_of(model)

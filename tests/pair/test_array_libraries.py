@@ -190,6 +190,7 @@ def test_derivatives_exist_at_every_angle(jax):
     assert np.isfinite(curved).all()
 
 
+@pytest.mark.slow
 def test_jacobians_are_arrays_of_the_library(library):
     pair, (q, qd, _) = some(10)
     body1, own = body1_of(library[0], 10), body1_of(np, 10)

@@ -144,6 +144,7 @@ def test_batch_equals_single(motion):
     require(stacked, expected, scales_of(motion), 2)
 
 
+@pytest.mark.slow
 @backends
 @few
 @given(

@@ -40,6 +40,7 @@ def test_a_turn_of_body_1_and_of_the_hinge_moves_body_2_as_the_jacobian_says(sta
     np.testing.assert_array_equal(found["R2"]["R1"], np.broadcast_to(np.eye(3), (5, 3, 3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["quat_xyzw", "quat_wxyz"])
 def test_a_quaternion_of_any_length_changes_by_rotations_about_world_axes(states, name):
     axis, size = np.array([0.6, 0.0, -0.8]), 1.7
@@ -53,6 +54,7 @@ def test_a_quaternion_of_any_length_changes_by_rotations_about_world_axes(states
         np.testing.assert_allclose(found[output][name], expected[output]["S1"], atol=64 * EPS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planar", [False, True])
 def test_products_with_the_jacobian_are_its_products(states, planar):
     pair = hp.PlanarPair((0.5, -0.2), (-0.3, 0.4)) if planar else PAIR

@@ -420,6 +420,7 @@ def test_a_log_in_millimetres_or_with_the_scalar_first_is_doubted(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["differentiate", "smooth"])
 def test_rows_that_are_absent_are_said_once(tmp_path, how):
     t = np.arange(800) * 0.01

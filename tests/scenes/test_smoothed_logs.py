@@ -91,6 +91,7 @@ def test_the_noise_of_forces_is_what_smoothing_leaves(tmp_path):
     assert "hp.smooth" not in note
 
 
+@pytest.mark.slow
 def test_notes_of_a_smoothed_log_name_its_columns_and_missing_samples(tmp_path):
     path, _ = written(tmp_path, quaternions=False)
     log = np.genfromtxt(tmp_path / "log.csv", delimiter=",", names=True)

@@ -85,6 +85,7 @@ def test_the_dimension_that_matters_most_is_named(scene_path):
     assert study.shares()["u1_y"] == pytest.approx((100 / 101, 0.0), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_an_instant_without_a_pose_is_left_out_and_said(scene_path):
     whole = study_tolerances(hp.load_scene(scene_path), SAMPLES)
     path = scene_path.with_name("gap.toml")
