@@ -15,10 +15,20 @@ components. A `Loop` runs the function over arrays; a `Call` is a loop with know
 >>> call.run({"v": np.ones((3, 2))}, shapes={"v": (3,)})["force"][0]
 array([-1., -1.])
 
-The function is traced (`trace`) once for each pattern of inputs (`binding`): numbers that are known to be 0, 1 or -1
-fold away, and operations that no output needs are left out. The remaining operations run as Python for one state, as
-NumPy in blocks (`python_source`), or as machine code for eight samples at a time (`llvm_ir`, `native`), as `backend`
-chooses. Derivatives (`derivatives`) are recorded in the same trace, and fold and compile as all else:
+The function is traced once for each pattern of inputs: numbers that are known to be 0, 1 or -1 fold away, and
+operations that no output needs are left out. The others run as Python for one state, as NumPy in blocks of samples,
+or as machine code for eight samples at a time, a ufunc of NumPy, as `backend` chooses. From a function to its results:
+
+    trace, sampled, derivatives     values that record operations, or fold them; derivatives in the same trace
+    binding, loops                  which inputs are known, constant or arrays; a traced program for each pattern
+    python_source                   its Python and NumPy code
+    llvm_arithmetic, llvm_memory,   its LLVM code: straight-line steps, loads and stores, sines, the loop over samples
+    llvm_sines, llvm_ir (llvm_builder)
+    native, images, object_cache    machine code: compiled, linked, kept on disk
+    ufunc, slices                   a kernel as a ufunc; its calls in slices, by threads
+    calls, rows, outputs, results   a loop with its constants; the shortest way for one state; arrays; results
+
+Derivatives are recorded in the same trace, and fold and compile as all else:
 
 >>> from hingepair.engine.derivatives import pullback
 >>> def slope(v):
@@ -29,5 +39,5 @@ chooses. Derivatives (`derivatives`) are recorded in the same trace, and fold an
 >>> call.run({"v": np.ones((3, 2))}, shapes={"v": (3,)})["slope"][0]
 array([-2., -1.])
 
-`ufunc` makes kernels ufuncs of NumPy, which reads the arrays. The engine imports numeric only.
+The engine imports numeric only.
 """

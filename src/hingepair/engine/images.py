@@ -69,10 +69,12 @@ def link(elf: bytes) -> bytes:
     symbols = _symbols(elf, sections)
     imports = [s.name for s in symbols if not s.section and s.name]
 
+    # The imports, and a stub for each of them.
     image = bytearray(_WORD * len(imports))
     for k in range(len(imports)):  # jmp [rip + distance to the import]
         image += b"\xff\x25" + struct.pack("<i", _WORD * k - len(image) - 6) + b"\x90\x90"
     image += bytes(-len(image) % _LINE)
+    # The sections that are part of the code.
     places: dict[int, int] = {}
     for k, section in enumerate(sections):
         if section.flags & _ALLOCATED and section.kind in {_PROGBITS, _NOBITS}:
@@ -82,6 +84,7 @@ def link(elf: bytes) -> bytes:
             image += data if section.kind == _PROGBITS else bytes(section.size)
 
     slots = {name: _WORD * k for k, name in enumerate(imports)}
+    # The references of these sections, of which only absolute addresses wait for the place of the image.
     absolute = []
     for section in sections:
         if section.kind != _RELA or section.info not in places:

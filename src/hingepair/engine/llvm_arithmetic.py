@@ -131,9 +131,11 @@ class Arithmetic:
 
     def _split_steps(self, prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
         """Return the steps that compute these values; sines come as early as their angles allow."""
+        # A product that is fused into all of its sums is not read any more.
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
         while any(value.operation in SINES for value in rest):
+            # Late are sines and all that needs them; this round computes the sines whose angles are not late.
             late: set[int] = set()
             angles: dict[int, TracedValue] = {}
             for value in rest:
@@ -144,6 +146,7 @@ class Arithmetic:
                     late.add(id(value))
                     angles[id(operands[0])] = operands[0]
                     self._sine_lines[id(operands[0])].append(value)
+            # What these angles need comes first, then the angles' sines; the rest waits for the next round.
             first = set(angles)
             for value in reversed(rest):
                 if id(value) in first:
@@ -162,6 +165,7 @@ class Arithmetic:
         """Return the narrow outputs that are stored right after a value is computed, by the value's id; under 0 those
         that are stored at the end of the last step.
         """
+        # By value: its place in the order, and its id, or 0 for sines, which a shared function computes.
         position: dict[int, tuple[int, int]] = {}
         for step in self.varying_steps:
             sines = [line for angle in step.angles for line in self._sine_lines[id(angle)]]
@@ -180,7 +184,7 @@ class Arithmetic:
         """
         reads = [{id(value) for value in self._values_read_by(step)} for step in self.varying_steps]
         stores = [any(id(value) in self._outputs_after_value for value in step.lines) for step in self.varying_steps]
-        latest = stores.index(True) if any(stores) else len(self.varying_steps) - 1
+        latest = stores.index(True) if any(stores) else len(self.varying_steps) - 1  # step that may load
         for g, group in enumerate(self.inputs):
             for c, value in enumerate(group.values):
                 if g in self.register_inputs and id(value) in self._needed:
@@ -214,6 +218,7 @@ class Arithmetic:
         steps = [*self.uniform_steps, *self.varying_steps]
         wide = [value for group in self.outputs if not group.narrow for value in group.values]
         vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
+        # Inputs that are gathered into the frame before the steps.
         for g, group in enumerate(self.inputs):
             used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
             shared = used if len(used) > MAX_UNIFORM_VECTORS and not group.varies else []
@@ -225,18 +230,20 @@ class Arithmetic:
             if g not in self.register_inputs:
                 self.slots |= {id(group.values[c]): size + k for k, c in enumerate(gathered)}
                 size += len(gathered)
+        # Constants of wide outputs, which `rows` reads from the frame.
         for value in wide:
             if not isinstance(value, TracedValue) and value not in self.constant_slots:
                 self.constant_slots[value] = size
                 size += 1
-        makers: dict[int, int] = {}
+        # Sines have places behind each other, for they are computed together; other values share places in time.
+        makers: dict[int, int] = {}  # the step that makes a value
         for s, step in enumerate(steps):
             makers |= {id(value): s for value in self._values_made_by(step)}
             for angle in step.angles:
                 lines = self._sine_lines[id(angle)]
                 self.slots |= {id(line): size + SINES.index(line.operation) for line in lines}
                 size += len(SINES)
-        last: dict[int, int] = {}
+        last: dict[int, int] = {}  # the last other step that reads a value
         for s, step in enumerate(steps):
             last |= {id(value): s for value in self._values_read_by(step) if makers.get(id(value), s) != s}
         last |= {id(value): len(steps) for value in wide if id(value) in makers}

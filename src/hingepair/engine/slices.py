@@ -50,18 +50,21 @@ def run_slices(
     input_ranks, output_ranks = ranks[: len(inputs)], ranks[len(inputs) :]
     blocks: list[Block] = [tuple(slice(0, n) for n in shape)]
     short = _short_axes((*inputs, *outputs), ranks, shape) if len(shape) > 1 else []
+    # A call for each index of the short axes where each has many samples.
     if short and size // math.prod(shape[axis] for axis in short) >= _MIN_SAMPLES:
         pieces = (
             [slice(k, k + 1) for k in range(n)] if axis in short else [slice(0, n)] for axis, n in enumerate(shape)
         )
         blocks = list(itertools.product(*pieces))
-    elif short:  # copied, the samples fill the lanes; so many axes that these copies are large are left to NumPy
+    # Else copies, whose samples fill the lanes; so many axes that these are large are left to NumPy.
+    elif short:
         samples = [math.prod(one.shape[one.ndim - rank :]) for one, rank in zip(inputs, input_ranks, strict=True)]
         if size * sum(samples) <= _MAX_COPIED_NUMBERS:
             inputs = [
                 np.ascontiguousarray(np.broadcast_to(one, (*shape, *one.shape[one.ndim - rank :])))
                 for one, rank in zip(inputs, input_ranks, strict=True)
             ]
+    # Samples of a slice: as many as there are threads for, and as a cast may hold.
     most = size
     workers = max(1, min(workers, size * operations // _MIN_WORK))
     if workers > 1:
@@ -109,6 +112,7 @@ def _short_axes(arrays: Arrays, ranks: Sequence[int], shape: tuple[int, ...]) ->
         axes = array.ndim - rank
         own = (0 if n == 1 else step for n, step in zip(array.shape[:axes], array.strides[:axes], strict=True))
         steps.append([*[0] * (len(shape) - axes), *own])
+    # NumPy merges neighbouring axes if one stride leads through both of each array.
     merged: list[list[int]] = []
     for axis, n in enumerate(shape):
         if n == 1:
