@@ -17,7 +17,7 @@ array([-1., -1.])
 
 The function is traced once for each pattern of inputs: numbers that are known to be 0, 1 or -1 fold away, and
 operations that no output needs are left out. The others run as Python for one state, as NumPy in blocks of samples,
-or as machine code for eight samples at a time, a ufunc of NumPy, as `backend` chooses. From a function to its results:
+or as machine code for eight samples at a time, which NumPy calls as a ufunc; `backend` chooses. The modules:
 
     trace, sampled, derivatives     values that record operations, or fold them; derivatives in the same trace
     binding, loops                  which inputs are known, constant or arrays; a traced program for each pattern

@@ -25,12 +25,11 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from hingepair.errors import ArgumentError, MissingDependencyError
 from hingepair.numeric.arrays import real_array
 
-MAX_FILE_ROWS: Final = 10_000_000  # samples of a file that is read
-MAX_FILE_BYTES: Final = 2_000_000_000  # size of a file that is read
-_HEADING: Final = 100_000  # characters of the heading of a .csv
-# Larger numbers of an exact column are integers: nanoseconds, which a float rounds.
-_MAX_FLOAT: Final = 1e14
-_NPY_BYTES: Final = 10_000  # bytes of the heading of an array in a .npz
+MAX_FILE_ROWS: Final = 10_000_000
+MAX_FILE_BYTES: Final = 2_000_000_000
+_MAX_HEADING: Final = (
+    100_000  # characters of the first line of a .csv, and bytes of the heading of an array in a .npz
+)
 # The heading of an array in a .npz: its dtype, its order in memory, its shape.
 _NPY_HEADER: Final = re.compile(
     r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9}(?:\[\w{1,9}\])?)', 'fortran_order': (True|False), "
@@ -41,31 +40,21 @@ Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
 class ColumnRequest(NamedTuple):
-    """Description of the columns to read from a file: `choose`, a function from the list of the names of all columns
-    to the list of those to read; `names_of`, a function from the name and the sample shape of an array with several
-    axes to the names of its columns; and `exact`, the name of a column to read without conversion to float64, or "".
+    """The columns to read from a file."""
 
-    Attributes:
-        choose: takes the names of all columns; returns those to read, in the order of the result, or raises an error.
-        names_of: takes the name of an array and the shape of one sample; returns the names of its columns as an array
-            of this shape.
-        exact: name of a column whose integers, dates and times are not converted, so that no digit is lost. All other
-            columns become float64.
-    """
-
+    # From the names of all columns to those to read, in the order of the result; may raise an error.
     choose: Callable[[list[str]], list[str]]
+    # From the name of an array and the shape of one sample to the names of its columns, in that shape.
     names_of: Callable[[str, tuple[int, ...]], ArrayLike]
-    exact: str = ""
+    exact: str = ""  # column whose integers, dates and times stay as they are; all others become float64
 
 
 def read_columns(path: Path, request: ColumnRequest) -> Columns:
-    """Read the columns that `request` (a ColumnRequest) chooses from a .csv, .npz or .parquet file; return a dict of
-    arrays of one length by name. Empty cells are NaN. Raise ArgumentError for a file that cannot be read, has no rows
-    or is too large, MissingDependencyError if PyArrow is needed and missing.
+    """Return columns of a .csv, .npz or .parquet file, arrays of one length by name. Empty cells are NaN.
 
     Raises:
-        ArgumentError: the file cannot be read, or is too large; `name` is where: a column, `line 3`, `line 3: t` or
-            nothing. Also what `request.choose` and `request.names_of` raise.
+        ArgumentError: the file cannot be read, has no rows, or is too large; `name` is where: a column, `line 3`,
+            `line 3: t` or nothing. Also what `request.choose` and `request.names_of` raise.
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
     read = _READERS.get(path.suffix.lower())
@@ -111,9 +100,7 @@ def csv_line(cells: Iterable[str]) -> str:
 
 
 def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays to an open file in the format .npz under any names; `numpy.savez` has arguments of its own, such
-    as `file`.
-    """
+    """Write arrays of any names to an open .npz file; `numpy.savez` has arguments of its own, such as `file`."""
     with zipfile.ZipFile(file, "w") as archive:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
@@ -121,13 +108,7 @@ def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
-    """Return one column of a .csv file as an array, read in the given dtype, such as int64 for numbers that a float
-    would round. `name` is the name of the column, which the file must have. Raise ArgumentError if a cell cannot be
-    read in this dtype.
-
-    Raises:
-        ArgumentError: a cell cannot be read in this dtype.
-    """
+    """Return one column of a .csv file, read in the given dtype, such as int64 for numbers that a float would round."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
         column = _csv_names(stream).index(name)
         try:
@@ -137,10 +118,7 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
 
 
 def _read_csv(path: Path, request: ColumnRequest) -> Columns:
-    """Return the columns of a CSV file that `request` chooses as a dict of arrays by name. The first line of the file
-    has the names; empty cells become NaN. The column `request.exact` is an int64 array if its numbers exceed 1e14.
-    Raise ArgumentError, which names the line, if a line cannot be read.
-    """
+    """Read columns of a CSV file; the exact one is int64 if its numbers are too large for floats."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
         names = _csv_names(stream)
         chosen = request.choose(names)
@@ -167,17 +145,15 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     )
     if request.exact in columns:
         largest = np.abs(columns[request.exact]).max(initial=0.0)
-        if largest > _MAX_FLOAT:
+        if largest > 1e14:  # integers: nanoseconds, which a float rounds
             columns[request.exact] = csv_column(path, request.exact, np.int64)
     return columns
 
 
 def _csv_names(stream: IO[str]) -> list[str]:
-    """Read the first line of an open CSV file and return the column names in it as a list. Raise ArgumentError for
-    separators other than commas, and for a line that is empty, too long or all numbers.
-    """
-    line = stream.readline(_HEADING)
-    if len(line) == _HEADING:
+    """Return the names in the first line of a CSV file."""
+    line = stream.readline(_MAX_HEADING)
+    if len(line) == _MAX_HEADING:
         raise ArgumentError("", "a first line of column names", "a longer line")
     names = [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]  # numpy.savetxt writes a #
     if len(names) == 1 and (";" in line or "\t" in line):
@@ -190,10 +166,7 @@ def _csv_names(stream: IO[str]) -> list[str]:
 
 
 def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDArray[Any]:
-    """Return the next MAX_FILE_ROWS + 1 lines of an open CSV file as a 2D array of rows. `columns` are the indices of
-    the columns to read, or None for all. Further keyword arguments go to `numpy.loadtxt`, whose ValueError is raised
-    for rows that cannot be read.
-    """
+    """Return the next lines, one more than a file may have, as a 2D array of these columns."""
     options = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | options
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # no rows: an error of ours
@@ -203,16 +176,13 @@ def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDA
 
 
 def _cell_number(text: str) -> float:
-    """Return the number in a cell's text as a float, NaN if the text is blank. Raise ValueError if it is not a
-    number.
-    """
+    """Return the number in a cell, NaN if it is blank."""
     if "_" in text:  # Python reads 1_5 as 15
         raise ValueError(text)
     return float(text) if text.strip() else math.nan
 
 
 def _is_number(text: str) -> bool:
-    """Return whether `float` can read the text of a cell. The result is False for an empty cell."""
     try:
         return bool(text.strip()) and _cell_number(text) is not None
     except ValueError:
@@ -220,9 +190,8 @@ def _is_number(text: str) -> bool:
 
 
 def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str) -> NoReturn:
-    """Raise ArgumentError that names the line and column of the first row of a CSV file with too few or too many
-    fields, or with a cell that is not a number. `names` are all column names, `positions` the indices of the columns
-    that are read. If there is no such row, the message gives `reason`.
+    """Raise the error of the first row with too few or too many fields, or a cell that is no number; else give the
+    reason.
     """
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
         stream.readline()
@@ -245,9 +214,7 @@ def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str
 
 
 def _read_npz(path: Path, request: ColumnRequest) -> Columns:
-    """Return the columns of an NPZ file that `request` chooses as a dict of arrays by name; an array with several
-    axes is split into a column for each component. Raise ArgumentError for an unusable array.
-    """
+    """Read columns of an NPZ file; an array with several axes has a column for each component."""
     columns: Columns = {}
     with zipfile.ZipFile(path) as archive:
         arrays = []
@@ -269,10 +236,7 @@ def _read_npz(path: Path, request: ColumnRequest) -> Columns:
 
 
 def _read_npy_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...], exact: bool) -> NDArray[Any]:
-    """Read and return the array `name` from the open member of an NPZ file. Raise ArgumentError if its shape is not
-    (N, *sample_shape), bytes are missing, or its dtype is not of real numbers (dates and times are accepted if
-    `exact`).
-    """
+    """Read an array (N, *sample_shape) of real numbers; dates and times if it is `exact`."""
     dtype, fortran, shape = _read_npy_header(stream)
     if dtype is None:
         raise ArgumentError(name, "an array of real numbers (float64, float32 or integers)", "another header")
@@ -289,12 +253,10 @@ def _read_npy_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...],
 
 
 def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
-    """Read the header of an array from the open member of an NPZ file: return its dtype, whether it is in Fortran
-    order, and its shape. The dtype is None if the header does not describe an array of numbers.
-    """
+    """Return dtype, Fortran order and shape of an array; the dtype is None if it is none of numbers."""
     magic = stream.read(8)
     size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
-    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _NPY_BYTES else ""
+    text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_HEADING else ""
     if header := _NPY_HEADER.fullmatch(text):
         with contextlib.suppress(TypeError, ValueError):
             return np.dtype(header[1]), header[2] == "True", tuple(int(n) for n in header[3].split(",") if n.strip())
@@ -302,10 +264,6 @@ def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tup
 
 
 def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
-    """Return the columns of a Parquet file that `request` chooses as a dict of arrays by name. Raise
-    MissingDependencyError if PyArrow is not installed, ArgumentError for a column that does not hold numbers and for
-    too many rows.
-    """
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -330,7 +288,6 @@ def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
 
 
 def _check_rows(count: int) -> None:
-    """Raise ArgumentError if the number of rows is more than MAX_FILE_ROWS."""
     if count > MAX_FILE_ROWS:
         raise ArgumentError("", f"at most {MAX_FILE_ROWS} samples", count)
 
