@@ -108,7 +108,7 @@ def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
-    """Return one column of a .csv file, read in the given dtype, such as int64 for numbers that a float would round."""
+    """Return one column of a .csv file in the given dtype, such as int64 for numbers that a float would round."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
         column = _csv_names(stream).index(name)
         try:
