@@ -63,75 +63,57 @@ if TYPE_CHECKING:
     from hingepair.pair.residuals import Residuals
 
 
-_RESIDUAL_TOLERANCE_TO_RMS_RESIDUAL = 5.0  # limit of each residual in `HingeFit.residuals`, in multiples of its rms
-_INLIER = 0.1  # below, a robust loss has made the sample an outlier
-# Samples for the start in closed form, and for the check that the motion determines the clock offset.
-_SOME = 65536
-_MENTIONED = 4.0  # of a clock offset that a finding mentions
-# [rad], step of central differences of the encoder's zero.
-_STEP = 1e-5
-_MIN_SAMPLES_FOR_RELIABLE_STD = 10  # below, standard deviations are no more than a hint
+_INLIER = 0.1  # weight below which a robust loss has made the sample an outlier
+_SOME = 65536  # samples for the start in closed form, and for the check that the motion determines the clock offset
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HingeFit(Shown):
-    """The result of `fit`: the hinge found from two recorded motions, the hinge angle and the residuals of every
-    sample, standard deviations, the clock offset, whether the hinge is reliable (`ok`), and findings.
+    """The result of `fit`: the hinge found from two recorded motions.
 
-    `fit` does not use a sample if a pose is missing, if the given weight of the sample is 0, or if the clock offset
-    is not 0 and no sample of body 2 is near enough in time. Below, "body 2 is a point" means that the S of body 2 was
-    not given to `fit`.
+    A sample is not used if a pose is missing, if its given weight is 0, or if the clock offset is not 0 and no sample
+    of body 2 is near enough in time. "A point" below is a body 2 whose S was not given.
 
     Attributes:
         pair: the hinge, a HingePair.
         psi: hinge angle [rad]; shape (N,), NaN at samples that are not used. There are no jumps of 2 pi between
-            samples. The first angle that is not the angle of an outlier (see `psi_range`) is in [-pi, pi].
-        psi_range: pair of the smallest and the largest psi of the samples that are not outliers [rad]. A sample is an
-            outlier if its residuals are far larger than those of most samples, or if the loss reduces its weight to
-            less than a tenth.
-        covariance: covariance matrix of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2
-            (body-2 axes) [m], of n (body-1 axes), and of the rotation vector r by which home deviates (body-1 axes)
-            [rad]; shape (12, 12). `home` is the attitude of body 2 relative to body 1 at psi = 0. The actual home is
-            exp(r) @ home, where exp(r) is the rotation matrix of r. The covariance matrix has rank 9, because
-            conventions fix three things: the length of n, the position of the hinge point along the axis, and the
-            rotation of home about the axis. If body 2 is a point, home is exactly the identity, the rows and columns
-            of r are 0, and the rank is 6.
-        std: dict of the standard deviations of the estimates, that is, of their uncertainties. The values for the
-            keys "u1" [m], "u2" [m], "n" (no unit) and "home" [rad] have shape (3,) and are the square roots of the
-            diagonal of `covariance`; "home" stands for r. The values for the keys "noise_position" [m], "noise_angle"
-            [rad] and "clock_offset" [s] are numbers, the uncertainties of the attributes with these names. The first
-            two of these keys are absent if body 2 is a point, and "clock_offset" is absent if `fit` was called
-            without `t`.
+            samples. The first angle that is not that of an outlier is in [-pi, pi].
+        psi_range: smallest and largest psi of the samples that are not outliers [rad]: whose residuals are not far
+            larger than those of most samples, and whose weight the loss does not reduce to less than a tenth.
+        covariance: covariance matrix of u1 (body-1 axes) [m], u2 (body-2 axes) [m], n (body-1 axes), and the rotation
+            vector r by which home deviates (body-1 axes) [rad]: the actual home is exp(r) @ home; shape (12, 12). Its
+            rank is 9, since conventions fix the length of n, the hinge point along the axis, and the rotation of home
+            about the axis. Of a point, home is exactly the identity, and the rank is 6.
+        std: standard deviations of the estimates: "u1" [m], "u2" [m], "n" and "home" [rad], of shape (3,), are the
+            roots of the diagonal of `covariance`. "noise_position" [m] and "noise_angle" [rad] are absent of a point,
+            "clock_offset" [s] without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
-        rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN if body 2 is a point.
-        noise_position: standard deviation of the measurement noise in each coordinate of R2 - R1 [m]; it includes the
-            noise of both bodies. It is inaccurate if it is much smaller than `noise_angle` times the length of u1 or
-            u2. If `fit` was called with `noise1` and `noise2`, `noise_position` and `noise_angle` are root mean
-            squares over the samples; with `weights`, they are those of a sample of mean weight.
-        noise_angle: standard deviation of the measurement noise in the attitude of body 2 relative to body 1 [rad],
-            for each component of the rotation vector from the exact to the recorded relative attitude. It includes
-            the noise of both bodies. Without an encoder, the noise of psi has the same standard deviation. It is NaN
-            if body 2 is a point.
+        rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN of a point.
+        noise_position: standard deviation of the noise in each coordinate of R2 - R1, that of both bodies [m]. It is
+            inaccurate if it is much smaller than `noise_angle` times the length of u1 or u2. With `noise1` and
+            `noise2`, this and `noise_angle` are root mean squares over the samples; with `weights`, they are those of
+            a sample of mean weight.
+        noise_angle: standard deviation of the noise in each component of the rotation vector from the exact to the
+            recorded relative attitude, that of both bodies [rad]. Without an encoder, it is that of psi. NaN of a
+            point.
         clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
-            stamp s was taken at the instant s + clock_offset of body 1's clock. It is None if `fit` was called
-            without `t`. If the offset was given to `fit`, `clock_offset` is this value and its standard deviation is
-            0. If the motion does not determine the offset, `clock_offset` is 0 and its standard deviation is inf.
-        encoder: the EncoderFit of the encoder; None if `fit` was called without encoder readings.
+            stamp s was taken at the instant s + clock_offset of body 1's clock. It is None without `t`, and 0 with
+            the standard deviation inf if the motion does not determine it.
+        encoder: the EncoderFit of the encoder; None without encoder readings.
         ok: whether the recorded motion agrees with a hinge and determines this hinge.
         findings: sentences that say what the motion does not determine, why the motion does not agree with a hinge,
             and what else is notable.
-        gauge: name of the rule for the position of the hinge point along the axis, as given to `fit`.
-        loss: name of the loss function, as given to `fit`.
-        weights: weight of each sample: the given weight times the weight from the loss; shape (N,), 0 at samples that
-            are not used. The given weights are 1 by default, and the weights from the loss "linear" are 1.
-        t: time since the first instant [s], shape (N,); None if `fit` was called without `t`.
-        gap: distance between the hinge points of both bodies, the length of the vector R1 + S1 u1 - R2 - S2 u2 [m];
-            shape (N,), NaN at samples that are not used.
-        tilt: angle between the hinge axes of both bodies [rad]; shape (N,), NaN at samples that are not used, and at
-            all samples if body 2 is a point.
+        gauge: name of the rule for the position of the hinge point along the axis.
+        loss: name of the loss function.
+        weights: weight of each sample, given (1 by default) times that of the loss; shape (N,), 0 at samples that are
+            not used.
+        t: time since the first instant [s], shape (N,); None without `t`.
+        gap: length of R1 + S1 u1 - R2 - S2 u2 [m]; shape (N,), NaN at samples that are not used.
+        tilt: angle between the hinge axes of both bodies [rad]; shape (N,), NaN at samples that are not used, and of
+            a point.
         samples: number of samples that are used.
-        body2: the motion of body 2 at the instants of body 1, a BodyMotion: the argument `body2`, corrected for the
-            clock offset. If the offset is not 0, R and S are NaN at samples that are not used.
+        body2: the motion of body 2 at the instants of body 1, a BodyMotion, corrected for the clock offset. If the
+            offset is not 0, R and S are NaN at samples that are not used.
     """
 
     pair: HingePair
@@ -159,27 +141,21 @@ class HingeFit(Shown):
 
     @property
     def residuals(self) -> Residuals:
-        """Gap and tilt between the two recorded motions at every sample, compared with tolerances, as the `Residuals`
-        that `pair.residuals` returns. Raise ArgumentError if the S of body 2 was not given to `fit`.
+        """Gap and tilt between the two recorded motions at every sample, as the `Residuals` of `pair.residuals`,
+        whose attributes are vectors `gap` (N, 3), world axes [m], and angles `tilt_angle` (N,) [rad].
 
-        The attribute `gap` of the Residuals is a vector, world axes [m], shape (N, 3). Its length is `HingeFit.gap`.
-        The attribute `tilt_angle` is an angle [rad], shape (N,); it equals `HingeFit.tilt`. The tolerance of the gap
-        is five times `rms_position`, and the tolerance of the tilt is five times `rms_angle`. If `ok` is False, the
-        tolerances are the defaults, which allow for rounding errors only, so that motions that do not agree with a
-        hinge do not pass.
+        The tolerances are five times `rms_position` and `rms_angle`. If `ok` is False, they are the defaults, which
+        allow for rounding errors only, so that motions that do not agree with a hinge do not pass. A point has none.
         """
         rms_by_name = {"gap": self.rms_position, "tilt": self.rms_angle}
-        limits = {name: _RESIDUAL_TOLERANCE_TO_RMS_RESIDUAL * max(rms, 1e-300) for name, rms in rms_by_name.items()}
+        limits = {name: 5.0 * max(rms, 1e-300) for name, rms in rms_by_name.items()}
         allowed = limits if self.ok else None
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
 
     def plot(self) -> Figure:
-        """Return a Matplotlib figure with the hinge angle psi [deg], the residual `gap` [mm] and the residual `tilt`
-        [deg] over time. Raise MissingDependencyError if Matplotlib is not installed.
-
-        If `fit` was called without `t`, the horizontal axis is the index of the sample. If the S of body 2 was not
-        given to `fit`, the figure has no `tilt`.
+        """Return a Matplotlib figure with psi [deg], `gap` [mm] and `tilt` [deg] over time, or over the index of the
+        sample.
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
@@ -204,9 +180,6 @@ class HingeFit(Shown):
         return figure
 
     def _clock_offset_line(self) -> str:
-        """Return the line of `str(fit)` that states the clock offset [ms] and its standard deviation, or that the
-        motion does not determine the offset.
-        """
         offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
         if not np.isfinite(std):
             return "clock offset: not determined by this motion, taken as 0"
@@ -215,7 +188,6 @@ class HingeFit(Shown):
         return f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
 
     def _residual_text(self) -> str:
-        """Return the rms residuals of the position [mm] and, if known, of the angle [deg] as text."""
         if np.isnan(self.rms_angle):
             return f"left: {1e3 * self.rms_position:.3g} mm rms"
         return f"left: {1e3 * self.rms_position:.3g} mm and {np.degrees(self.rms_angle):.3g} deg rms"
@@ -250,7 +222,7 @@ class HingeFit(Shown):
         return f"HingeFit({self.samples} samples, {self._residual_text()}, {'ok' if self.ok else 'not ok'})"
 
     def _sheet(self) -> Sheet:
-        """Return the Sheet that notebooks show: u1, u2, n and home with standard deviations, and the findings."""
+        """Return what notebooks show."""
         names = ("u1", "u2", "n", "home")
         rows = [
             (name, cell_text(getattr(self.pair, name)), cell_text(self.std[name]), unit_of(name)) for name in names
@@ -259,19 +231,14 @@ class HingeFit(Shown):
 
     @staticmethod
     def _encoder_numbers(encoder: EncoderFit) -> dict[str, Any]:
-        """Return zero, scale, noise and standard deviations of an EncoderFit as a dict for JSON."""
         numbers = {name: getattr(encoder, name) for name in ("zero", "scale", "noise")}
         return numbers | {"std": {name: float(value) for name, value in encoder.std.items()}}
 
     def to_json(self) -> str:
-        """Return a report as JSON text, a str. It holds one JSON object with the hinge, the standard deviations, the
-        rms residuals, the noise, the clock offset, the zero and scale of the encoder, the range of psi, and the
-        findings. Units are m, rad and s. Numbers that are not finite become null.
+        """Return a report as JSON text, in m, rad and s. Numbers that are not finite become null.
 
-        The keys u1, u2, n and home hold the attributes of `pair`. The keys ok, samples, loss, gauge, std,
-        rms_position, rms_angle, noise_position, noise_angle, clock_offset, encoder and findings hold the attributes
-        of the HingeFit; encoder is null, or an object with the keys zero, scale, noise and std. The key psi holds
-        `psi_range`, and the key missing holds the number of samples that were not used.
+        The keys are u1, u2, n and home of `pair`, psi for `psi_range`, missing for the number of samples that were
+        not used, and names of attributes.
         """
         import json
 
@@ -307,76 +274,61 @@ def fit(
     noise1: tuple[ArrayLike, ArrayLike] | None = None,
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> HingeFit:
-    """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to the recorded motions `body1` and `body2`, two
-    BodyMotions, and return a HingeFit. With `t`, also estimate the offset between the clocks of the two recordings,
-    unless `clock_offset` gives it. With `encoder`, the readings of a hinge angle sensor, also estimate the zero and
-    the scale of the sensor. `loss` names the loss function; `gauge` names the rule that selects the hinge point on
-    the axis. Raise FitError if the samples do not determine a hinge.
+    """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to two recorded motions.
 
-    A first estimate is computed in closed form from the mean relative attitude and six linear equations. A
-    maximum-likelihood estimate then refines it. Unless `weights`, `noise1` and `noise2` say otherwise, the noise is
-    assumed to be isotropic, equal for all samples and equal for both bodies; a body whose recorded attitude is the
-    same at all samples has no noise of attitude. The size of the noise is estimated from the data. If it is not known
-    how the noise of the attitudes divides between the bodies, the covariance includes what this may change. Poses
-    that are not finite count as missing.
+    A maximum-likelihood estimate refines a first one in closed form. Unless `weights`, `noise1` and `noise2` say
+    otherwise, the noise is assumed to be isotropic, equal for all samples and equal for both bodies; a body whose
+    recorded attitude is the same at all samples has no noise of attitude. The size of the noise is estimated from the
+    data. If it is not known how the noise of the attitudes divides between the bodies, the covariance includes what
+    this may change. Poses that are not finite count as missing.
 
     The motion determines neither the position of the hinge point along the axis, nor the sign of n, nor the zero of
     psi. Rules fix these three:
 
     - `gauge` selects the position of the hinge point along the axis.
-    - The sign of n, and with it the sign of psi, is chosen so that one component of n is positive. This is the first
-      component whose magnitude is at least 0.45 times the largest magnitude.
-    - `home` is the attitude of body 2 relative to body 1 at psi = 0. Let n and n2 be the components of the hinge axis
-      in body 1's and in body 2's axes, both taken as vectors of three numbers. `home` is the rotation by the smallest
-      angle that turns n2 into n. If n2 and n are more than 154 degrees apart, `home` consists of two rotations: first
-      a half turn about the x, y or z axis of body 2, then the rotation by the smallest angle that turns the result of
-      the half turn into n. The half turn is about the x axis of body 2 if abs(nx) < 0.65, where n = (nx, ny, nz) in
-      body 1's axes; otherwise about its y axis if abs(ny) < 0.65, and otherwise about its z axis.
+    - The first component of n whose magnitude is at least 0.45 times the largest magnitude is positive.
+    - `home`, the attitude of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that turns
+      n2 into n, where n and n2 are the components of the hinge axis in body 1's and in body 2's axes. If these are
+      more than 154 degrees apart, a half turn of body 2 comes first, about its x axis if abs(nx) < 0.65, otherwise
+      about its y axis if abs(ny) < 0.65, and otherwise about its z axis.
 
     Args:
         body1: BodyMotion of body 1, with R and S; shape (N,), or one pose if body 1 does not move.
         body2: BodyMotion of body 2 with the same time stamps, with R and S. If it has only R, body 2 is a point
-            without attitude that moves on a circle about the axis. Then `home` is the identity. At psi = 0, the
+            without attitude that moves on a circle about the axis. Then `home` is the identity, and at psi = 0 the
             vector from the centre of the circle to the point has the direction of a coordinate axis of body 1,
-            projected onto the plane perpendicular to n. This is the x axis if abs(nx) < 0.65, otherwise the y axis
-            if abs(ny) < 0.65, and otherwise the z axis.
+            projected onto the plane across n: of the x axis if abs(nx) < 0.65, otherwise of the y axis if
+            abs(ny) < 0.65, and otherwise of the z axis.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
-            "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them. With one of these four, the first
-            estimate is the hinge with which most samples agree, and samples whose residual exceeds thirty standard
-            deviations of the noise are ignored. With "cauchy" and "arctan", outliers have the least influence. The
-            loss is applied once to each sample: to its position and attitude residuals together.
-        gauge: "closest_to_R1" (the default): the hinge point is the point on the axis closest to R1, and u1 is
-            perpendicular to n. "closest_to_R2": the hinge point is the point on the axis closest to R2, and u2 is
-            perpendicular to the axis.
-        t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,). If t
-            is given and clock_offset is not, the offset between the clocks of the two recordings is estimated. If the
-            motion does not determine the offset, 0 is used. The estimate needs SciPy.
-        weights: weights of the samples, such as inverse variances in any unit; shape (N,). The variance of the noise
-            of a sample is taken as inversely proportional to its weight; a factor common to all weights has no
+            "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them, of the residuals of a sample
+            together. With one of these four, the first estimate is the hinge with which most samples agree, and
+            samples whose residual exceeds thirty standard deviations of the noise are ignored. With "cauchy" and
+            "arctan", outliers have the least influence.
+        gauge: "closest_to_R1" (the default) or "closest_to_R2": the hinge point is the point on the axis closest to
+            R1 or R2, so that u1 or u2 is across the axis.
+        t: instants, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers); shape (N,). With
+            them, the offset between the clocks of the two recordings is estimated, unless clock_offset is given. If
+            the motion does not determine the offset, 0 is used. The estimate needs SciPy.
+        weights: weights of the samples, such as inverse variances in any unit; shape (N,). A common factor has no
             effect. A sample of weight 0 is left out.
-        clock_offset: known time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the
-            time stamp s was taken at the instant s + clock_offset of body 1's clock. Give 0 if both recordings use
-            the same clock; `t` must be given too. With None (the default), the offset is estimated if `t` is given;
-            without `t`, the clocks are assumed to be the same.
+        clock_offset: known time by which body 1's clock is ahead of body 2's clock [s], 0 if both recordings use the
+            same clock; `t` must be given too. Without `t`, the clocks are assumed to be the same.
         encoder: readings of a hinge angle sensor at the instants of body 1, in any unit; shape (N,), NaN where a
             reading is missing. Jumps by 2 pi are removed; jumps by a turn in another unit are not. The zero, the
             scale and the noise of the sensor are estimated, and psi is found from the poses and the readings.
             Readings cannot be used if body 2 is a point.
-        noise1: tuple of two standard deviations for body 1: of the noise in each coordinate of the position [m], and
-            of the noise in each component of the rotation vector of the attitude error [rad]. Each is a number or an
-            array (N,). With `smoothed = smooth(t, body1)`, the tuple is (smoothed.noise["R"], smoothed.noise["S"]). A
-            factor that is common to all these standard deviations is still estimated from the data.
-        noise2: tuple of two standard deviations for body 2, as noise1. Give both noise1 and noise2 or neither; give
-            neither if body 2 is a point.
+        noise1: standard deviations of the noise of body 1, in each coordinate of the position [m] and in each
+            component of the rotation vector of the attitude error [rad]: a tuple of two numbers or arrays (N,), such
+            as (smoothed.noise["R"], smoothed.noise["S"]) with `smoothed = smooth(t, body1)`. A common factor is still
+            estimated from the data.
+        noise2: those of body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
 
     Returns:
-        The HingeFit, with the hinge as `.pair` and the hinge angle as `.psi` [rad], shape (N,), NaN at samples that
-        are not used. Check `.ok` and `.findings` before you use the numbers of the HingeFit.
+        The HingeFit. Check `.ok` and `.findings` before you use its numbers.
 
     Raises:
-        FitError: the samples do not determine a hinge: fewer than two samples have the poses of both bodies (fewer
-            than four if body 2 is a point), or the bodies do not turn relative to each other.
-        ArgumentError: an argument cannot be used; the error names it.
+        FitError: fewer than two samples have the poses of both bodies (fewer than four if body 2 is a point), or the
+            bodies do not turn relative to each other.
         MissingDependencyError: SciPy is not installed, although `t` is given and `clock_offset` is None or not 0.
 
     >>> import numpy as np
@@ -398,6 +350,7 @@ def fit(
     penalty = LOSSES[loss]
     if samples.is_point:
         return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
+    # The most likely hinge, without its bias, and its residuals.
     estimate, clock, poses, used = _estimate_hinge(samples, used, penalty, clock_offset)
     noise = estimate.noise
     hinge, line = _without_bias(poses, estimate, gauge)
@@ -406,14 +359,14 @@ def fit(
     random_part = residuals
     if not samples.knows_split:
         residuals = _with_unknown_split(poses, hinge, noise, line, residuals)
-    derivatives_of_results = result_derivatives(hinge, gauge)
+    change = result_derivatives(hinge, gauge)
     random_covariance, covariance = (
-        derivatives_of_results @ each.covariance[:PARAMETERS, :PARAMETERS] @ derivatives_of_results.T
-        for each in (random_part, residuals)
+        change @ each.covariance[:PARAMETERS, :PARAMETERS] @ change.T for each in (random_part, residuals)
     )
     std: dict[str, Any] = dict(
         zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True)
     )
+    # The angle, and what is to be said.
     is_outlier = find_outliers(residuals, poses)
     good = ~is_outlier & (residuals.weights >= _INLIER)
     fused = fuse(poses, hinge, noise, residuals, line)
@@ -432,7 +385,7 @@ def fit(
     )
     if samples.t is not None:
         std["clock_offset"] = _clock_offset_std(poses, residuals, clock_offset)
-    if clock is not None and abs(estimate.offset) > _MENTIONED * std["clock_offset"] > 0:
+    if clock is not None and abs(estimate.offset) > 4.0 * std["clock_offset"] > 0:
         texts += clock.clock_offset_sentences(estimate.offset)
     if not ok:
         texts += probable_mistakes(
@@ -441,7 +394,7 @@ def fit(
     if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
         texts.append('Where some samples may be outliers, loss="cauchy" tells.')
     texts += _missing_sample_sentences(used, clock)
-    if poses.samples < _MIN_SAMPLES_FOR_RELIABLE_STD:
+    if poses.samples < 10:
         texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
     if samples.t is not None:
         texts += suspicions("instants", "t", samples.t)
@@ -478,7 +431,7 @@ def fit(
 
 
 def _without_bias(poses: RelativePoses, estimate: Estimate, gauge: str) -> tuple[Hinge, EncoderLine | None]:
-    """Return the Hinge, with the hinge point that `gauge` names, and the EncoderLine, both without their bias."""
+    """Return the hinge and the encoder's line without their bias."""
     line = estimate.line
     bias = bias_of_hinge(poses, estimate.hinge, estimate.noise, line)
     hinge = estimate.hinge.moved(-bias[:PARAMETERS]).balanced().signed().in_gauge(gauge)
@@ -490,24 +443,19 @@ def _without_bias(poses: RelativePoses, estimate: Estimate, gauge: str) -> tuple
 def _with_unknown_split(
     poses: RelativePoses, hinge: Hinge, noise: Noise, line: EncoderLine | None, residuals: HingeResiduals
 ) -> HingeResiduals:
-    """Return the HingeResiduals with a covariance widened by the bias of the hinge where body 1's share of the noise
-    of the attitudes can be anything from 0 to 1.
-    """
+    """Widen the covariance by the bias if body 1's share of the noise of the attitudes can be anything from 0 to 1."""
     from_body1, from_body2 = (bias_of_hinge(poses, hinge, noise, line, share) for share in (1.0, 0.0))
     size = residuals.covariance.shape[0]
     spread = np.zeros(size)
     spread[np.r_[:PARAMETERS, size - 2 * (line is not None) : size]] = from_body1 - from_body2
-    # the variance of a number between 0 and 1 is 1/12
+    # The variance of a number between 0 and 1 is 1/12.
     return residuals._replace(covariance=residuals.covariance + np.outer(spread, spread) / 12)
 
 
 def _fit_of_point(
     samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str, clock_offset: float | None
 ) -> HingeFit:
-    """Fit the hinge of body 1 and a point of body 2, recorded without attitudes, from the circle on which the point
-    moves; return a HingeFit. `samples` holds the checked recordings; the other parameters are arguments of `fit`.
-    Raise ArgumentError if an encoder or noise is given, and FitError if the samples show no circle.
-    """
+    """Fit the hinge of body 1 and a point of body 2 from the circle on which the point moves."""
     for name, value in (("encoder", samples.encoder), ("noise1", samples.mean_noise)):
         if value is not None:
             raise ArgumentError(name, "None, since body 2 has no attitudes", "values")
@@ -531,7 +479,7 @@ def _fit_of_point(
     gaps = np.linalg.norm(fitted.residuals, axis=1)
     ok, sentences = verdict(fitted.findings)
     texts = list(sentences)
-    if clock is not None and abs(fitted.offset) > _MENTIONED * fitted.offset_std > 0:
+    if clock is not None and abs(fitted.offset) > 4.0 * fitted.offset_std > 0:
         texts += clock.clock_offset_sentences(fitted.offset)
     texts += _missing_sample_sentences(used, clock)
     if samples.t is not None:
@@ -566,11 +514,7 @@ def _fit_of_point(
 def _fit_circle_of_point(
     samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
 ) -> tuple[CircleFit, ClockedPoses | None]:
-    """Fit a circle to a point of body 2; return a tuple of the CircleFit and the ClockedPoses used. The ClockedPoses
-    are None if `clock_offset`, the offset that the user gave, is 0, or if it is None and the offset cannot be
-    determined. `loss` is a function or None for least squares; `gauge` names the hinge point on the axis. Raise
-    FitError if the samples show no circle, ArgumentError for an unusable clock offset.
-    """
+    """Return the circle of a point of body 2, and the clocked poses where a clock offset is used."""
     exact, clock = samples.knows_split, _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
         there = _poses_at_known_offset(clock, clock_offset)
@@ -585,9 +529,8 @@ def _fit_circle_of_point(
 
 
 def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
-    """Return the ClockedPoses of the samples, smoothed with `loss` (a function; None means least squares). Return
-    None if the samples have no instants, if `clock_offset` (the offset that the user gave) is 0, or if body 2 has too
-    few samples in a row to be smoothed. In the last case raise ArgumentError if an offset is given.
+    """Return the poses at any clock offset; None without instants, at a known offset of 0, and where body 2 has too
+    few samples in a row to be smoothed.
     """
     if samples.t is None or clock_offset == 0:
         return None
@@ -601,10 +544,7 @@ def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | No
 
 
 def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> RelativePoses:
-    """Return the RelativePoses at `clock_offset`, the offset that the user gave, without derivatives with respect to
-    the offset, since it is not estimated. `clock` are ClockedPoses. Raise ArgumentError if fewer than two samples
-    overlap.
-    """
+    """Return the poses at an offset that the user gave, which is not estimated."""
     there = clock.poses_at(clock_offset)._replace(offset_derivatives=None)
     if there.samples < 2:
         raise ArgumentError("clock_offset", "a time by which both recordings still overlap [s]", clock_offset)
@@ -612,10 +552,7 @@ def _poses_at_known_offset(clock: ClockedPoses, clock_offset: float) -> Relative
 
 
 def _missing_sample_sentences(is_used: NDArray[np.bool_], clock: ClockedPoses | None) -> list[str]:
-    """Return a list with one sentence that counts the samples that are false in the boolean array `is_used`. The list
-    is empty if all were used. If `clock` is not None, the sentence also names missing samples of body 2 as a possible
-    reason.
-    """
+    """Return a sentence that counts the samples that were not used."""
     if is_used.all():
         return []
     ends = "" if clock is None else ", or have no sample of body 2 at the same time"
@@ -625,12 +562,8 @@ def _missing_sample_sentences(is_used: NDArray[np.bool_], clock: ClockedPoses | 
 def _estimate_hinge(
     samples: Samples, is_used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
-    """Return a tuple of the most likely hinge (an Estimate), the ClockedPoses or None, the relative poses at the
-    estimated clock offset, and a boolean array of the samples used. `clock_offset` is the offset that the user gave,
-    or None to estimate it; `loss` is a function, or None for least squares. Raise FitError if the bodies do not
-    rotate relative to each other, ArgumentError for an unusable clock offset.
-
-    The ClockedPoses are None if the clock offset is 0. An offset that the motion does not determine is taken as 0.
+    """Return the most likely hinge, the clocked poses where a clock offset is used, the relative poses, and which
+    samples are used.
     """
     poses = samples.poses(is_used)
     check_turning(poses)
@@ -646,10 +579,8 @@ def _estimate_hinge(
 def _most_likely_estimate(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
-    """Return a pair: the most likely hinge as an Estimate, and the ClockedPoses of the samples. The ClockedPoses are
-    None, and the offset is 0, if `clock_offset` (the offset that the user gave) is 0, or if it is None and the motion
-    does not determine the offset. `poses` are the relative poses at offset 0; `loss` is a function, or None for least
-    squares. Raise ArgumentError for an unusable clock offset.
+    """Return the most likely hinge, and the clocked poses unless the offset is 0: known, or not determined by the
+    motion.
     """
     start = None if loss is None else robust_closed_form_hinge(poses)
     clock = _clocked_poses(samples, loss, clock_offset)
@@ -672,10 +603,7 @@ def _most_likely_estimate(
 
 
 def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
-    """Return the standard deviation of the clock offset [s], from the covariance in the HingeResiduals `residuals` if
-    the poses have derivatives with respect to the offset. Otherwise return 0 if `clock_offset`, the offset that the
-    user gave, is not None, and inf if it is None.
-    """
+    """Return the standard deviation of the clock offset [s]: 0 of a given one, inf of one that is not determined."""
     if poses.offset_derivatives is None:
         return np.float64(np.inf if clock_offset is None else 0.0)
     return np.float64(np.sqrt(residuals.covariance[PARAMETERS, PARAMETERS]))
@@ -684,10 +612,7 @@ def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_off
 def _encoder_fit(
     encoder_line: EncoderLine, poses: RelativePoses, hinge: Hinge, residuals: HingeResiduals, noise: Noise
 ) -> EncoderFit:
-    """Return an EncoderFit with the zero, the scale and the noise of the encoder and with standard deviations, from
-    the fitted EncoderLine `encoder_line`, the relative poses, the covariance in the HingeResiduals `residuals`, and
-    the Noise `noise`. The zero is counted from psi = 0 of the fitted hinge.
-    """
+    """Return the line of an encoder with its zero counted from psi = 0 of the fitted hinge."""
     off = encoder_line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
     by_hinge = _encoder_zero_derivatives(poses, hinge)
@@ -706,44 +631,39 @@ def _encoder_fit(
 
 
 def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
-    """Return the derivatives of the encoder's zero with respect to two rotations of n and two of m, (4,), by central
-    differences at a Hinge and its relative poses. The zero depends on the axes n and m because they determine where
-    psi = 0 is.
+    """Return the derivatives of the encoder's zero by two turns of n and two of m (4,), which determine where psi = 0
+    is; by central differences.
     """
     some = poses.thinned(SHIFT_SAMPLES)
     changes = []
-    for step in _STEP * np.eye(PARAMETERS)[:4]:
+    size = 1e-5  # rad
+    for step in size * np.eye(PARAMETERS)[:4]:
         ends = []
         for moved in (hinge.moved(step), hinge.moved(-step)):
             turn = home_angle(moved, home_of(moved)) - home_angle(hinge, home_of(hinge))
             turn -= 2 * np.pi * np.rint(turn / (2 * np.pi))
             ends.append(frame_turn_angle(some, hinge, moved) - turn)
-        changes.append((ends[0] - ends[1]) / (2 * _STEP))
+        changes.append((ends[0] - ends[1]) / (2 * size))
     return np.array(changes)
 
 
 def _finite_lists(value: Any) -> Any:
-    """Return `value`, a number or nested lists of numbers, for JSON. Numbers that are not finite are replaced by
-    None.
-    """
+    """Return a number or nested lists of numbers with None for those that are not finite."""
     if isinstance(value, list):
         return [_finite_lists(one) for one in value]
     return value if np.isfinite(value) else None
 
 
 def _scatter_used(values: Float64Array, is_used: NDArray[np.bool_], fill_value: float = np.nan) -> Float64Array:
-    """Return a read-only array over all samples that has `values` at the used samples and `fill_value` at the
-    others. `is_used` marks the used samples.
-    """
+    """Return a read-only array over all samples that has `values` at the used ones."""
     all_samples = np.full(is_used.shape, fill_value)
     all_samples[is_used] = values
     return read_only(all_samples)
 
 
 def _unwrap_angles(psi: Float64Array, is_good: NDArray[np.bool_]) -> Float64Array:
-    """Return angles [rad] without jumps by 2 pi between successive good samples, which the boolean array `is_good`
-    marks. The first good angle is in [-pi, pi]. Each angle that is not good differs by at most pi from the last good
-    angle before it.
+    """Return angles without jumps by 2 pi between good samples, the first in [-pi, pi]; others are within half a turn
+    of the last good one.
     """
     unwrapped = np.unwrap(psi[is_good])
     unwrapped = unwrapped - 2 * np.pi * np.rint(unwrapped[:1] / (2 * np.pi))

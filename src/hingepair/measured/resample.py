@@ -24,8 +24,6 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import needed_spin, spins_about_body_axis, turn_between, vector_beside_spin
 from hingepair.rotations.matrices import rotation_exp
 
-_UNIT_QUATERNION_NORM_TOLERANCE = 1e-2  # of the norms of four columns that are taken for unit quaternions
-
 
 @overload
 def resample(t: ArrayLike, values: BodyMotion, to: ArrayLike, gaps: float = 0.05) -> BodyMotion: ...
@@ -34,37 +32,31 @@ def resample(t: ArrayLike, values: ArrayLike, to: ArrayLike, gaps: float = 0.05)
 def resample(
     t: ArrayLike, values: ArrayLike | BodyMotion, to: ArrayLike, gaps: float = 0.05
 ) -> Float64Array | BodyMotion:
-    """Interpolate `values`, an array or a BodyMotion recorded at instants t, at the instants `to`. Return an array
-    for an array and a BodyMotion for a BodyMotion. The result is NaN outside the recording and between samples that
-    are more than `gaps` seconds apart. Issue a MeasurementWarning for wrapped angles and for instants that are
-    probably not in seconds.
+    """Interpolate a recording at other instants.
 
     The interpolant is the cubic polynomial through the four nearest samples of a series without a gap; its error is
     of order h^4 for a time step h. In a series of two or three samples, it is the polynomial through all of them.
     Attitudes are interpolated as rotation vectors beside a steady spin, which may be fast, if they turn by less than
     pi from sample to sample. Samples that are not finite are skipped. At the instant of a finite sample, the result
-    is the sample itself. Nothing is extrapolated. Angles must have no jumps of 2 pi (`numpy.unwrap` removes them).
-
-    Attitudes should be given as a BodyMotion, since the elements of an array are interpolated one by one. If `values`
-    is an array (N, ..., 4) whose norms along the last axis are all within 0.01 of 1, it is assumed to hold
-    quaternions. An ArgumentError is then raised if the sign of a quaternion changes from one sample to the next.
+    is the sample itself.
 
     Args:
         t: instants of the recording, increasing: seconds (floats), datetime64, or nanoseconds since 1970 (integers);
             shape (N,).
-        values: numbers with time on the first axis, shape (N, ...); or a BodyMotion of shape (N,), whose arrays are
-            all resampled.
+        values: numbers with time on the first axis, shape (N, ...), interpolated one by one: angles must have no
+            jumps of 2 pi (`numpy.unwrap` removes them). Or a BodyMotion of shape (N,), whose arrays are all
+            resampled.
         to: the new instants, on the same clock and in the same form as t, in any order; shape (M,).
-        gaps: longest time between two samples across which values are interpolated [s]. A value below 1.5 times the
-            median time step counts as 1.5 times the median time step.
+        gaps: longest time between two samples across which values are interpolated [s], at least 1.5 times the
+            median time step.
 
     Returns:
         A float64 array of shape (M, ...), or a BodyMotion of shape (M,). It is NaN before the first sample, after the
         last sample and in gaps.
 
     Raises:
-        ArgumentError: an argument cannot be used; the error names it. Among these are instants that repeat or go
-            back, and quaternions whose sign changes from sample to sample.
+        ArgumentError: among others, instants repeat or go back, or values that are quaternions, with norms within
+            0.01 of 1, change their sign from sample to sample.
 
     Warns:
         MeasurementWarning: a column jumps like a wrapped angle, or instants are probably not in seconds.
@@ -100,21 +92,13 @@ def resample(
 
 
 def _refuse_quaternions_that_flip(values: Float64Array) -> None:
-    """Raise ArgumentError if the values are unit quaternions (N, ..., 4) and the sign of a quaternion changes from
-    one sample to the next. Other values are accepted as they are.
-
-    Neighbours of a smooth rotation have a positive scalar product unless the sign was changed: q and -q are one
-    attitude, but the numbers between them are none.
-    """
+    """Refuse unit quaternions (N, ..., 4) whose sign changes from sample to sample."""
     if values.ndim < 2 or values.shape[-1] != 4:
         return
     quaternions = values.reshape(values.shape[0], -1, 4)
     known = np.isfinite(quaternions).all(axis=(-2, -1))
     quaternions = quaternions[known]
-    if (
-        not quaternions.size
-        or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > _UNIT_QUATERNION_NORM_TOLERANCE
-    ):
+    if not quaternions.size or np.abs(np.linalg.norm(quaternions, axis=-1) - 1).max() > 1e-2:
         return
     flips = np.flatnonzero(((quaternions[1:] * quaternions[:-1]).sum(axis=-1) < 0).any(axis=-1)) + 1
     if flips.size:
@@ -143,9 +127,8 @@ def _wrapping_suspicions(values: Float64Array) -> list[str]:
 def interpolated(
     t: Float64Array, values: Float64Array, new_instants: Float64Array, gaps: float, rotations: bool = False
 ) -> Float64Array:
-    """Return `values`, columns or (if `rotations`) rotation matrices, recorded at increasing instants t and
-    interpolated at `new_instants`. Samples that are not finite are left out. The result is NaN before and after the
-    recording, and between samples that are more than `gaps` seconds apart.
+    """Return columns, or rotation matrices, interpolated at new instants; NaN outside of the recording and in gaps.
+    Samples that are not finite are left out.
     """
     result = np.full((new_instants.size, *values.shape[1:]), np.nan)
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
@@ -173,15 +156,15 @@ def interpolated(
 
 
 def _interpolated_columns(nodes: Float64Array, neighbours: Float64Array) -> Float64Array:
-    """Return the values (N, ...) at 0 of the polynomials through `neighbours` (N, k, ...) at `nodes` (N, k)."""
+    """Return the polynomials through values (N, k, ...) at nodes (N, k), at 0."""
     return np.asarray(np.einsum("ni,ni...->n...", lagrange_weights(nodes), neighbours))
 
 
 def _interpolated_rotations(
     in_body: NDArray[np.bool_], nodes: Float64Array, neighbours: Float64Array
 ) -> Float64Array:
-    """Return rotations (N, 3, 3) at 0 between k rotations, `neighbours` (N, k, 3, 3) at `nodes` (N, k): polynomials
-    through their rotation vectors beside the steady spin from one neighbour to the next.
+    """Return rotations at 0 between k others: polynomials through rotation vectors beside the steady spin between
+    two.
     """
     if nodes.shape[1] == 1:
         return neighbours[:, 0]
@@ -202,9 +185,7 @@ def _interpolated_rotations(
 
 
 def lagrange_weights(nodes: Float64Array) -> Float64Array:
-    """Return the Lagrange weights (..., k) for interpolation at 0: the polynomial through values at k distinct
-    `nodes` has a value at 0 that is the sum of the values with these weights.
-    """
+    """Return Lagrange's weights (..., k) of values at distinct nodes, for interpolation at 0."""
     weights = np.ones_like(nodes)
     for i, j in itertools.permutations(range(nodes.shape[-1]), 2):
         weights[..., i] *= nodes[..., j] / (nodes[..., j] - nodes[..., i])
