@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.measured.inertial import _Forces, _Rates
 from hingepair.numeric.finite_differences import differentiate
 from support.recorded import HOME, N1, U1, U2, truth
 
@@ -42,6 +43,23 @@ def felt(
     rng = np.random.default_rng(seed)
     exact = [np.einsum("nji,nj->ni", S, v) for S, v in world]
     return [v + k * noise * rng.standard_normal(v.shape) for v, k in zip(exact, (1, 5, 1, 5), strict=True)]
+
+
+def test_derivatives_are_those_of_the_residuals() -> None:
+    """By axes, levers, and the biases of gyroscopes and accelerometers."""
+    rng = np.random.default_rng(0)
+    axes = rng.normal(size=(2, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    rates = _Rates(*rng.normal(size=(2, 9, 3)), np.ones(6))
+    forces = _Forces(*rng.normal(size=(3, 2, 9, 3)), np.ones(12), np.eye(6))
+    for problem, x in (
+        (rates, np.concatenate((axes, 0.3 * rng.normal(size=(2, 3))))),
+        (forces, rng.normal(size=18)),
+    ):
+        _, found = problem.linearised(x)
+        for step, column in zip(1e-6 * np.eye(found.shape[1]), found.T, strict=True):
+            high, low = (problem.linearised(problem.moved(x, sign * step))[0] for sign in (1, -1))
+            np.testing.assert_allclose(column, (high - low) / 2e-6, rtol=0, atol=1e-7)
 
 
 @pytest.mark.slow

@@ -443,7 +443,7 @@ def _without_bias(poses: RelativePoses, estimate: Estimate, gauge: str) -> tuple
 def _with_unknown_split(
     poses: RelativePoses, hinge: Hinge, noise: Noise, line: EncoderLine | None, residuals: HingeResiduals
 ) -> HingeResiduals:
-    """Widen the covariance by the bias if body 1's share of the noise of the attitudes can be anything from 0 to 1."""
+    """Widen the covariance by the bias where body 1's share of the noise of the attitudes is not known."""
     from_body1, from_body2 = (bias_of_hinge(poses, hinge, noise, line, share) for share in (1.0, 0.0))
     size = residuals.covariance.shape[0]
     spread = np.zeros(size)

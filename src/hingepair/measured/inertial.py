@@ -339,7 +339,7 @@ class _Forces(NamedTuple):
             by_lever.append((unit[:, None] @ gamma)[:, 0])
             by_bias.append(-unit)
             # Of turning x (turning x u), less the bias.
-            by_rate.append(np.cross(np.cross(turning, u), -unit) - np.cross(np.cross(unit, turning), u))
+            by_rate.append(np.cross(np.cross(unit, turning), u) - np.cross(np.cross(turning, u), unit))
         residuals = felt[0] - felt[1]
         derivatives = np.concatenate((by_lever[0], -by_lever[1]), axis=-1) @ self.basis
         if not self.prior.any():
