@@ -8,8 +8,7 @@ import numpy as np
 
 from hingepair.bench.direct import LEVELS, PAIR_ARGUMENTS
 from hingepair.bench.harness import Case, Job, Report, measure
-from hingepair.pair.evaluate import computation_of
-from hingepair.pair.forward_kinematics import read_rows
+from hingepair.pair.computations import computation_of, read_rows
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND

@@ -29,9 +29,9 @@ from hingepair.integration.trajectory import quaternions_to_matrices
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.blocks import turn_terms
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.computations import cached_call
 from hingepair.pair.constants import Constants
 from hingepair.pair.dynamics import check_masses, tree_constants
-from hingepair.pair.evaluate import cached_call
 from hingepair.pair.hinge_load import call_with_arrays
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan, all_steps, needed_steps

@@ -35,8 +35,8 @@ from hingepair.numeric.arrays import (
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_lazy_xarray
 from hingepair.numeric.instants import instants_of, warn_of_measurements
 from hingepair.numeric.suspicions import suspicions
+from hingepair.pair.computations import STATE_CLASS_BY_MOTION_KIND, computation_of
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
-from hingepair.pair.evaluate import STATE_CLASS_BY_MOTION_KIND, computation_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.arguments import Arguments, Outputs, check_outputs

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.results import Results
 from hingepair.errors import CompilationError, MissingDependencyError
+from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import frame_numbers, number_bounds, program_numbers
-from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.states import FRAME_MOTION_OUTPUT_NAMES
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype

@@ -14,8 +14,8 @@ from hingepair.inverse_kinematics.goals import Goal
 from hingepair.inverse_kinematics.paths import follow
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.inverse_kinematics.search import MAX_TRIALS, Found, Solver, Wish
+from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import RobotConstants
-from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.states import FrameState
 from hingepair.mechanism.tree import Frame, Tree
 from hingepair.numeric.arrays import (

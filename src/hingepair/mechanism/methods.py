@@ -17,11 +17,16 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism import conventions
 from hingepair.mechanism.accuracy import error_bounds
-from hingepair.mechanism.arguments import BASE_LABELS, base_inputs, read_robot_arguments, read_wrenches
+from hingepair.mechanism.computations import (
+    BASE_LABELS,
+    RobotComputation,
+    base_inputs,
+    checked_given,
+    read_robot_arguments,
+    read_wrenches,
+)
 from hingepair.mechanism.constants import RobotConstants, robot_constants
-from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
-from hingepair.mechanism.prepare import checked_given
 from hingepair.mechanism.rollout import Feedback, Rollout, rolled_out
 from hingepair.mechanism.states import (
     FRAME_MOTION_OUTPUT_NAMES,

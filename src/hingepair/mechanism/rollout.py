@@ -17,8 +17,7 @@ from hingepair.engine.results import Results
 from hingepair.engine.slices import run_in_threads
 from hingepair.engine.ufunc import Layout, Operand, Ufunc
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.mechanism.arguments import RESTING_BASE_VALUE_BY_INPUT_NAME
-from hingepair.mechanism.evaluate import RobotComputation
+from hingepair.mechanism.computations import RESTING_BASE_VALUE_BY_INPUT_NAME, RobotComputation
 from hingepair.numeric.arrays import (
     Float64Array,
     FloatArray,

@@ -22,8 +22,8 @@ from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import Bounded, BoundedDouble, bounded_class, conversion_error
+from hingepair.pair.computations import COORDINATES, INPUT_LABELS, check_inputs, computation_of
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import COORDINATES, INPUT_LABELS, check_inputs, computation_of
 from hingepair.plans.arguments import Outputs, read_arguments, requested_outputs
 from hingepair.plans.plan import MotionKind, Plan, default_outputs, make_plan
 

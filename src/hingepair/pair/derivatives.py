@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 
 from hingepair.numeric.arrays import FloatArray, Frozen
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.computations import body1_inputs, compute
 from hingepair.pair.constants import Constants
-from hingepair.pair.evaluate import compute
-from hingepair.pair.forward_kinematics import body1_inputs
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
 

@@ -14,8 +14,8 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, FloatArray, is_zero, one_constant
 from hingepair.numeric.blocks import numbers
 from hingepair.pair.body import Body, warn_of_dynamics
+from hingepair.pair.computations import compute, compute_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
-from hingepair.pair.evaluate import compute, compute_arrays
 from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES, LOADS
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan
 

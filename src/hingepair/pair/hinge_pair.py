@@ -17,13 +17,13 @@ from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constan
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, derivatives, dynamics, residuals, tolerances
-from hingepair.pair import forward_kinematics as kinematics
+from hingepair.pair import computations as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_inputs
+from hingepair.pair.computations import COORDINATES, compute
 from hingepair.pair.constants import Constants, check_single_pair, pair_constants, with_hinge_frames
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Accelerations, Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.evaluate import COORDINATES, compute
 from hingepair.pair.prepare import prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState

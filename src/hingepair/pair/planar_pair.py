@@ -17,12 +17,12 @@ from hingepair.numeric.blocks import components_of, numbers
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, dynamics
-from hingepair.pair import forward_kinematics as kinematics
+from hingepair.pair import computations as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
+from hingepair.pair.computations import COORDINATES, compute_arrays
 from hingepair.pair.constants import Constants, check_single_pair
 from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.evaluate import COORDINATES, compute_arrays
 from hingepair.pair.hinge_pair import HingePair, checked_mass_properties
 from hingepair.pair.prepare import prepare_planar
 from hingepair.pair.states import PlanarState

@@ -1,4 +1,4 @@
-"""Prepared calls, which compute given outputs of a pair from given inputs."""
+"""What a prepared call of a pair may be asked."""
 
 from __future__ import annotations
 
@@ -11,15 +11,24 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.pair import dynamics
+from hingepair.pair.computations import computation_of
 from hingepair.pair.constants import ADDED_HINGE_FRAME_VECTOR_NAMES, with_hinge_frames
 from hingepair.pair.derivatives import POSE_SENSITIVITY_NAMES, VELOCITY_SENSITIVITY_NAMES
-from hingepair.pair.evaluate import computation_of
-from hingepair.plans.arguments import check_outputs
+from hingepair.plans.arguments import (
+    check_outputs,
+)
 from hingepair.plans.computation import QUATERNIONS
 from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES, LOADS, MASS_CONSTANTS
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, default_outputs, make_plan
+from hingepair.plans.plan import (
+    PLANAR_MOTION_KIND,
+    SPATIAL_MOTION_KIND,
+    default_outputs,
+    make_plan,
+)
 from hingepair.plans.prepared import Prepared
-from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
+from hingepair.plans.steps import (
+    ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME,
+)
 from hingepair.rotations.sequences import find_sequence
 
 # The names of inputs for which a keyword such as "velocity" stands.

@@ -19,8 +19,8 @@ from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.numeric.tables import Sheet, Shown, align_columns, instant_text, json_text, left_out_remark
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_arrays
+from hingepair.pair.computations import compute_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
-from hingepair.pair.evaluate import compute_arrays
 from hingepair.plans.plan import make_plan
 
 # The headings of the printed table.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hingepair.engine.loops import OperationCounts
-from hingepair.pair.evaluate import computation_of
+from hingepair.pair.computations import computation_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, all_steps, default_outputs, make_plan

@@ -16,9 +16,9 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.tables import unit_of
 from hingepair.pair.accuracy import error_ratios, output_scales
+from hingepair.pair.computations import compute_arrays
 from hingepair.pair.constants import with_hinge_frames
 from hingepair.pair.dynamics import Energy, Momentum
-from hingepair.pair.evaluate import compute_arrays
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.arguments import read_robot_arguments
+from hingepair.mechanism.computations import RobotComputation, read_robot_arguments
 from hingepair.mechanism.constants import (
     RobotConstants,
     exact_mass_numbers,
@@ -23,7 +23,6 @@ from hingepair.mechanism.constants import (
     robot_constants,
     split_numbers,
 )
-from hingepair.mechanism.evaluate import RobotComputation
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import MechanismForces, joint_results_class
 from hingepair.numeric.arrays import Float64Array

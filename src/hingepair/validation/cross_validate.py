@@ -21,8 +21,8 @@ from hingepair.pair.accuracy import (
     unit_roundoff,
 )
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.computations import read_rows
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
-from hingepair.pair.forward_kinematics import read_rows
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import Coordinates

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.arguments import BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, read_robot_arguments
+from hingepair.mechanism.computations import BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, read_robot_arguments
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
