@@ -103,8 +103,7 @@ def test_no_table_cuts_a_number_or_a_name(tmp_path: Path, monkeypatch: pytest.Mo
         '[motion]\nfile = "log.npz"\ndifferentiate = true\n'
     )
     if width is not None:
-        monkeypatch.setenv("COLUMNS", str(width))
-        monkeypatch.setenv("FORCE_COLOR", "1")
+        monkeypatch.setattr("hingepair.cli.output.terminal_width", lambda: width)
     scene = hp.load_scene(tmp_path / "my.toml")
     for command, arrays in (("run", scene.evaluate().requested_arrays()), ("forces", scene.forces().recorded())):
         text = run_command(command, tmp_path / "my.toml").stdout

@@ -211,7 +211,7 @@ def test_curves_go_on_from_piece_to_piece(tmp_path, monkeypatch):
     title = "attitude of body 2, Euler angles XYZ"
     _, whole = lines_of(hp.plot(scene), title)
     assert whole[2].max() == pytest.approx(40, abs=1e-9)
-    monkeypatch.setattr("hingepair.scenes.instants.RESULT_ROWS_PER_BLOCK", 500)
+    monkeypatch.setattr("hingepair.scenes.scene.RESULT_ROWS_PER_BLOCK", 500)
     figure = hp.plot(scene)
     axes, pieces = lines_of(figure, title)
     np.testing.assert_allclose(pieces, whole, rtol=0, atol=1e-13)

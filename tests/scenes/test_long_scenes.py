@@ -67,7 +67,7 @@ def test_instants_are_those_of_linspace_in_pieces_too(start, stop, count):
 @pytest.mark.slow
 @pytest.mark.parametrize("model", sparse(["reference_2d", "landing_gear", "spinning_satellite", "logged_arm"], 4))
 def test_pieces_are_the_whole_to_the_bit(tmp_path, monkeypatch, model):
-    monkeypatch.setattr("hingepair.scenes.instants.RESULT_ROWS_PER_BLOCK", 1024)
+    monkeypatch.setattr("hingepair.scenes.scene.RESULT_ROWS_PER_BLOCK", 1024)
     logged = model == "logged_arm"
     scene = hp.load_scene(MODELS / f"{model}.toml" if logged else long_scene(tmp_path, 5003, model))
     whole = scene.evaluate()
@@ -95,7 +95,7 @@ def test_kinks_between_pieces_are_counted_once(tmp_path, monkeypatch):
     whole = scene.notes()
     assert len(whole) == 2
     for rows in (1, 4, 7):
-        monkeypatch.setattr("hingepair.scenes.instants.RESULT_ROWS_PER_BLOCK", rows)
+        monkeypatch.setattr("hingepair.scenes.scene.RESULT_ROWS_PER_BLOCK", rows)
         assert scene.notes() == whole
 
 

@@ -260,7 +260,7 @@ def test_wrapped_angles_are_unwrapped_and_shifts_are_not(tmp_path: Path) -> None
 def test_pieces_are_the_whole_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(tmp_path, GOOD.replace("samples = 41", "samples = 1001"))
     asked = ("R", "S", "v", "a", "q", "qdd", "tau", "force1", "quat_ram")
-    monkeypatch.setattr("hingepair.scenes.instants.RESULT_ROWS_PER_BLOCK", 200)
+    monkeypatch.setattr("hingepair.scenes.scene.RESULT_ROWS_PER_BLOCK", 200)
     whole, pieces = scene.evaluate(asked).recorded(), [part.recorded() for part in scene.blocks(asked)]
     assert len(pieces) == 6
     for name, array in whole.items():

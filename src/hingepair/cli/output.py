@@ -61,6 +61,13 @@ def print_component_table(lines: Sequence[Sequence[str]]) -> None:
     print("", *ruled_table(spaced, 2, terminal_width()), "", sep="\n")
 
 
+def print_title(title: str) -> None:
+    """Print a title, in bold letters on a terminal; nothing if it is empty."""
+    if title:
+        text = printable(title)
+        print(f"\033[1m{text}\033[0m" if sys.stdout.isatty() else text)
+
+
 def terminal_width() -> int | None:
     """Return the width of the terminal [characters]; None if the output goes into a file or a pipe."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None

@@ -16,6 +16,7 @@ from hingepair.cli.output import (
     check_output,
     out_option,
     print_component_table,
+    print_title,
     report_if_stopped,
     split_names,
     with_progress_bar,
@@ -170,8 +171,7 @@ def forces_command(
 
 
 def _print_heading(scene: Scene) -> None:
-    if scene.title:
-        typer.secho(printable(scene.title), bold=True)
+    print_title(scene.title)
     print(*map(printable, scene.heading()), sep="\n")
 
 

@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from hingepair.cli.output import JsonOption, out_option
-from hingepair.errors import printable
+from hingepair.cli.output import JsonOption, out_option, print_title
 from hingepair.numeric.tables import json_text
 from hingepair.sweeps.stores import STORE_SUFFIXES
 from hingepair.sweeps.sweep import Progress, load_sweep, run_sweep
@@ -50,7 +49,7 @@ def sweep_command(
         facts = {"title": loaded.title, "variants": loaded.variants, "chunks": loaded.chunks, "keys": loaded.keys}
         print(json_text(facts | {"file": str(path)}))
         return
-    typer.secho(printable(loaded.title), bold=True)
+    print_title(loaded.title)
     print(f"{loaded.variants} variants of {', '.join(loaded.keys)} in {loaded.chunks} chunks")
     print(f"written: {path}")
 

@@ -12,12 +12,13 @@ from hingepair.cli.output import (
     JsonOption,
     check_output,
     check_picture_suffix,
+    print_title,
     save_figure,
     terminal_width,
 )
 from hingepair.cli.pairs import load_named_scene
 from hingepair.cli.scenes import SceneArgument
-from hingepair.errors import ArgumentError, printable
+from hingepair.errors import ArgumentError
 from hingepair.numeric.tables import ruled_table
 from hingepair.sweeps.tolerance import study_tolerances
 
@@ -65,8 +66,7 @@ def tolerance_command(
     if as_json:
         print(study.to_json())
         return
-    if study.title:
-        typer.secho(printable(study.title), bold=True)
+    print_title(study.title)
     sizes = ", ".join(f"{name} = {value}" for name, value in study.tolerances.items())
     print(f"{study.samples} pairs at {len(study.t)} instants; {sizes} (standard deviations, m and rad)", "", sep="\n")
     bands, shares = study.tables()
