@@ -225,43 +225,49 @@ def _mujoco_rows(rows: Sequence[Array], *, w_are_forces: bool) -> tuple[Array, .
 _JOINTS = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned", "FreeFlyer")
 
 
-def cpp_job(states: States) -> Job:
-    """Return the job of Pinocchio's functions in a C++ loop, which is compiled first.
+class CppSystem:
+    """A model of Pinocchio with one frame in C++, for the functions of loops.cpp.
 
     Raises:
         MissingDependencyError: no compiler is on the path, or a header is missing.
     """
+
+    def __init__(self, model: Any, index: int) -> None:
+        self.library, frame = compile_loops(), model.frames[index]
+        joints = [model.joints[k] for k in range(1, model.njoints)]
+        bodies = list(model.inertias)[1:]
+        constants = [
+            np.array(list(model.parents)[1:], ctypes.c_long),
+            np.array(
+                [_JOINTS.index(joint.shortname().removeprefix("JointModel")) for joint in joints], ctypes.c_long
+            ),
+            np.array([_placement(place) for place in list(model.jointPlacements)[1:]]),
+            np.array([getattr(joint.extract(), "axis", np.zeros(3)) for joint in joints]),
+            np.array([body.mass for body in bodies]),
+            np.array([body.lever for body in bodies]),
+            np.array([body.inertia.ravel() for body in bodies]),
+        ]
+        place = np.array(_placement(frame.placement))
+        addresses = [array.ctypes.data for array in constants]
+        self.address = self.library.system_new(len(joints), *addresses, frame.parentJoint, place.ctypes.data)
+        weakref.finalize(self, self.library.system_delete, self.address)
+
+
+def cpp_job(states: States) -> Job:
+    """Return the job of Pinocchio's functions in a C++ loop, which is compiled first."""
     workload, _, model, index, rows = states
-    library, frame = compile_loops(), model.frames[index]
-    joints = [model.joints[k] for k in range(1, model.njoints)]
-    bodies = list(model.inertias)[1:]
-    constants = [
-        np.array(list(model.parents)[1:], ctypes.c_long),
-        np.array([_JOINTS.index(joint.shortname().removeprefix("JointModel")) for joint in joints], ctypes.c_long),
-        np.array([_placement(place) for place in list(model.jointPlacements)[1:]]),
-        np.array([getattr(joint.extract(), "axis", np.zeros(3)) for joint in joints]),
-        np.array([body.mass for body in bodies]),
-        np.array([body.lever for body in bodies]),
-        np.array([body.inertia.ravel() for body in bodies]),
-    ]
-    place = np.array(_placement(frame.placement))
-    addresses = [array.ctypes.data for array in constants]
-    system = library.system_new(len(joints), *addresses, frame.parentJoint, place.ctypes.data)
-    n = model.nv
+    system, n = CppSystem(model, index), model.nv
     widths = {POSE: 12, VELOCITY: 18, ACCELERATION: 24, JACOBIAN: 6 * n, INVERSE: n, FORWARD: n, GRADIENT: 2 * n}
     width = widths.get(workload, 2 * n * n)
     arrays = [*map(np.ascontiguousarray, rows), np.ones((len(rows[0]), width))]
     inputs = [array.ctypes.data for array in arrays[:-1]]
     pointers = [*inputs, *[None] * (3 - len(rows)), arrays[-1].ctypes.data]
-    call = functools.partial(
-        library.system_run, system, list(WORKLOADS).index(workload), len(rows[0]), width, *pointers
-    )
+    numbers = list(WORKLOADS).index(workload), len(rows[0]), width
 
     def run() -> tuple[Array, ...]:
-        call()
+        system.library.system_run(system.address, *numbers, *pointers)
         return (arrays[-1],)
 
-    weakref.finalize(run, library.system_delete, system)
     return run
 
 
@@ -300,6 +306,9 @@ def compile_loops() -> Any:
     library.system_new.argtypes, library.system_new.restype = [number, *[pointer] * 7, number, pointer], pointer
     library.system_delete.argtypes, library.system_delete.restype = [pointer], None
     library.system_run.argtypes, library.system_run.restype = [pointer, *[number] * 3, *[pointer] * 4], None
+    reals = [ctypes.c_double] * 2
+    library.system_reach.argtypes = [pointer, *[number] * 3, *reals, *[pointer] * 5]
+    library.system_reach.restype = None
     return library
 
 

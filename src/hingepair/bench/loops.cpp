@@ -1,4 +1,4 @@
-// Pinocchio's C++ loops for `hingepair bench direct|dynamics|robots --cpp`: what the Python loops of engines.py do, from the
+// Pinocchio's C++ loops for `hingepair bench direct|dynamics|robots|ik --cpp`: what the Python loops of engines.py do, from the
 // same inputs. Only headers are used: a library that was compiled for another instruction set aligns otherwise.
 // Pinocchio's variants of joints are longer than Boost's lists are by themselves.
 #define BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS
@@ -13,6 +13,7 @@
 #include <pinocchio/algorithm/rnea-derivatives.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/multibody.hpp>
+#include <pinocchio/spatial.hpp>
 
 namespace pin = pinocchio;
 using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
@@ -152,5 +153,47 @@ extern "C" void system_run(
       Eigen::Map<Eigen::RowVectorXd>(out + n, n) = data.dtau_dv.colwise().sum();
       break;
     }
+  }
+}
+
+// Closed-loop inverse kinematics: what `pinocchio_job` of inverse_kinematics.py does. A row of `out` for each target holds the
+// coordinates; targets are placements, starts have a row for each trial.
+extern "C" void system_reach(
+  System * system, long count, long trials, long steps, double tolerance, double damping, const double * low,
+  const double * high, const double * targets, const double * starts, double * out)
+{
+  const pin::Model & model = system->model;
+  pin::Data & data = system->data;
+  const long n = model.nv;
+  const Row least(low, n), greatest(high, n);
+  Eigen::VectorXd q(n), v(n);
+  pin::Data::Matrix6x J(6, n);
+  pin::Data::Matrix6 log, square;
+  for (long i = 0; i < count; ++i, targets += 12, out += n)
+  {
+    const pin::SE3 target = placement_of(targets);
+    bool solved = false;
+    for (long trial = 0; trial < trials && !solved; ++trial)
+    {
+      q = Row(starts + n * trial, n);
+      for (long step = 0; step < steps; ++step)
+      {
+        pin::forwardKinematics(model, data, q);
+        const pin::SE3 off = pin::updateFramePlacement(model, data, system->frame).actInv(target);
+        const Eigen::Matrix<double, 6, 1> error = pin::log6(off).toVector();
+        solved = off.translation().norm() <= tolerance && error.tail<3>().norm() <= tolerance;
+        if (solved)
+          break;
+        J.setZero();
+        pin::computeFrameJacobian(model, data, q, system->frame, pin::LOCAL, J);
+        pin::Jlog6(off.inverse(), log);
+        J = -log * J;
+        square.noalias() = J * J.transpose();
+        square.diagonal().array() += damping;
+        v.noalias() = -J.transpose() * square.ldlt().solve(error);
+        q = (q + v).cwiseMax(least).cwiseMin(greatest);
+      }
+    }
+    Eigen::Map<Eigen::VectorXd>(out, n) = q;
   }
 }

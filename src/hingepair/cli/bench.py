@@ -207,6 +207,31 @@ def bench_robots(
     _run_benchmark(lambda: bench.bench_robots(chosen, _parse_sizes(sizes), repeats, cpp, cold), show_json, plot)
 
 
+@bench_app.command("ik")
+@with_option_names
+def bench_ik(
+    names: Annotated[
+        str, typer.Option(metavar="NAMES", help="Robots of example-robot-data, separated by commas.")
+    ] = "ur5_robot,panda",
+    size: Annotated[int, typer.Option(min=1, max=10**7, help="Number of targets.")] = 10_000,
+    repeats: RepeatsOption = 3,
+    cpp: CppOption = False,
+    show_json: BenchJsonOption = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw targets missed and errors against run time.")
+    ] = None,
+) -> None:
+    """Measure inverse kinematics of robots.
+
+    The engines are hingepair, Pinocchio's loop of closed-loop inverse kinematics, mink and ikpy, as far as they are
+    installed. All have the same targets, tolerances and limits, and start again where they get stuck.
+    """
+    from hingepair.bench import inverse_kinematics as bench
+
+    chosen = [name.strip() for name in names.split(",")]
+    _run_benchmark(lambda: bench.bench_inverse_kinematics(chosen, size, repeats, cpp), show_json, plot)
+
+
 @bench_app.command("scale")
 @with_option_names
 def bench_scale(
