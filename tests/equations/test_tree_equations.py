@@ -7,11 +7,12 @@ import pytest
 from mpmath import mpf
 
 from hingepair.equations import trees
+from hingepair.equations.joints import HINGE, SLIDER, Axis
 from support.differences import Body, Cloud, at, column, hat, rate, same, tuple_of, turn, unit, vector, vee
 
 G = (mpf("0.3"), mpf("-0.2"), mpf("-9.81"))
-JOINTS = ((0, False), (1, True), (2, False), (1, False), (4, True))
-"""The parent of each, and whether it slides: a hinge carries a slider with a hinge, and a hinge with a slider."""
+JOINTS = ((0, HINGE), (1, SLIDER), (2, HINGE), (1, Axis(1.0, 0.25)), (4, SLIDER))
+"""The parent of each, and its axis: a hinge carries a slider with a hinge, and a screw with a slider."""
 
 
 @pytest.fixture(autouse=True)
@@ -32,29 +33,27 @@ class Tree:
         self.rotors = [mpf(k) / 3 for k in range(1, count + 1)]  # the inertias of geared rotors (T10)
         self.q = [vector(321, count), vector(322, count), vector(323, count)]
         self.links = [
-            trees.Link(parent, slides, tuple_of(S), u, *moments(cloud), rotor)
-            for (parent, slides), S, u, cloud, rotor in zip(
+            trees.Link(parent, axis, tuple_of(S), u, *moments(cloud), rotor)
+            for (parent, axis), S, u, cloud, rotor in zip(
                 JOINTS, self.S, self.u, self.clouds[1:], self.rotors, strict=True
             )
         ]
         self.root = trees.Base(*moments(self.clouds[0]))
         turns = [
-            None if slides else (mpmath.sin(q), mpmath.cos(q))
-            for (_, slides), q in zip(JOINTS, self.q[0], strict=True)
+            (mpmath.sin(q), mpmath.cos(q)) if axis.turns else None
+            for (_, axis), q in zip(JOINTS, self.q[0], strict=True)
         ]
-        self.places = trees.joint_placements(
-            self.links, turns, [q if slides else None for (_, slides), q in zip(JOINTS, self.q[0], strict=True)]
-        )
+        self.places = trees.joint_placements(self.links, turns, self.q[0])
 
     def poses(self, s=0, q=None):
         """(R, S) of every body."""
         found = [(self.base.R(s), self.base.S(s))]
-        for (parent, slides), S, u, now in zip(
+        for (parent, (turns, shifts)), S, u, now in zip(
             JOINTS, self.S, self.u, at(self.q, s) if q is None else q, strict=True
         ):
             (R, own) = found[parent]
-            placed = R + own * (column(u) + (S * column([0, 0, now]) if slides else column([0, 0, 0])))
-            found.append((placed, own * S * (mpmath.eye(3) if slides else turn([0, 0, 1], now))))
+            placed = R + own * (column(u) + S * column([0, 0, shifts * now]))
+            found.append((placed, own * S * turn([0, 0, 1], turns * now)))
         return found
 
     def point(self, body, p):
@@ -171,7 +170,8 @@ def test_forces_are_those_of_the_points_beyond_each_joint(tree, truth):
         same(wrenches[joint][0], S.T * force)
         same(wrenches[joint][1], S.T * torque)
         if joint:
-            same([along[joint - 1]], [(S.T * (force if JOINTS[joint - 1][1] else torque))[2]])
+            turns, shifts = JOINTS[joint - 1][1]
+            same([along[joint - 1]], [(S.T * (turns * torque + shifts * force))[2]])
 
 
 def whole_mass_matrix(tree):
@@ -245,7 +245,7 @@ def test_forward_dynamics_solve_the_mass_matrix(tree):
     torque = J * column(alpha) + H * column(a) + S * column(at_base[1])
     same([*force, *torque], whole[0:6])
     for step, link in zip(steps, tree.links, strict=True):
-        along = (step.force if link.slides else step.torque)[2] + link.armature
+        along = link.axis.turns * step.torque[2] + link.axis.shifts * step.force[2] + link.armature
         same([step.share * step.pivot, along], [1, step.pivot])
 
 

@@ -218,10 +218,9 @@ class ExactRobot:
                 motion = q[:, k], qd[:, k], qdd[:, k] / 2
                 point, turn = origin + turn @ exactly(joint.u)[:, None], turn @ nearest_rotation(exactly(joint.S))
                 axis = unit(joint.n)
-                if joint.kind == "hinge":
-                    turn = turn @ rotation(axis, motion)
-                else:
-                    point = point + turn @ Series(*(part[:, None, None] * axis[:, None] for part in motion))
+                turns, shifts = map(mpmath.mpf, joint.axis)
+                point = point + turn @ Series(*(shifts * part[:, None, None] * axis[:, None] for part in motion))
+                turn = turn @ rotation(axis, tuple(turns * part for part in motion))
                 self._axes.append((turn @ axis[:, None]).c0[..., 0])
                 self._points.append(point.c0[..., 0])
                 self.poses.append((point, turn))
@@ -254,7 +253,7 @@ class ExactRobot:
                 carried = [own[i] for i in range(1, len(own)) if k in self._path(i)]
                 force = sum(f for f, *_ in carried)
                 torque = sum(t + np.cross(x - self._points[k], f) for f, t, x in carried)
-                effort = (self._axes[k] * (torque if joint.kind == "hinge" else force)).sum(axis=-1)
+                effort = (self._axes[k] * (joint.axis.turns * torque + joint.axis.shifts * force)).sum(axis=-1)
                 tau[:, self._columns[k - 1]] += self._ratios[k - 1] * effort
             return force1, torque1, tau
 
@@ -264,8 +263,8 @@ class ExactRobot:
             J = exactly(np.zeros((len(point), 6, self._dof)))
             for k in self._path(body):
                 axis = self._axes[k]
-                hinge = self._tree.joints[k - 1].kind == "hinge"
-                parts = (np.cross(axis, point - self._points[k]), axis) if hinge else (axis, 0 * axis)
+                turns, shifts = map(mpmath.mpf, self._tree.joints[k - 1].axis)
+                parts = (turns * np.cross(axis, point - self._points[k]) + shifts * axis, turns * axis)
                 J[:, :, self._columns[k - 1]] += self._ratios[k - 1] * np.concatenate(parts, axis=-1)
             return J
 

@@ -1,17 +1,19 @@
-"""Trees of hinges and sliders, T1-T12, as plain arithmetic on tuples of scalars: each body in its own axes.
+"""Trees of joints, T1-T12, as plain arithmetic on tuples of scalars: each body in its own axes.
 
 Body 0 is the base, body k >= 1 is what joint k moves, p is its parent. The z axis of body k is the axis of joint k,
-and its reference point lies on it. Q = S Sz(q) turns the axes of body k into those of its parent, r leads from the
-parent's reference point to its own, in the parent's axes: r = u of a hinge, r = u + S e_z q (and Q = S) of a slider.
+and its reference point lies on it. A joint turns its body about the axis by c q and shifts it along the axis by e q:
+c, e = 1, 0 of a hinge, 0, 1 of a slider, 1, h of a screw with the pitch h (`equations.joints`). Q = S Sz(c q) turns
+the axes of body k into those of its parent, and r = u + S e_z e q leads from the parent's reference point to its own,
+in the parent's axes.
 Of the matter of a body count its mass m, its first moment h = m c and its second moment N = sum of m_i r_i r_i^T,
 about the reference point, so that its inertia is J = tr(N) - N. g is gravity. A symmetric matrix is the tuple of its
 entries (xx, xy, xz, yy, yz, zz).
 
-T1  omega_k = Q^T omega_p + e_z q', alpha_k = Q^T alpha_p + omega_k x e_z q' + e_z q''       (E2, E9 of a hinge)
-    a_k = Q^T (a_p + B_p r), B = [alpha]x + [omega]x^2, and of a slider + 2 omega_k x e_z q' + e_z q''
+T1  omega_k = Q^T omega_p + e_z c q', alpha_k = Q^T alpha_p + omega_k x e_z c q' + e_z c q''        (E2, E9)
+    a_k = Q^T (a_p + B_p r) + 2 omega_k x e_z e q' + e_z e q'', B = [alpha]x + [omega]x^2
     from the base: omega_0 = S1^T omega1, alpha_0 = S1^T alpha1, a_0 = S1^T (a1 - g)
 T2  f_k = m a_k + B h, t_k = h x a_k + sum of r_i x B r_i m_i, about the reference point     (D1, D2)
-T3  f_p += Q f_k, t_p += Q t_k + r x Q f_k;  tau_k = e_z . t_k of a hinge, e_z . f_k of a slider   (D3, D4)
+T3  f_p += Q f_k, t_p += Q t_k + r x Q f_k;  tau_k = e_z . (c t_k + e f_k)                         (D3, D4)
 T4  M_ki = tau_i of the matter beyond joint k, moved by q_k'' = 1 alone: m, h, N summed inward as m_p += m_k,
     h_p += Q h_k + m_k r, N_p += Q N_k Q^T + r (Q h_k)^T + (Q h_k) r^T + m_k r r^T          (D6; composite bodies)
 T5  [t f] = [J H; H^T M] [alpha a]: what resists where the joints beyond give way; of one body H = [h]x, M = m.
@@ -20,7 +22,7 @@ T6  q_k'' = (tau_k - tau_k(q'' = 0) - what comes from beyond - U . (alpha, a) fr
 T7  kinetic energy m v^2 / 2 + v . (omega x h) + omega . J omega / 2, potential energy -g . (m R + S h)        (D7)
 T8  P = m v + omega x h, L = h x v + J omega, about the reference point; inward as in T3     (D8)
 T9  matter on a hinge's axis moves with both bodies: it is counted with the parent, so that m = 0, h . e_z = 0 and
-    N_zz = 0 beyond a hinge; of a slider N is the parent's. Nothing above changes by it.
+    N_zz = 0 beyond a hinge; of a slider N is the parent's, of a screw nothing. Nothing above changes by it.
 T10 a geared rotor turns with its joint only, with the inertia I (armature) referred to the joint: it adds I q_k'' to
     tau_k, I to M_kk and to D, I q_k'^2 / 2 to the kinetic energy. The body's own motion is not felt by it.
 T11 dq'' = M^-1 (dtau - dtau(q, q', q'')), where the last change is that of inverse dynamics at constant q''
@@ -35,6 +37,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
+from hingepair.equations.joints import HINGE, SLIDER, Axis
 from hingepair.equations.spatial import (
     ZERO_VECTOR,
     Matrix,
@@ -57,30 +60,16 @@ Turn: TypeAlias = tuple[Scalar, Scalar]  # (sin q, cos q)
 
 
 class Link(NamedTuple):
-    """A joint and the body that it moves; joint k and its body have the number k, from 1 on. `parent` is the number
-    of the parent body, `slides` is true for a slider, and S and u are the attitude and the position of the body at q
-    = 0 in the parent. `mass`, `first` and `second` are the body's mass and its first and second moments; `armature`
-    is the inertia of the motor's rotor.
+    """A joint and the body that it moves; joint k and its body have the number k, from 1 on."""
 
-    Attributes:
-        parent: number of the body that carries it.
-        slides: whether it is a slider.
-        S: attitude of its body at q = 0 in the parent's axes.
-        u: its point in the parent's axes.
-        mass: m of its body.
-        first: h of its body.
-        second: N of its body.
-        armature: I of its motor's rotor (T10).
-    """
-
-    parent: int
-    slides: bool
-    S: Matrix
-    u: Vector
+    parent: int  # number of the body that carries it
+    axis: Axis
+    S: Matrix  # attitude of its body at q = 0, in the parent's axes
+    u: Vector  # its point in the parent's axes
     mass: Scalar
-    first: Vector
-    second: Symmetric
-    armature: Scalar
+    first: Vector  # h of its body
+    second: Symmetric  # N of its body
+    armature: Scalar  # I of its motor's rotor (T10)
 
 
 class Base(NamedTuple):
@@ -94,12 +83,10 @@ class Base(NamedTuple):
 
 
 class Placement(NamedTuple):
-    """Pose of a joint's body in its parent: the rotation is S Sz(q), and r is the position of the reference point.
-    `turn` is (sin q, cos q) for a hinge and None for a slider.
-    """
+    """Pose of a joint's body in its parent: the rotation is S Sz(c q), and r the position of the reference point."""
 
     S: Matrix
-    turn: Turn | None
+    turn: Turn | None  # (sin c q, cos c q); None of a joint that does not turn
     r: Vector
 
 
@@ -141,17 +128,13 @@ def to_child(placement: Placement, v: Vector) -> Vector:
     return back if placement.turn is None else turned_back(placement.turn, back)
 
 
-def joint_placements(
-    links: Sequence[Link], turns: Sequence[Turn | None], shifts: Sequence[Scalar | None]
-) -> list[Placement]:
-    """Return a list of the `Placement` of each joint: the pose of its body in its parent, in which the rotation about
-    z, `turn` = (sin q, cos q), is kept apart from the fixed rotation S. `turns` holds these pairs for hinges and None
-    for sliders; `shifts` holds q for sliders, and its other entries are not read.
-    """
-    return [
-        Placement(link.S, turn, add(link.u, scale(link.S[2::3], shift)) if link.slides else link.u)
-        for link, turn, shift in zip(links, turns, shifts, strict=True)
-    ]
+def joint_placements(links: Sequence[Link], turns: Sequence[Turn | None], q: Sequence[Scalar]) -> list[Placement]:
+    """Return the `Placement` of each joint, from (sin c q, cos c q), or None, and q of each."""
+    placements = []
+    for link, turn, value in zip(links, turns, q, strict=True):
+        r = add(link.u, scale(link.S[2::3], link.axis.shift(value))) if link.axis.shifts else link.u
+        placements.append(Placement(link.S, turn, r))
+    return placements
 
 
 # ---- kinematics, world axes
@@ -199,8 +182,11 @@ def body_velocities(
     for link, body, rate in zip(links, body_poses[1:], qd, strict=True):
         v, omega = velocities[link.parent]
         v = add(v, cross(omega, body.arm))
-        along = scale(axis_of(body), rate)
-        velocities.append((add(v, along), omega) if link.slides else (v, add(omega, along)))
+        if link.axis.shifts:
+            v = add(v, scale(axis_of(body), link.axis.shift(rate)))
+        if link.axis.turns:
+            omega = add(omega, scale(axis_of(body), link.axis.turn(rate)))
+        velocities.append((v, omega))
     return velocities
 
 
@@ -220,11 +206,11 @@ def body_accelerations(
         (a, alpha), omega = changes[link.parent], velocities[link.parent][1]
         a = add(a, point_acceleration(omega, alpha, body.arm))
         axis = axis_of(body)
-        if link.slides:
-            half = scale(cross(omega, axis), rate)
-            a = add(a, add(scale(axis, rate_change), add(half, half)))
-        else:
-            alpha = angular_acceleration2(alpha, omega, axis, rate, rate_change)
+        if link.axis.shifts:
+            half = scale(cross(omega, axis), link.axis.shift(rate))
+            a = add(a, add(scale(axis, link.axis.shift(rate_change)), add(half, half)))
+        if link.axis.turns:
+            alpha = angular_acceleration2(alpha, omega, axis, link.axis.turn(rate), link.axis.turn(rate_change))
         changes.append((a, alpha))
     return changes
 
@@ -268,13 +254,15 @@ def point_jacobian_columns(
     on_path = joints_to_base(links, body)
     columns = []
     for number, link in enumerate(links, 1):
+        v = omega = ZERO_VECTOR
         axis = axis_of(body_poses[number])
-        if number not in on_path:
-            columns.append((ZERO_VECTOR, ZERO_VECTOR))
-        elif link.slides:
-            columns.append((axis, ZERO_VECTOR))
-        else:
-            columns.append((cross(axis, subtract(d, body_poses[number].d)), axis))
+        if number in on_path and link.axis.turns:
+            omega = scale(axis, link.axis.turn(1.0))
+            v = cross(omega, subtract(d, body_poses[number].d))
+        if number in on_path and link.axis.shifts:
+            along = scale(axis, link.axis.shift(1.0))
+            v = add(v, along) if link.axis.turns else along
+        columns.append((v, omega))
     return columns
 
 
@@ -388,12 +376,14 @@ def accelerations_in_own_axes(
         a_body = to_child(joint, add(p.a, rotate(p.B, joint.r)))
         x, y, z = to_child(joint, omega_p)
         u, v, w = to_child(joint, alpha_p)
-        if joint.turn is None:
-            half = (y * rate, -(x * rate), rate_change)
-            a_body = add(a_body, (half[0] + half[0], half[1] + half[1], rate_change))
-        else:
-            z = z + rate
-            u, v, w = u + y * rate, v - x * rate, w + rate_change
+        if link.axis.shifts:
+            shift = link.axis.shift(rate)
+            half = (y * shift, -(x * shift))
+            a_body = add(a_body, (half[0] + half[0], half[1] + half[1], link.axis.shift(rate_change)))
+        if link.axis.turns:
+            turn = link.axis.turn(rate)
+            z = z + turn
+            u, v, w = u + y * turn, v - x * turn, w + link.axis.turn(rate_change)
         angular.append(((x, y, z), (u, v, w)))
         motions.append(Acceleration((x, y, z), a_body, acceleration_gradient((x, y, z), (u, v, w))))
     return motions
@@ -437,10 +427,8 @@ def sum_inward(
 
 
 def along_axes(links: Sequence[Link], wrenches: Sequence[Wrench]) -> list[Scalar]:
-    """Return a list with the component of each joint's wrench along the joint axis: the torque of a hinge, the force
-    of a slider (T3). `wrenches` holds pairs (force, torque); the first, the wrench on the base, is skipped.
-    """
-    return [force[2] if link.slides else torque[2] for link, (force, torque) in zip(links, wrenches[1:], strict=True)]
+    """Return what the wrench of each joint does along its coordinate (T3); the wrench on the base is skipped."""
+    return [link.axis.effort(*wrench) for link, wrench in zip(links, wrenches[1:], strict=True)]
 
 
 def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequence[Scalar]) -> list[Scalar]:
@@ -499,15 +487,19 @@ def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement
     return matter
 
 
-def axis_wrench(is_slider: bool, matter: Matter) -> Wrench:
-    """Return the pair (force, torque), in body axes, that gives a body of this `Matter` the acceleration q'' = 1 of a
-    joint alone: along the z axis if is_slider is true, otherwise about it (T4).
-    """
+def axis_wrench(axis: Axis, matter: Matter) -> Wrench:
+    """Return the (force, torque), in body axes, that gives a body of this `Matter` q'' = 1 of a joint alone (T4)."""
     x, y, _ = matter.first
-    if is_slider:
-        return (0.0, 0.0, matter.mass), (y, -x, 0.0)
     xx, _, xz, yy, yz, _ = matter.second
-    return (-y, x, 0.0), (-xz, -yz, xx + yy)
+    force, torque = ZERO_VECTOR, ZERO_VECTOR
+    if axis.turns:
+        c = axis.turns
+        force, torque = scale((-y, x, 0.0), c), scale((-xz, -yz, xx + yy), c)
+    if axis.shifts:
+        e = axis.shifts
+        force = add(force, scale((0.0, 0.0, matter.mass), e))
+        torque = add(torque, scale((y, -x, 0.0), e))
+    return force, torque
 
 
 def mass_matrix(
@@ -520,11 +512,11 @@ def mass_matrix(
     rows: list[list[Scalar]] = []
     on_base = []
     for number, link in enumerate(links, 1):
-        force, torque = axis_wrench(link.slides, composite_matter[number])
+        force, torque = axis_wrench(link.axis, composite_matter[number])
         row: list[Scalar] = [0.0] * number
         at = number
         while at:
-            row[at - 1] = force[2] if links[at - 1].slides else torque[2]
+            row[at - 1] = links[at - 1].axis.effort(force, torque)
             joint = placements[at - 1]
             force = to_parent(joint, force)
             torque = add(to_parent(joint, torque), cross(joint.r, force))
@@ -560,7 +552,7 @@ def momentum_columns(
     """
     columns = []
     for link, pose, matter in zip(links, body_poses[1:], composite_matter[1:], strict=True):
-        P, L = (rotate(pose.S, part) for part in axis_wrench(link.slides, matter))
+        P, L = (rotate(pose.S, part) for part in axis_wrench(link.axis, matter))
         columns.append((P, add(L, cross(subtract(pose.d, centre), P))))
     return columns
 
@@ -655,54 +647,39 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 
 
 def eliminate_joint(
-    is_slider: bool, armature: Scalar, inertia: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
+    axis: Axis, armature: Scalar, inertia: SpatialInertia, reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[JointElimination, SpatialInertia]:
-    """Return the pair of the `JointElimination` of a joint and the `SpatialInertia` of its articulated body that is
-    left for the parent, still in body axes (T5, T10). `inertia` is the articulated body's inertia, `armature` the
-    inertia of the motor's rotor, and `reciprocal` the function that computes the reciprocal of the pivot.
+    """Return the `JointElimination` of a joint and the `SpatialInertia` of its articulated body that is left for the
+    parent, still in body axes (T5, T10). `reciprocal` computes 1 / D.
     """
-    J, H, M = inertia
-    if is_slider:
-        torque, force, pivot = (H[2], H[5], H[8]), (M[2], M[4], M[5]), M[5] + armature
-        share = reciprocal(pivot)
-        rotor_share = _rotor_share(armature, share)
-        (a, b, c), (x, y) = scale(torque, share), (force[0] * share, force[1] * share)
-        left = SpatialInertia(
-            (
-                J[0] - torque[0] * a, J[1] - torque[0] * b, J[2] - torque[0] * c,
-                J[3] - torque[1] * b, J[4] - torque[1] * c, J[5] - torque[2] * c,
-            ),
-            (
-                H[0] - torque[0] * x, H[1] - torque[0] * y, torque[0] * rotor_share,
-                H[3] - torque[1] * x, H[4] - torque[1] * y, torque[1] * rotor_share,
-                H[6] - torque[2] * x, H[7] - torque[2] * y, torque[2] * rotor_share,
-            ),
-            (
-                M[0] - force[0] * x, M[1] - force[0] * y, force[0] * rotor_share,
-                M[3] - force[1] * y, force[1] * rotor_share, force[2] * rotor_share,
-            ),
-        )  # fmt: skip
-        return JointElimination(torque, force, share, pivot), left
-    torque, force, pivot = (J[2], J[4], J[5]), (H[6], H[7], H[8]), J[5] + armature
+    rows = spatial_rows(inertia)
+    column = [axis.effort((0.0, 0.0, row[5]), (0.0, 0.0, row[2])) for row in rows]
+    pivot = axis.effort((0.0, 0.0, column[5]), (0.0, 0.0, column[2])) + armature
     share = reciprocal(pivot)
     rotor_share = _rotor_share(armature, share)
-    (a, b), (x, y, z) = (torque[0] * share, torque[1] * share), scale(force, share)
-    left = SpatialInertia(
-        (
-            J[0] - torque[0] * a, J[1] - torque[0] * b, torque[0] * rotor_share,
-            J[3] - torque[1] * b, torque[1] * rotor_share, torque[2] * rotor_share,
-        ),
-        (
-            H[0] - torque[0] * x, H[1] - torque[0] * y, H[2] - torque[0] * z,
-            H[3] - torque[1] * x, H[4] - torque[1] * y, H[5] - torque[1] * z,
-            force[0] * rotor_share, force[1] * rotor_share, force[2] * rotor_share,
-        ),
-        (
-            M[0] - force[0] * x, M[1] - force[0] * y, M[2] - force[0] * z,
-            M[3] - force[1] * y, M[4] - force[1] * z, M[5] - force[2] * z,
-        ),
-    )  # fmt: skip
-    return JointElimination(torque, force, share, pivot), left
+    # Along the axis of a hinge or a slider nothing but the rotor is left, exactly.
+    alone = 2 if axis == HINGE else 5 if axis == SLIDER else None
+    shares = [entry * share for entry in column]
+
+    def left(i: int, j: int) -> Scalar:
+        if alone in (i, j):
+            return column[j if i == alone else i] * rotor_share
+        return rows[i][j] - column[i] * shares[j]
+
+    J, M = (
+        (left(k, k), left(k, k + 1), left(k, k + 2), left(k + 1, k + 1), left(k + 1, k + 2), left(k + 2, k + 2))
+        for k in (0, 3)
+    )
+    H = tuple(left(i, j) for i in range(3) for j in range(3, 6))
+    torque, force = (column[0], column[1], column[2]), (column[3], column[4], column[5])
+    return JointElimination(torque, force, share, pivot), SpatialInertia(J, H, M)
+
+
+def spatial_rows(inertia: SpatialInertia) -> list[tuple[Scalar, ...]]:
+    """Return the six rows of a `SpatialInertia`, those of the torque first."""
+    J, M, H = full_matrix(inertia.J), full_matrix(inertia.M), inertia.H
+    upper = [(*J[3 * i : 3 * i + 3], *H[3 * i : 3 * i + 3]) for i in range(3)]
+    return upper + [(*H[i::3], *M[3 * i : 3 * i + 3]) for i in range(3)]
 
 
 def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
@@ -722,7 +699,7 @@ def eliminate_joints(
     eliminations: list[JointElimination] = []
     for number in range(len(links), 0, -1):
         link, joint = links[number - 1], placements[number - 1]
-        elimination, inertia_left = eliminate_joint(link.slides, link.armature, sums[number], reciprocal)
+        elimination, inertia_left = eliminate_joint(link.axis, link.armature, sums[number], reciprocal)
         eliminations.append(elimination)
         J, H, M = spatial_inertia_to_parent(joint, inertia_left)
         p = sums[link.parent]
@@ -749,7 +726,7 @@ def accelerations_by_loads(
             eliminations[number - 1],
             wrenches[number],
         )
-        rest = loads[number - 1] - (force[2] if link.slides else torque[2])
+        rest = loads[number - 1] - link.axis.effort(force, torque)
         qdd[number - 1] = rest * elimination.share
         force = add(force, scale(elimination.force, qdd[number - 1]))
         torque = add(torque, scale(elimination.torque, qdd[number - 1]))
@@ -781,10 +758,10 @@ def joint_accelerations(
         moving = to_child(joint, add(a_p, cross(alpha_p, joint.r)))
         change = rest - (dot(elimination.torque, turning) + dot(elimination.force, moving)) * elimination.share
         qdd.append(change)
-        if link.slides:
-            moving = (moving[0], moving[1], moving[2] + change)
-        else:
-            turning = (turning[0], turning[1], turning[2] + change)
+        if link.axis.shifts:
+            moving = (moving[0], moving[1], moving[2] + link.axis.shift(change))
+        if link.axis.turns:
+            turning = (turning[0], turning[1], turning[2] + link.axis.turn(change))
         bodies.append((turning, moving))
     return qdd
 
@@ -803,7 +780,11 @@ def velocities_in_own_axes(
         v_p, omega_p = bodies[link.parent]
         x, y, z = to_child(joint, omega_p)
         a, b, c = to_child(joint, add(v_p, cross(omega_p, joint.r)))
-        bodies.append(((a, b, c + rate), (x, y, z)) if link.slides else ((a, b, c), (x, y, z + rate)))
+        if link.axis.shifts:
+            c = c + link.axis.shift(rate)
+        if link.axis.turns:
+            z = z + link.axis.turn(rate)
+        bodies.append(((a, b, c), (x, y, z)))
     return bodies
 
 

@@ -13,6 +13,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
+from hingepair.errors import URDFError
 from hingepair.formats.xml_text import (
     DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME,
     add_element,
@@ -21,6 +22,7 @@ from hingepair.formats.xml_text import (
     check_xml_text,
     document,
 )
+from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.pair.body import DynamicsWarning
@@ -126,12 +128,19 @@ class _UrdfWriter:
         add_urdf_joint(root, held_by, "fixed", parent_link, link)
         return link
 
+    @staticmethod
+    def _urdf_type(joint: Joint, bounded: bool) -> str:
+        written = KINDS[joint.kind].urdf
+        if written is None:
+            raise URDFError("robot", "joints that URDF has", f"{joint.name!r}, a {joint.kind}")
+        return "continuous" if written == "revolute" and not bounded else written
+
     def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
         """Add the element of a moving Joint to the element `root`: the placement, the axis, the limits and the mimic
         rule. `parent` and `child` are the names of the links of the joint.
         """
         bounded = bool(np.isfinite(joint.position_limits).any())
-        kind = "prismatic" if joint.kind == "slider" else "revolute" if bounded else "continuous"
+        kind = self._urdf_type(joint, bounded)
         element = add_urdf_joint(root, joint.name, kind, parent, child)
         add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
         add_element(element, "axis", xyz=axis_for_urdf(joint.n))

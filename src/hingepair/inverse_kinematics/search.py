@@ -118,10 +118,10 @@ class Solver:
         self.goals, self._reaches = goals, reaches
         carrying = {joint for goal in goals for joint in joints_to_base(form, request.frames[goal.frame])}
         self._moving = np.isin(np.arange(form.dof), [form.columns[joint] for joint in carrying])
-        self._slides = np.zeros(form.dof, bool)
-        self._slides[[column for column, slides in zip(form.columns, form.slides, strict=True) if slides]] = True
+        self._shifts = np.zeros(form.dof, bool)
+        self._shifts[[column for column, axis in zip(form.columns, form.axes, strict=True) if axis.shifts]] = True
         # A coordinate that also drives a mimic joint is not the same after a turn.
-        self._turns = (np.bincount(form.columns, minlength=form.dof) == 1) & ~self._slides
+        self._turns = (np.bincount(form.columns, minlength=form.dof) == 1) & ~self._shifts
         largest = max(max(place * reach, angle) for (place, angle), reach in zip(weights, reaches, strict=True))
         self._weights = np.array(weights, np.float64) / largest
         bounded = bool(np.isfinite(limits[self._moving]).any())
@@ -149,7 +149,7 @@ class Solver:
         found = self._starts.get(seed)
         if found is None:
             # Half a turn to each side of the middle where a turn changes nothing.
-            width = np.where(self._turns, _TURN / 2, np.where(self._slides, 2 * max(self._reaches), _TURN))
+            width = np.where(self._turns, _TURN / 2, np.where(self._shifts, 2 * max(self._reaches), _TURN))
             low = np.maximum(self.low, self.middle - width)
             high = np.minimum(self.high, low + 2 * width)
             low = np.where(self._moving, np.maximum(self.low, high - 2 * width), self.middle)

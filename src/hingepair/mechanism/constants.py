@@ -96,7 +96,7 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
     form = Form(
         _identifiers(joint.name for joint in tree.joints),
         tuple(joint.parent for joint in tree.joints),
-        tuple(joint.kind == "slider" for joint in tree.joints),
+        tuple(joint.axis for joint in tree.joints),
         _columns_of_joints(tree),
         folded,
     )
@@ -362,7 +362,9 @@ def _shift_to_parents(
         joint, body_moments, (S, u) = tree.joints[k - 1], moments[k], poses[k - 1]
         parent = moments[joint.parent]
         body_moments.shorten()
-        if joint.kind == "slider":
+        if joint.axis.turns and joint.axis.shifts:
+            continue  # no matter of a screw moves with both bodies
+        if joint.axis.shifts:
             parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, body_moments.N))
             body_moments.N = [Fraction(0)] * 9
             continue
@@ -460,12 +462,12 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
     thresholds = [0.0] * count
     for k in range(count - 1, 0, -1):
         joint = tree.joints[k - 1]
-        p, slides = joint.parent, joint.kind == "slider"
+        p, axis = joint.parent, joint.axis
         reach = float(np.abs(joint.u).sum())
-        if slides and np.isfinite(joint.position_limits).all():
-            reach += float(np.abs(joint.position_limits).max())
-        smallest = _ROUNDING_OF_PIVOTS * (mass[k] if slides else spread[k])
-        own_inertia = joint.body.mass if slides else _inertia_about_axis(joint.body, axes[k][:, 2])
+        reach += joint.reach
+        smallest = _ROUNDING_OF_PIVOTS * (axis.turns**2 * spread[k] + axis.shifts**2 * mass[k])
+        turning = _inertia_about_axis(joint.body, axes[k][:, 2]) if axis.turns else 0.0
+        own_inertia = axis.turns**2 * turning + axis.shifts**2 * joint.body.mass
         # The threshold of a joint that carries no mass is 1e-300, since 0 stands for a pivot that is never small.
         thresholds[k] = 0.0 if own_inertia + joint.armature > smallest else max(smallest, 1e-300)
         mass[p] += mass[k]

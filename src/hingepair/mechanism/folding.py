@@ -11,12 +11,13 @@ import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.shapes import body_drawing
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, finite_number, read_only
@@ -56,7 +57,7 @@ class JointPart:
     """
 
     name: str
-    kind: Literal["hinge", "slider", "fixed"]
+    kind: JointKind
     parent: int
     pose: FramePose = IDENTITY_POSE
     axis: Float64Array = field(default_factory=lambda: np.array((0.0, 0.0, 1.0)))
@@ -72,6 +73,7 @@ class JointPart:
     damping: float = 0.0
     friction: float = 0.0
     mimic: records.MimicRecord | None = None
+    pitch: float = 0.0
     notes: Sequence[str] = ()
 
 
@@ -150,7 +152,7 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
         least, most = part.limits or (-np.inf, np.inf)
         position = positions.get(part.name, least)
         if not least <= position <= most:
-            unit = "m" if part.kind == "slider" else "rad"
+            unit = KINDS[part.kind].unit
             limits = f"{least:g} to {most:g} {unit}"
             warn_of_dynamics(f"locked: {part.name!r} is held at {position:g} {unit}, beyond its limits, {limits}")
     return positions
@@ -208,13 +210,13 @@ def _displacement(part: JointPart, position: float) -> FramePose:
     """Return the FramePose of the body of a JointPart at a position [rad or m], in the axes that the body has at
     position 0. For a fixed joint, return the identity.
     """
-    if position == 0 or part.kind == "fixed":
+    if position == 0:
         return IDENTITY_POSE
-    if part.kind == "slider":
-        return FramePose(np.eye(3), part.axis * position)
-    sine, cosine = sine_and_cosine(position)
-    turn = hinge_rotation(tuple(part.axis.tolist()), (sine, versine(sine, cosine)))
-    return FramePose(np.array(turn).reshape(3, 3), np.zeros(3))
+    axis, turn = KINDS[part.kind].axis(part.pitch), np.eye(3)
+    if axis.turns:
+        sine, cosine = sine_and_cosine(axis.turn(position))
+        turn = np.array(hinge_rotation(tuple(part.axis.tolist()), (sine, versine(sine, cosine)))).reshape(3, 3)
+    return FramePose(turn, part.axis * axis.shift(position))
 
 
 def _tree_joint(
@@ -235,7 +237,7 @@ def _tree_joint(
     lower, upper = part.limits or (-np.inf, np.inf)
     return Joint(
         part.name,
-        "hinge" if part.kind == "hinge" else "slider",
+        part.kind,
         parent_body,
         u=frame.R,
         S=frame.S,
@@ -248,6 +250,7 @@ def _tree_joint(
         damping=part.damping,
         friction=part.friction,
         mimic=Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
+        pitch=part.pitch,
     )
 
 

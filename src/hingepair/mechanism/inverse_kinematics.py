@@ -337,8 +337,7 @@ def _reach(tree: Tree, frame: Frame) -> float:
     while body:
         joint = tree.joints[body - 1]
         reach += float(np.linalg.norm(joint.u))
-        if joint.kind == "slider" and np.isfinite(joint.position_limits).all():
-            reach += float(np.abs(joint.position_limits).max())
+        reach += joint.reach
         body = joint.parent
     return reach or 1.0
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, quoted
 from hingepair.mechanism.folding import JointPart
+from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.shapes import link_shapes, placed_shapes
 from hingepair.mechanism.slider import Slider
 from hingepair.numeric.unit_vectors import unit_axis
@@ -18,9 +19,8 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
 
-PartKind = Literal["hinge", "slider", "fixed"]
 # Kinds of parts, by the type of a URDF joint.
-_PART_KIND_BY_URDF_JOINT_TYPE: Mapping[str, PartKind] = {
+_PART_KIND_BY_URDF_JOINT_TYPE: Mapping[str, JointKind] = {
     "revolute": "hinge",
     "continuous": "hinge",
     "prismatic": "slider",

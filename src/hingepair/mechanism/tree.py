@@ -20,16 +20,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.equations.joints import Axis
 from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.shapes import BodyDrawing
 from hingepair.numeric.arrays import Frozen, read_only
-
-JointKind = Literal["hinge", "slider"]
 
 
 class Mimic(NamedTuple):
@@ -76,7 +76,7 @@ class Joint(Frozen):
 
     Attributes:
         name: name of the joint.
-        kind: "hinge" or "slider"; a continuous joint is a hinge without limits.
+        kind: a continuous joint is a hinge without limits.
         parent: number of the body that carries the joint; 0 is the base.
         u: the joint's point in the parent body's axes, from the parent's reference point [m]; shape (3,).
         S: attitude of the joint's body at q = 0 in the parent body's axes; shape (3, 3).
@@ -105,6 +105,28 @@ class Joint(Frozen):
     damping: float = 0.0
     friction: float = 0.0
     mimic: Mimic | None = None
+    pitch: float = 0.0  # displacement for one radian of a joint that also turns [m/rad]
+
+    @property
+    def axis(self) -> Axis:
+        """How far q turns the body about its axis, and shifts it along the axis."""
+        return KINDS[self.kind].axis(self.pitch)
+
+    @property
+    def unit(self) -> str:
+        """Unit of q."""
+        return KINDS[self.kind].unit
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of the torque or force along q."""
+        return KINDS[self.kind].effort
+
+    @property
+    def reach(self) -> float:
+        """Largest displacement along the axis within the limits [m]; 0 where there are none."""
+        largest = float(np.abs(self.position_limits).max())
+        return abs(self.axis.shift(largest)) if np.isfinite(largest) else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,9 +33,11 @@ function bodyPoses(base, q) {  // poses of all bodies, the base first; NaN behin
   for (const joint of content.joints) {
     const value = q[joint.coordinate], position = value === null ? NaN : joint.multiplier * value + joint.offset;
     const home = compose(poses[joint.parent], { R: joint.u, S: joint.S });
-    poses.push(joint.kind === "hinge"
-      ? { R: home.R, S: multiply(home.S, hingeRotation(joint.n, position)) }
-      : { R: add(home.R, rotate(home.S, joint.n.map((x) => x * position))), S: home.S });
+    const [turns, shifts] = joint.axis;
+    poses.push({
+      R: add(home.R, rotate(home.S, joint.n.map((x) => x * shifts * position))),
+      S: multiply(home.S, hingeRotation(joint.n, turns * position)),
+    });
   }
   return poses;
 }
@@ -177,10 +179,10 @@ function formatReadings() {
   return rows.map(([name, values, unit]) =>
     name.padEnd(7) + [values].flat().map((x) => formatNumber(x)).join("") + " " + unit).join("\n");
 }
-function formatPosition(kind, x) {
+function formatPosition(unit, x) {
   if (x === null) return "-";
-  const [scale, places, unit] = kind === "hinge" ? [180 / Math.PI, 1, "\u00b0"] : [1, 4, " m"];
-  return (Number((scale * x).toFixed(places)) + 0).toFixed(places) + unit;  // + 0 removes the sign of a zero
+  const [scale, places, sign] = unit === "rad" ? [180 / Math.PI, 1, "\u00b0"] : [1, 4, " m"];
+  return (Number((scale * x).toFixed(places)) + 0).toFixed(places) + sign;  // + 0 removes the sign of a zero
 }
 
 // ---- the displayed pose: that of an instant of the motion, or that of the sliders
@@ -202,8 +204,8 @@ function draw() {
   byId("numbers").textContent = formatReadings();
   byId("position").textContent =
     `R ${shown.R.map((x, i) => formatNumber(x + content.origin[i])).join("")} m`;
-  content.coordinates.forEach(({ kind, limits: [lower, upper] }, i) => {
-    const { input, output } = sliders[i], text = formatPosition(kind, q[i]);
+  content.coordinates.forEach(({ unit, limits: [lower, upper] }, i) => {
+    const { input, output } = sliders[i], text = formatPosition(unit, q[i]);
     input.disabled = q[i] === null;
     if (q[i] !== null) input.value = q[i];
     input.setAttribute("aria-valuetext", text);
@@ -227,17 +229,17 @@ function showManual(values) {  // displays a pose set by the sliders, and stops 
   q = values;
   draw();
 }
-const sliders = content.coordinates.map(({ name, kind, first, last, limits }, i) => {
+const sliders = content.coordinates.map(({ name, unit, first, last, limits }, i) => {
   const row = document.createElement("div"), label = document.createElement("label");
   const input = document.createElement("input"), output = document.createElement("output");
   row.className = "joint";
   Object.assign(input, { type: "range", id: `joint${i}`, min: first, max: last, step: "any" });
   label.htmlFor = output.htmlFor = input.id;
   label.textContent = label.title = name;
-  const [from, to] = [first, last].map((x) => formatPosition(kind, x));
+  const [from, to] = [first, last].map((x) => formatPosition(unit, x));
   const free = limits.map((limit, side) => (limit === null ? ["lower", "upper"][side] : "")).filter(Boolean);
   input.title = free.length ? `no ${free.length > 1 ? "" : `${free[0]} `}limit; shown from ${from} to ${to}`
-    : `limits ${formatPosition(kind, limits[0])} to ${formatPosition(kind, limits[1])}`;
+    : `limits ${formatPosition(unit, limits[0])} to ${formatPosition(unit, limits[1])}`;
   if (free.length) {
     const note = document.createElement("small");
     note.textContent = ` (no ${free.length > 1 ? "limits" : `${free[0]} limit`})`;

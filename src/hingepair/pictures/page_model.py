@@ -175,7 +175,7 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
         ],
         "joints": [
             {
-                **{"name": joint.name, "kind": joint.kind, "parent": joint.parent},
+                **{"name": joint.name, "axis": joint.axis, "parent": joint.parent},
                 **{"u": joint.u.tolist(), "S": joint.S.ravel().tolist(), "n": joint.n.tolist()},
                 "coordinate": places[joint.mimic.leader if joint.mimic else number],
                 "multiplier": joint.mimic.multiplier if joint.mimic else 1.0,
@@ -216,7 +216,7 @@ def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.
     (lower, upper), (first, last) = drawn_limits(joint), drawn_range(joint, size)
     known = positions[np.isfinite(positions)]
     return {
-        **{"name": joint.name, "kind": joint.kind, "chain": chain_index},
+        **{"name": joint.name, "unit": joint.unit, "chain": chain_index},
         "limits": [limit if math.isfinite(limit) else None for limit in (lower, upper)],
         "first": min(first, float(known.min(initial=first))),
         "last": max(last, float(known.max(initial=last))),

@@ -33,7 +33,7 @@ def robot_size(tree: Tree) -> float:
     """
     lengths = [0.0]
     for joint in tree.joints:
-        shifts = [abs(limit) for limit in drawn_limits(joint) if joint.kind == "slider" and math.isfinite(limit)]
+        shifts = [abs(joint.axis.shift(limit)) for limit in drawn_limits(joint) if math.isfinite(limit)]
         lengths.append(lengths[joint.parent] + math.hypot(*joint.u) + max(shifts, default=0.0))
     ends = [lengths[tree.links[tip].body] + math.hypot(*tree.links[tip].R) for tip in tree.tips]
     centres = [2 * math.hypot(*body.center_of_mass) for body in (tree.base, *(joint.body for joint in tree.joints))]
@@ -58,7 +58,7 @@ def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
     around 0. With one limit, the range has the same width.
     """
     lower, upper = drawn_limits(joint)
-    width = 2 * math.pi if joint.kind == "hinge" else size / 2
+    width = 2 * math.pi if joint.axis.turns else size / 2
     if not math.isfinite(lower):
         lower = upper - width if math.isfinite(upper) else -width / 2
     return lower, upper if math.isfinite(upper) else lower + width
@@ -93,7 +93,7 @@ def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
             body.links.append(Box((2.4 * radius,) * 3))
             continue
         joint = tree.joints[number - 1]
-        if joint.kind == "hinge":
+        if joint.axis.turns:
             drum = 1.2 * max(radius, min(radii[joint.parent], 1.4 * radius))
             body.joints.append(Cylinder(drum, 2.2 * drum, axis=joint.n))
             body.links.append(Sphere(radius))

@@ -6,6 +6,7 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
+from hingepair.equations.joints import HINGE
 from hingepair.equations.spatial import Scalar, Vector, rotate
 from hingepair.plans.steps import Step
 from hingepair.plans.trees import Computation, Form, Request
@@ -23,11 +24,11 @@ _FREE = (None,) * 12  # attitude and point of the hinge, which are parameters
 _ROTOR = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a hinge that follows none
 # Body 2 without the matter that counts with body 1 (T9): m = 0, h_z = 0 and N_zz = 0.
 _PAIR = Form(
-    ("hinge",), (0,), (False,), (0,),
+    ("hinge",), (0,), (HINGE,), (0,),
     ((None,) * 10 + _FREE + (0.0, None, None, 0.0, None, None, None, None, None, 0.0) + _ROTOR + (None,) * 3),
 )  # fmt: skip
 # The hinge bears the whole of body 2, and body 1 does not count.
-_BODY2 = Form(("hinge",), (0,), (False,), (0,), (0.0,) * 10 + _FREE + (None,) * 10 + _ROTOR + (0.0,) * 3)
+_BODY2 = Form(("hinge",), (0,), (HINGE,), (0,), (0.0,) * 10 + _FREE + (None,) * 10 + _ROTOR + (0.0,) * 3)
 _UNLOADED = Request((), free=True)
 # force2 and torque2 act in a frame of body 2 with the axes of the tree.
 _LOADED = Request((), True, (1,), (None, None, None, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), (0,))

@@ -16,6 +16,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.trace import name_components, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import factor_symmetric, solve_symmetric
+from hingepair.equations.joints import Axis
 from hingepair.equations.spatial import (
     ZERO_VECTOR,
     Matrix,
@@ -52,24 +53,13 @@ then the smallest pivots of the base, then those of each frame, in the order of 
 
 
 class Form(NamedTuple):
-    """The structure of a robot. `names`, `parents`, `slides` and `columns` hold one value for each joint: its name,
-    the number of the body that carries it (0 is the base), whether it is a slider, and its index in q. `known` has
-    one element for each constant of the base and the joints: its value if this is 0, 1 or -1, and otherwise None.
-    Robots of equal form share programs.
+    """The structure of a robot; robots of equal form share programs. The tuples have one entry for each joint."""
 
-    Attributes:
-        names: names of the joints in generated code.
-        parents: for each joint's body, the number of the body that carries it.
-        slides: for each joint, whether it is a slider.
-        columns: for each joint, its column in q; a mimic joint has the column of its leader.
-        known: the constants of base and joints that are 0, 1 or -1; None for all others.
-    """
-
-    names: tuple[str, ...]
-    parents: tuple[int, ...]
-    slides: tuple[bool, ...]
-    columns: tuple[int, ...]
-    known: tuple[float | None, ...]
+    names: tuple[str, ...]  # in generated code
+    parents: tuple[int, ...]  # number of the body that carries it; 0 is the base
+    axes: tuple[Axis, ...]
+    columns: tuple[int, ...]  # its column in q; a mimic joint has the column of its leader
+    known: tuple[float | None, ...]  # the constants of base and joints that are 0, 1 or -1; None for all others
 
     @property
     def dof(self) -> int:
@@ -152,8 +142,8 @@ class Computation:
         self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in joints]
         self.min_pivots = [joint.pop("min_pivot") for joint in joints]
         self.links = [
-            eq.Link(parent, slides, **joint)
-            for parent, slides, joint in zip(form.parents, form.slides, joints, strict=True)
+            eq.Link(parent, axis, **joint)
+            for parent, axis, joint in zip(form.parents, form.axes, joints, strict=True)
         ]
         lowest = _take_numbers(parts, SHAPE_BY_BASE_PIVOT_NAME)
         self.base_min_pivots = [lowest["min_force_pivot"]] * 3 + [lowest["min_torque_pivot"]] * 3
@@ -208,10 +198,10 @@ class Computation:
         """List of the placements of the joints: the pose of each joint's body in the axes of its parent body.
         Computing the list names the sines and cosines in generated code.
         """
-        turns = [
-            None if link.slides else (sine(value), cosine(value))
-            for link, value in zip(self.links, self.q, strict=True)
+        angles = [
+            link.axis.turn(value) if link.axis.turns else None for link, value in zip(self.links, self.q, strict=True)
         ]
+        turns = [None if angle is None else (sine(angle), cosine(angle)) for angle in angles]
         for name, turn in zip(self.form.names, turns, strict=True):
             name_components(name, turn, (f"sin_{name}", f"cos_{name}"))
         return eq.joint_placements(self.links, turns, self.q)
@@ -588,7 +578,7 @@ class Computation:
         joint_columns = []
         share = _reciprocal(self.composites[0].mass)
         for link, matter, pose in zip(self.links, self.composites[1:], self.poses[1:], strict=True):
-            force, _ = eq.axis_wrench(link.slides, matter)
+            force, _ = eq.axis_wrench(link.axis, matter)
             joint_columns.append((scale(rotate(pose.S, force), share), ZERO_VECTOR))
         base = eq.base_jacobian_columns(self.centre_from_base) if self.request.free else ()
         entries = _matrix_rows(self._jacobian_columns(joint_columns, base))
@@ -871,7 +861,7 @@ and to compile."""
 def estimated_operations(form: Form, request: Request) -> int:
     """Return about how many operations a request takes where nothing folds, from the number of joints alone.
 
-    >>> chain = Form(("a", "b"), (0, 1), (False, False), (0, 1), (None,) * 62)
+    >>> chain = Form(("a", "b"), (0, 1), ((1.0, 0.0),) * 2, (0, 1), (None,) * 62)
     >>> estimated_operations(chain, Request(("mass_matrix",), False))
     520
     """

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.errors import ArgumentError
+from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array, one_constant
@@ -44,8 +45,8 @@ class JointLoad:
 
     #: name of the joint
     joint: str
-    #: "hinge" or "slider"
-    kind: str
+    #: kind of the joint
+    kind: JointKind
     #: root mean square of the joint's effort: torque of a hinge [N m], force of a slider [N]; NaN if no value is
     #: finite
     rms: float
@@ -74,7 +75,7 @@ class JointLoad:
     @property
     def unit(self) -> str:
         """Unit of the joint's effort: N m for a hinge, N for a slider."""
-        return "N m" if self.kind == "hinge" else "N"
+        return KINDS[self.kind].effort
 
     @property
     def use(self) -> float:
@@ -371,7 +372,7 @@ def _effort_noise(
     for column, joint in enumerate(robot.tree.coordinates):
         if joint.name in motion.moving:
             names = tuple(joint.name + rate for rate in RATE_SUFFIXES)
-            length = "rad" if joint.kind == "hinge" else "m"
+            length = joint.unit
             units |= zip(names, (length, f"{length}/s", f"{length}/s^2"), strict=True)
             values = tuple(middle.column(order, column) for order in range(len(names)))
             for order, noisy in enumerate(log.column_with_noise_added(names, values)):

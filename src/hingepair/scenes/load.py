@@ -138,7 +138,7 @@ def load_suspicions(path: str | os.PathLike[str]) -> tuple[str, ...]:
     if _is_of_robot(tables):
         robot = load_mechanism(path)
         joints = robot.tree.coordinates if robot is not None else ()
-        limits: Any = {joint.name: joint.position_limits for joint in joints if joint.kind == "hinge"}
+        limits: Any = {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
     else:
         limits = {"psi": getattr(_read_pair(tables), "limits", None) or ()}
     return tuple(dict.fromkeys(file_suspicions(tables.values, limits)))

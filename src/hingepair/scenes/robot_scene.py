@@ -189,12 +189,11 @@ class RobotScene(Scene):
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components, such as R_tool_x or tau_elbow."""
         for joint in self.mechanism.tree.coordinates:
-            hinge = joint.kind == "hinge"
             if name == f"tau_{joint.name}":
-                return "N m" if hinge else "N"
+                return joint.effort_unit
             for ending, per in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), strict=True):
                 if name == joint.name + ending:
-                    return ("rad" if hinge else "m") + per
+                    return joint.unit + per
         quantity, _, _ = name.partition("_")
         return unit_of(quantity)
 
@@ -310,7 +309,7 @@ class RobotScene(Scene):
     def angle_limits(self) -> dict[str, Sequence[float]]:
         """Return the limits of the hinges by name."""
         joints = self.mechanism.tree.coordinates
-        return {joint.name: joint.position_limits for joint in joints if joint.kind == "hinge"}
+        return {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
 
     def _sizes(self, rows: Rows) -> tuple[Float64Array, Any, Any]:
         known = self.known(rows, VELOCITY)

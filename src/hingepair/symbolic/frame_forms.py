@@ -219,8 +219,7 @@ class FrameForms:
     def _legend(self) -> str:
         """Return a string that says which joint each coordinate q_1, q_2, ... belongs to."""
         joints = (
-            f"{symbol} {joint.name}{' [m]' * (joint.kind == 'slider')}"
-            for symbol, joint in self._program.joints.items()
+            f"{symbol} {joint.name}{' [m]' * (joint.unit == 'm')}" for symbol, joint in self._program.joints.items()
         )
         if not self._program.joints:
             return "no joint moves the frame"

@@ -14,6 +14,7 @@ back into their place.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Collection, Sequence
 from typing import Final, NamedTuple, TypeAlias
@@ -195,10 +196,15 @@ class FrameProgram:
             position = exact(ratio) * self.q[column] + exact(offset)
             mark = f"m{number}" if joint.mimic is not None else str(column + 1)
             group.append_lever(self._point_vector(f"u_{mark}", joint.u))
-            if joint.kind == "slider":
-                group.append_rotation(joint.S)
-                direction = group.to_group_axes([exact_entry(part) for part in joint.n.tolist()])
-                group.members.append(_GroupSlider(group.angle, direction, position, column, exact(ratio)))
+            turns, shifts = map(exact, joint.axis)
+            if shifts:
+                before = copy.deepcopy(group) if turns else group
+                before.append_rotation(joint.S)
+                direction = before.to_group_axes([exact_entry(part) for part in joint.n.tolist()])
+                group.members.append(
+                    _GroupSlider(before.angle, direction, shifts * position, column, shifts * exact(ratio))
+                )
+            if not turns:
                 continue
             with np.errstate(under="ignore"):
                 axis = joint.S @ joint.n

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
+from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Joint, MassProperties
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
@@ -391,6 +392,11 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
     return Twin(model, model.createData(), has_free_flyer, ratios, offsets)
 
 
+def _joint_model(pin: Any, joint: Joint, axis: Any) -> Any:
+    turns_and_shifts = all(joint.axis)
+    return getattr(pin, KINDS[joint.kind].pinocchio)(axis, *[joint.pitch] * turns_and_shifts)
+
+
 def _model(
     pin: Any, name: str, flyer: str | None, joints: Iterable[Joint], frames: Iterable[Any], inertias: list[Any]
 ) -> Any:
@@ -400,11 +406,10 @@ def _model(
     model = pin.Model()
     model.name = name
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), flyer) if flyer else 0
-    kinds = {"hinge": pin.JointModelRevoluteUnaligned, "slider": pin.JointModelPrismaticUnaligned}
     for joint in joints:
         axis, placement = np.array(joint.n), pin.SE3(np.array(joint.S), np.array(joint.u))
         limits = [np.array([value]) for value in (joint.effort_limit, joint.rate_limit, *joint.position_limits)]
-        number = model.addJoint(root + joint.parent, kinds[joint.kind](axis), placement, joint.name, *limits)
+        number = model.addJoint(root + joint.parent, _joint_model(pin, joint, axis), placement, joint.name, *limits)
         model.addJointFrame(number)
         model.armature[model.joints[number].idx_v] = joint.armature
     for frame in frames:

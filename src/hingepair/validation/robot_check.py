@@ -316,7 +316,7 @@ def _output_scales(case: _Case, ours: Mapping[str, Float64Array]) -> dict[str, F
 def _generalized_scales(robot: Mechanism, scales: RobotScales, columns: Float64Array) -> Float64Array:
     """Return the scales of generalized forces; `columns` leads from the robot's velocities to the joints'."""
     force, torque = scales.forces()
-    slides = np.array([joint.kind == "slider" for joint in robot.tree.joints], dtype=bool)
-    along = np.where(slides, force[:, 1:], torque[:, 1:]) + scales.rotor_efforts()
+    turns, shifts = np.abs([joint.axis for joint in robot.tree.joints]).reshape(-1, 2).T
+    along = turns * torque[:, 1:] + shifts * force[:, 1:] + scales.rotor_efforts()
     base = [np.repeat(force[:, :1], 3, axis=1), np.repeat(torque[:, :1], 3, axis=1)]
     return np.concatenate((*base, along), axis=1) @ columns

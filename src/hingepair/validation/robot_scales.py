@@ -1,8 +1,8 @@
 """Scales of the errors of a robot's results: the sizes of the terms of each result before they cancel.
 
-The sizes grow from the base to the tips. At a joint, l is the length of the offset (with the position of a slider),
-W and A are the sizes of the angular velocity and acceleration, and q' is the rate of a hinge (the rate of a slider
-adds to v, not to W):
+The sizes grow from the base to the tips. At a joint, l is the length of the offset and of the displacement along the
+axis, W and A are the sizes of the angular velocity and acceleration, and q' is the rate of a hinge (that of a
+displacement adds to v):
 
     R += l      W += abs(q')      v += W l      A += abs(q'') + W abs(q') + q'^2
     a += (A + W^2) l + (W + W2) v + W W2 l
@@ -46,7 +46,7 @@ class RobotScales:
         self._tree = tree
         count, number = joints[0].shape[0], len(tree.joints)
         zero = np.zeros((count, number))
-        self._shift, self._rates, self._changes = (np.abs(one) for one in (*joints, zero, zero)[:3])
+        self._places, self._rates, self._changes = (np.abs(one) for one in (*joints, zero, zero)[:3])
         self._gravity = float(norm(gravity))
         parts = {letter: getattr(base, letter, None) for letter in ("R", "v", "omega", "a", "alpha")}
         base_sizes = {
@@ -58,20 +58,19 @@ class RobotScales:
         self._sums = [{**size, "S": np.ones(count)}]
         self._lengths = [np.zeros(count)]
         for k, joint in enumerate(tree.joints):
-            slides = joint.kind == "slider"
-            length = float(norm(joint.u)) + (self._shift[:, k] if slides else 0.0)
-            size = _sizes_behind_joint(
-                self._sizes[joint.parent], length, self._rates[:, k], self._changes[:, k], slides
-            )
+            turns, shifts = map(abs, joint.axis)
+            length = float(norm(joint.u)) + shifts * self._places[:, k]
+            motion = self._rates[:, k], self._changes[:, k]
+            size = _sizes_behind_joint(self._sizes[joint.parent], length, *motion, (turns, shifts))
             self._sizes.append(size)
-            turns = 1.0 if joint.mimic is None or slides else 1.0 + self._shift[:, k]
+            turns = 1.0 if joint.mimic is None else 1.0 + turns * self._places[:, k]
             self._sums.append(_add_sizes(self._sums[joint.parent], size, turns))
             self._lengths.append(length + np.zeros(count))
         self._distances = self._distance_bounds()
 
     def motion(self, frame: Frame) -> dict[str, Float64Array]:
         """Return a dict of the error scales of R, S, v, omega, a and alpha of a frame by name; shape (N,) each."""
-        size = _sizes_behind_joint(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, is_slider=False)
+        size = _sizes_behind_joint(self._sizes[frame.body], float(norm(frame.R)), 0.0, 0.0, (0.0, 0.0))
         total = _add_sizes(self._sums[frame.body], size, 1.0)
         return {
             "S": total["S"],
@@ -88,10 +87,10 @@ class RobotScales:
         place = self._sizes[frame.body]["R"] + float(norm(frame.R))
         scales = np.zeros((len(place), 6, 6 + len(self._tree.joints)))
         for body in np.flatnonzero(self._carries[:, frame.body]):
-            for column, slides in self._velocity_columns(int(body)):
+            for column, (turns, shifts) in self._velocity_columns(int(body)):
                 lever = (place + self._sizes[body]["R"])[:, None]
-                scales[:, :3, column] = steps if slides else lever * steps
-                scales[:, 3:, column] = 0.0 if slides else steps
+                scales[:, :3, column] = (turns * lever + shifts) * steps
+                scales[:, 3:, column] = turns * steps
         return scales
 
     def forces(self) -> tuple[Float64Array, Float64Array]:
@@ -139,11 +138,11 @@ class RobotScales:
                 column for body in np.flatnonzero(self._carries[:, k]) for column in self._velocity_columns(int(body))
             ]
             bodies = [max(column - 5, 0) for column, _ in carriers]
-            slides = np.array([slides for _, slides in carriers])
-            arms = np.where(slides, 1.0, self._distances[:, bodies, k] + lever)
+            turns, shifts = np.array([axis for _, axis in carriers]).T
+            arms = turns * (self._distances[:, bodies, k] + lever) + shifts
             place = np.array([column for column, _ in carriers])
             both = abs(masses.mass) * arms[:, :, None] * arms[:, None, :]
-            both += inertia * (~slides[:, None] & ~slides[None, :])
+            both += inertia * turns[:, None] * turns[None, :]
             scales[:, place[:, None], place[None, :]] += steps[:, None, None] * both
         for k, joint in enumerate(self._tree.joints):
             scales[:, k + 6, k + 6] += joint.armature
@@ -173,13 +172,12 @@ class RobotScales:
         """Return the MassProperties of the body with index `body`; the base has the index 0."""
         return self._tree.joints[body - 1].body if body else self._tree.base
 
-    def _velocity_columns(self, body: int) -> list[tuple[int, bool]]:
-        """Return a list of tuples (index, is_translation), one for each velocity that moves a body relative to its
-        parent: one for the joint of the body, six for the base.
-        """
+    def _velocity_columns(self, body: int) -> list[tuple[int, tuple[float, float]]]:
+        """Return (index, (how far it turns, how far it shifts)) of each velocity that moves a body in its parent."""
         if body == 0:
-            return [(column, column < 3) for column in range(6)]
-        return [(body + 5, self._tree.joints[body - 1].kind == "slider")]
+            return [(column, (0.0, 1.0) if column < 3 else (1.0, 0.0)) for column in range(6)]
+        turns, shifts = self._tree.joints[body - 1].axis
+        return [(body + 5, (abs(turns), abs(shifts)))]
 
     def _distance_bounds(self) -> Float64Array:
         """Return upper bounds on the distance [m] from each body to each body that it carries, shape (N, bodies,
@@ -196,19 +194,19 @@ class RobotScales:
 
 
 def _sizes_behind_joint(
-    sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, is_slider: bool
+    sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, axis: tuple[float, float]
 ) -> dict[str, Any]:
     """Return a dict of the sizes of the motion of the body behind a joint: R, v, a, W (of the angular velocity) and A
     (of the angular acceleration).
     """
     W, A, v, a = (sizes[letter] for letter in "WAva")
-    turn, shift = (0.0, rate) if is_slider else (rate, 0.0)
+    turns, shifts = axis
+    turn, shift = turns * rate, shifts * rate
     both = W + turn
     grown = {"R": sizes["R"] + length, "W": both, "v": v + W * length + shift}
-    grown["A"] = A + (0.0 if is_slider else acceleration) + W * turn + turn * turn
+    grown["A"] = A + turns * acceleration + W * turn + turn * turn
     grown["a"] = a + (A + W * W) * length + (W + both) * v + W * both * length
-    if is_slider:
-        grown["a"] = grown["a"] + acceleration + 2 * W * rate
+    grown["a"] = grown["a"] + shifts * acceleration + 2 * W * shift
     return grown
 
 

@@ -50,7 +50,7 @@ def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Arra
     """
     rng = np.random.default_rng(seed)
     size = 200, robot.dof  # a humanoid takes some seconds
-    hinges = np.array([joint.kind == "hinge" for joint in robot.tree.joints if joint.mimic is None], dtype=bool)
+    hinges = np.array([joint.unit == "rad" for joint in robot.tree.joints if joint.mimic is None], dtype=bool)
     q = [rng.uniform(-np.pi, np.pi, size) * np.where(hinges, 1.0, 0.1)]
     qd, qdd = [rng.uniform(-2, 2, size)], [rng.uniform(-5, 5, size)]
     for angle in _HARD_ANGLES:

@@ -135,7 +135,7 @@ def compare_descriptions(robot: Mechanism, twin: Twin) -> tuple[Comparison, ...]
     for number, joint in enumerate(joints, 2):
         there, length = model.jointPlacements[number], 1 + float(np.abs(joint.u).max())
         linear, angular = np.split(np.ravel(model.joints[number].createData().S), 2)
-        axis, other = (angular, linear) if joint.kind == "hinge" else (linear, angular)
+        axis, other = (angular, linear) if joint.axis.turns else (linear, angular)
         turned = max(_largest(joint.S - there.rotation), _largest(joint.n - axis), _largest(other))
         is_there = joint.parent == model.parents[number] - 1
         place.append(max(turned, _largest(joint.u - there.translation) / length) if is_there else np.inf)

@@ -341,7 +341,7 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
     arrays = {f"q{ending}": tuple(name + ending for name in names) for ending in RATE_SUFFIXES}
     columns = tuple(dict.fromkeys(("t", *(column for group in arrays.values() for column in group))))
     arrays = {name: group for name, group in arrays.items() if name not in columns}  # a joint may be called q
-    angle_names = frozenset(joint.name for joint in robot.tree.coordinates if joint.kind == "hinge")
+    angle_names = frozenset(joint.name for joint in robot.tree.coordinates if joint.unit == "rad")
     writing_hint = "run --outputs q,qd,qdd --out FILE writes what is read here"
     judged = dict.fromkeys(sorted(angle_names), "angle")
     return LogLayout(arrays, columns, angle_names, judged, _RESULT_PREFIXES, writing_hint)
