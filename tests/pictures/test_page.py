@@ -97,7 +97,7 @@ def test_the_page_holds_the_motion_and_asks_for_nothing_else(scene):
 def test_a_pair_is_a_mechanism_of_one_joint_whose_base_is_body_1(scene):
     content, pair = content_of(hp.view(scene)), scene.pair
     (joint,) = content["joints"]
-    assert (joint["kind"], joint["parent"], joint["u"]) == ("hinge", 0, pair.u1.tolist())
+    assert (joint["axis"], joint["parent"], joint["u"]) == ([1, 0], 0, pair.u1.tolist())
     assert joint["S"] == pair.home.ravel().tolist()
     np.testing.assert_allclose(pair.home @ joint["n"], pair.n, atol=4 * U)
     frames = {frame["name"]: frame for frame in content["frames"]}

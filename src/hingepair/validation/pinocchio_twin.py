@@ -410,6 +410,7 @@ def _model(
         axis, placement = np.array(joint.n), pin.SE3(np.array(joint.S), np.array(joint.u))
         limits = [np.array([value]) for value in (joint.effort_limit, joint.rate_limit, *joint.position_limits)]
         number = model.addJoint(root + joint.parent, _joint_model(pin, joint, axis), placement, joint.name, *limits)
+        model.lowerVelocityLimit[model.joints[number].idx_v] = -joint.rate_limit  # Pinocchio drops the sign
         model.addJointFrame(number)
         model.armature[model.joints[number].idx_v] = joint.armature
     for frame in frames:
