@@ -199,7 +199,7 @@ def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
     assert repr(page) == "Page(panda, joints=8)"
     assert (content["t"], content["q"], content["placements"]) == ([], [], [np.eye(4).ravel().tolist()])
     for joint, own in zip(content["joints"], robot.tree.joints, strict=True):
-        assert (joint["name"], joint["kind"], joint["parent"]) == (own.name, own.kind, own.parent)
+        assert (joint["name"], tuple(joint["axis"]), joint["parent"]) == (own.name, own.axis, own.parent)
         assert (joint["u"], joint["n"], joint["S"]) == (own.u.tolist(), own.n.tolist(), own.S.ravel().tolist())
     assert [joint["coordinate"] for joint in content["joints"]] == [*range(8), 7]
     sliders = content["coordinates"]
