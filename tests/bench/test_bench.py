@@ -273,7 +273,23 @@ def test_what_is_known_changes_no_output():
             np.testing.assert_allclose(getattr(folded, name), getattr(full, name), rtol=0, atol=40 * unit)
 
 
-@pytest.mark.slow(4)
+@pytest.mark.slow
+def test_what_is_measured_in_fresh_processes_runs(monkeypatch):
+    cases = {}
+    monkeypatch.setattr(direct, "measure_cold", lambda case, codes, *_: cases.setdefault(case, codes) and [])
+    monkeypatch.setattr(direct, "COLD_SIZES", (1, 5))
+    direct.measure_starts(1)
+    cases["robot"] = robots._cold_codes("panda")
+    assert [*map(len, cases.values())] == [2, 1, 3, 3, 1]
+    for codes in cases.values():
+        for before, timed in codes.values():
+            if "main()" in timed:
+                compile(f"{before}\n{timed}", "run", "exec")
+            else:
+                exec(f"{before}\n{timed}", {})
+
+
+@pytest.mark.slow
 def test_first_calls_are_measured_in_fresh_processes_and_find_code_on_the_disk_the_second_time():
     before = """
 import os
