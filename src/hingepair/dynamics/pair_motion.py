@@ -46,8 +46,6 @@ HingeMotion: TypeAlias = Callable[[Array], Any]
 """psi, psi' and psi'' at instants (n,) [s]; each (n,)."""
 
 _TURN, _PSI = slice(9, 12), 12  # of the Cayley coordinates g and of psi in the state
-
-# Components of the state by name.
 _PLACES = {
     "base_point": slice(0, 3),
     "momentum": slice(3, 6),
@@ -56,15 +54,14 @@ _PLACES = {
     "psi": _PSI,
     "psid": 13,
 }
-# Steps that take the components from the state.
 _UNPACKED = tuple(Step(name, operator.itemgetter(where), ("state",)) for name, where in _PLACES.items())
+# From g to the attitude and to the derivative of g, by whether the pair is planar.
 _ATTITUDES = {
     False: (Step("S1", dyn.cayley_attitude, ("g", "S0")), Step("g_rate", dyn.cayley_rate, ("g", "omega1"))),
     True: (Step("S1", lambda g: upright(turn_terms(g[2])), ("g",)), Step("g_rate", same, ("omega1",))),
 }
-"""Steps from g to the attitude and to the derivative of g, by whether the pair is planar."""
-# The angular velocity from the angular momentum.
 _OMEGA1 = Step("omega1", dyn.omega1_from_momentum, ("inertia_about_point", "angular_momentum", "psid"))
+# To the derivatives of base point and momenta, and to v1, by the kind of base.
 _MOMENTUM_RATES = {
     "free": (
         Step("psid_fraction", operator.mul, ("mass_fraction2", "psid")),
@@ -83,8 +80,6 @@ _MOMENTUM_RATES = {
         Step("net_torque", dyn.torque_about, ("total_torque", "centre", "weight")),
     ),
 }
-"""Steps to the derivatives of base point and momenta, and to v1, by the kind of base."""
-# Steps from the loads to the derivatives of the state.
 _STATE_RATES = (
     Step("weight", eq.scale, ("gravity", "mass")),
     Step("R1", eq.subtract, ("base_point", "point")),
@@ -93,15 +88,11 @@ _STATE_RATES = (
          ("velocity", "net_force", "net_torque", "g_rate", "psid", "psidd")),
 )  # fmt: skip
 
-# Whether each component of the state is a velocity or a momentum.
-_ARE_RATES: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])
+_ARE_RATES: Final = np.repeat([False, True, False, True], [3, 6, 4, 1])  # velocities and momenta in the state
 
 
 class MotionSamples(NamedTuple):
-    """Samples of a simulated motion at n instants t: attitudes `quats` of body 1 (scalar first), pose and velocities
-    as the field `motion`, accelerations a1, alpha1 and psidd, angle phi of body 1 in the plane, a dict of loads by
-    name, and the number of steps.
-    """
+    """Samples of a simulated motion at n instants."""
 
     t: Array  # instants [s]; (n,)
     quats: Array  # attitudes of body 1, scalar first; (n, 4)
@@ -116,9 +107,8 @@ class MotionSamples(NamedTuple):
 
 class PairMotion:
     """Equations of motion of a pair: the first state, the derivatives of any state, and the motion of the bodies in
-    any state. Stores the attitude at the start of the present step, the pair `side`, which selects the smooth branch
-    of the hinge torque, and `held`, whether the hinge is held. At construction, raise an ArgumentError if a moving
-    body lacks mass properties or inertia, and issue a DynamicsWarning for each assumed mass property.
+    any state. It stores the attitude at the start of the present step, the `side` that selects the smooth branch of
+    the hinge torque, and whether the hinge is `held`.
 
     Args:
         pair: a pair in space whose moving bodies have mass properties.
@@ -128,6 +118,9 @@ class PairMotion:
         loads: loads on the bodies and at the hinge.
         execution: how programs are run.
         hinge: motion of the hinge; None: it turns by its loads.
+
+    Raises:
+        ArgumentError: a body that moves lacks mass properties or inertia.
     """
 
     def __init__(
@@ -196,7 +189,7 @@ class PairMotion:
 
     @property
     def callable_names(self) -> tuple[str, ...]:
-        """Tuple of the names of those arguments of `simulate` that are callables: loads, "hinge" and "base"."""
+        """Names of the arguments of `simulate` that are callables: loads, "hinge" and "base"."""
         return (
             *self.loads.callable_names,
             *["hinge"] * (self._hinge is not None),
@@ -204,8 +197,8 @@ class PairMotion:
         )
 
     def first_step_length(self, t: float, span: float) -> float:
-        """Return a length for the first step [s] from the instant t, in which nothing turns by more than a tenth of a
-        radian at the present rates; at most `span`, and a hundredth of `span` if nothing moves.
+        """Return a length for the first step [s], in which nothing turns by more than a tenth of a radian at the
+        present rates.
         """
         rates = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[-5:]
         rates[-1] /= max(1, abs(self.state[-1]))
@@ -213,10 +206,7 @@ class PairMotion:
         return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
 
     def rates(self, t: Array, states: Array) -> Array:
-        """Compute the time derivatives of states, (m, k), at instants t, (m,), on the present branch of the hinge
-        torque; return an array (m, k). The derivatives of the hinge angle and the hinge rate are 0 if the hinge is
-        held, and the prescribed rate and acceleration if its motion is prescribed.
-        """
+        """Return the time derivatives of states, (m, k), on the present branch of the hinge torque."""
         if self.held and not self._is_free_or_pinned:
             return np.zeros((len(t), 2))
         inputs = self._program_inputs(t, states, self._S0)
@@ -230,48 +220,35 @@ class PairMotion:
         return rates
 
     def hinge_acceleration(self, t: float, state: Array) -> float:
-        """Return psi'' [rad/s^2] for one state at the instant t, on the present branch of the hinge torque, as if the
-        hinge were not held.
-        """
+        """Return psi'' [rad/s^2] in one state, as if the hinge were not held."""
         inputs = self._program_inputs(np.array([t]), state[None], self._S0)
         return float(self._psidd(inputs, self._loads_at(np.array([t]), inputs, self.side))[0])
 
     def hinge_response(self, t: float, state: Array) -> float:
-        """Return the derivative of psi'' with respect to a torque at the hinge, for one state at the instant t, as a
-        number [rad/s^2 / (N m)].
-        """
+        """Return the derivative of psi'' by a torque at the hinge [rad/s^2 / (N m)] in one state."""
         inputs = self._program_inputs(np.array([t]), state[None], self._S0)
         loads = self._loads_at(np.array([t]), inputs, self.side)
         increased = self._psidd(inputs, loads | {"hinge_torque": loads["hinge_torque"] + 1.0})
         return float((increased - self._psidd(inputs, loads))[0])
 
     def holding_torque(self, t: Array, states: Array) -> Array:
-        """Compute the torque [N m] that must be added at the hinge so that psi'' is 0, at instants t and states;
-        return an array (m,).
-        """
+        """Return the torque [N m] that must be added at the hinge so that psi'' is 0, (m,)."""
         inputs = self._program_inputs(t, states, self._S0)
         return self._torque_to_reach(inputs, self._loads_at(t, inputs, self.side), 0.0)
 
     def callable_loads(self, t: Array, states: Array) -> dict[str, Array]:
-        """Compute the callable loads at instants t and states, on the present branch of the hinge torque; return a
-        dict of arrays by name.
-        """
+        """Return the callable loads by name, on the present branch of the hinge torque."""
         return self._loads_at(t, self._program_inputs(t, states, self._S0), self.side)
 
     def motion_at(self, t: Array, states: Array) -> MotionAtInstants:
-        """Return the motion of the pair at instants and states of the present step as MotionAtInstants."""
+        """Return the motion of the pair in states of the present step."""
         return self._motion_from_inputs(self._program_inputs(t, states, self._S0))
 
     def _psidd(self, inputs: dict[str, Any], loads: dict[str, Array]) -> Array:
-        """Compute psi'' [rad/s^2] from the dict `inputs` that `_program_inputs` returns and a dict of loads by name;
-        return an array (m,).
-        """
         return np.asarray(_run_compiled_call(self._acceleration_call, inputs | loads)["psidd"])
 
     def _torque_to_reach(self, inputs: dict[str, Any], loads: dict[str, Array], psidd: Array | float) -> Array:
-        """Compute the torque [N m] that must be added at the hinge so that psi'' has the value `psidd`; return an
-        array (m,). `inputs` is the dict that `_program_inputs` returns, and `loads` is a dict of arrays by name.
-        """
+        """Return the torque [N m] that must be added at the hinge so that psi'' has this value, (m,)."""
         torque = loads["hinge_torque"]
         required = psidd - self._psidd(inputs, loads)
         slope = self._psidd(inputs, loads | {"hinge_torque": torque + 1.0}) - (psidd - required)
@@ -282,9 +259,8 @@ class PairMotion:
         return np.asarray(added)
 
     def restart_attitude(self, state: Array) -> Array:
-        """Rotate the stored attitude, in place, by the Cayley coordinates g of a state at the end of a step. Return a
-        copy of the state with g = 0. For a planar pair, or if the motion of body 1 is given, change nothing and
-        return the state itself.
+        """Turn the stored attitude by g of a state at the end of a step; return the state with g = 0. A planar or
+        carried pair stores none.
         """
         if self._is_planar or not self._is_free_or_pinned:
             return state
@@ -295,9 +271,7 @@ class PairMotion:
         return state
 
     def sample(self, t: Array, states: Array, quats: Array, side: KinkSide, held: NDArray[np.bool_]) -> MotionSamples:
-        """Compute the `MotionSamples` of motion and loads at n instants, which may lie in different steps. `quats`
-        are the attitudes at the starts of their steps, `side` is a tuple (angles, rates) that selects the branches of
-        the hinge torque, and `held` is a boolean array (n,) that says whether the hinge is held.
+        """Return motion and loads at n instants, which may lie in different steps.
 
         Args:
             t: instants; shape (n,).
@@ -341,10 +315,8 @@ class PairMotion:
         return MotionSamples(t, quats, motion, a1, alpha1, psidd, phi, loads)
 
     def _program_inputs(self, t: Array, states: Array, S0: Array) -> dict[str, Any]:
-        """Return a dict by name of the arrays that compiled programs take as inputs at instants: psi and psi', with
-        `state` and S0 for a free or pinned base, with the motion of body 1 for a prescribed base, and with psi'' for
-        a prescribed hinge. `S0` are the attitudes at the starts of the steps, (..., 9). Raise an ArgumentError if a
-        prescribed motion does not fit.
+        """Return the inputs of compiled programs: psi and psi'; the state and S0, or the motion of body 1; psi'' of a
+        given hinge.
         """
         hinge = dict(zip(("psi", "psid"), states.T[self.psi_index : self.psi_index + 2], strict=True))
         if self._hinge:
@@ -358,16 +330,10 @@ class PairMotion:
         return hinge | prescribed_base_motion(self._base_motion, t)
 
     def _loads_at(self, t: Array, inputs: dict[str, Any], side: KinkSide) -> dict[str, Array]:
-        """Compute the callable loads at instants t from the dict `inputs` that `_program_inputs` returns; return a
-        dict of arrays by name. `side`, (angle, rate), selects the smooth branch of a HingeLoad.
-        """
         motion = self._motion_from_inputs(inputs) if self.loads.need_motion else None
         return self.loads.callables_at(t, motion, inputs["psi"], inputs["psid"], side)
 
     def _motion_from_inputs(self, inputs: dict[str, Any]) -> MotionAtInstants:
-        """Compute pose and velocities of the pair from the dict `inputs` that `_program_inputs` returns; return
-        MotionAtInstants.
-        """
         values = inputs | (
             _run_compiled_call(self._motion_call, inputs).arrays() if self._is_free_or_pinned else self._rest
         )
@@ -376,8 +342,10 @@ class PairMotion:
 
 
 def hinge_motion(hinge: HingeMotion, t: Array) -> tuple[Array, Array, Array]:
-    """Call the function `hinge` that prescribes the motion of a hinge at instants t, (n,); return a tuple of three
-    arrays (psi, psi', psi''), shape (n,) each. Raise an ArgumentError if the results of the function do not fit.
+    """Return psi, psi' and psi'' of a hinge that moves as given, (n,) each.
+
+    Raises:
+        ArgumentError: the callable returns something else.
     """
     values = call_with_arrays("hinge", hinge, t)
     try:
@@ -398,8 +366,10 @@ def check_hinge_rates(hinge: HingeMotion, t: Array) -> None:
 
 
 def prescribed_base_motion(base: PrescribedMotion, t: Array) -> dict[str, Array]:
-    """Call the function `base` that prescribes the motion of body 1 at instants t, (n,); return arrays by name, such
-    as R1, with n rows each. Raise an ArgumentError if the result of the function does not fit.
+    """Return the motion of a body 1 that moves as given, arrays of n rows by name.
+
+    Raises:
+        ArgumentError: the callable returns something else.
     """
     letters = ("R", "S", "v", "omega", "a", "alpha")
     body1 = motion_arrays("base1", call_with_arrays("base", base, t), *letters)
@@ -419,8 +389,8 @@ def check_base_rates(base: PrescribedMotion, t: Array) -> None:
 def _check_rates(
     name: str, motion: Callable[[Array], dict[str, Array]], t: Array, derived: Mapping[str, str]
 ) -> None:
-    """Raise an ArgumentError if a rate of a prescribed motion differs by more than a tenth, over the whole motion,
-    from the central difference of the quantity that `derived` names for it.
+    """Refuse a rate of a given motion that differs by more than a tenth, over the whole motion, from the central
+    difference of the quantity that `derived` names for it.
     """
     span = float(t[-1] - t[0])
     if not span:
@@ -449,9 +419,7 @@ def _check_rates(
 
 
 def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
-    """Run a compiled call on a dict of the values of its arguments, and return its results, an object from which the
-    arrays can be read by name. Values that are not its arguments are ignored.
-    """
+    """Return the results of a call for those of the values that are its arguments."""
     arrays = {name: np.asarray(values[name], np.float64, order="C") for name in call.argument_shapes}
     results = call.rows(*arrays.values())
     if results is not None:
@@ -463,9 +431,8 @@ def _run_compiled_call(call: Call, values: Mapping[str, Any]) -> Any:
 
 @functools.cache
 def _make_state_plan(base: str, is_planar: bool | None, has_home: bool, outputs: tuple[str, ...]) -> Plan:
-    """Return the cached plan that computes the named outputs from the state of a pair. `base` is "free", "pinned" or
-    "carried" (a body 1 whose motion is known), and `has_home` says whether the pair has a home rotation. If
-    `is_planar` is None, the plan computes the outputs from S1, omega1, psi and psi' in place of the state.
+    """Return the cached plan that computes outputs from the state of a pair, or, if `is_planar` is None, from S1,
+    omega1, psi and psi'. The base is "free", "pinned" or "carried" (a body 1 whose motion is known).
     """
     hinge, body1_steps = all_steps(None, has_home), list[Step]()
     if is_planar is not None:
@@ -516,9 +483,7 @@ def _masses(pair: HingePair, *, moves_body1: bool) -> dict[str, Any]:
 
 
 def _rotate_by_cayley(g: Array, quats: Array) -> Array:
-    """Rotate the attitudes `quats` by rotations with Cayley coordinates g, (..., 3), about world axes, and return the
-    new attitudes. Attitudes are unit quaternions (..., 4) with the scalar first.
-    """
+    """Return attitudes, unit quaternions (..., 4), turned about world axes by Cayley coordinates g."""
     x, y, z = np.moveaxis(g / 2, -1, 0)
     w, i, j, k = np.moveaxis(quats, -1, 0)
     products = np.stack(quaternion_product((1.0, x, y, z), (w, i, j, k)), axis=-1)

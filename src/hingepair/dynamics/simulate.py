@@ -42,25 +42,14 @@ from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
 from hingepair.plans.arguments import Outputs
 
 BASES: Final = ("free", "pinned", "fixed")
-"""Names of the bases."""
-_TOLERANCES: Final = (1e-14, 1e-2)  # rad: smallest and largest tol
-# A start in the plane, in messages.
-_PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"
-_MAX_OVERRUN = 0.02  # rad past a stop, from which on a warning or a note reports it
-# Tolerance of the second run, from which errors are estimated, divided by the tolerance of the first.
-_FINER = 1e-3
-# Instants of a whole motion at which loads that are callables are evaluated in the first run, at least.
-_EVALUATIONS: Final = 509 * 17
-_MORE_EVALUATIONS: Final = 4.3  # the same number of the second run, divided by the above
+_PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # in messages
+_FINER = 1e-3  # tolerance of the second run, from which errors are estimated, to that of the first
+_EVALUATIONS: Final = 509 * 17  # of callable loads over the whole motion, at least; in the second run more by a
+_MORE_EVALUATIONS: Final = 4.3  # factor with which its instants do not fall on those of the first
 
 
 class SimulationError(HingePairError, RuntimeError):
-    """The simulation cannot be continued past the instant `t`, for the reason `why`.
-
-    Attributes:
-        t: instant that the simulation reached [s].
-        why: text that gives the reason, such as a load that jumps, and says what to do.
-    """
+    """The simulation cannot be continued past the instant `t` [s], for the reason `why`."""
 
     def __init__(self, t: float, why: str) -> None:
         self.t = t
@@ -73,8 +62,6 @@ class SimulationError(HingePairError, RuntimeError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _SimulatedMotionBase:
-    """What simulated motions in space and in the plane add to a trajectory."""
-
     body1: BodyMotion
     psid: Array
     psidd: Array
@@ -90,11 +77,9 @@ class _SimulatedMotionBase:
 
     @property
     def error_estimate(self) -> float:
-        """Estimated error of body 1's attitude or angle phi, not psi, at the worst instant [rad], computed by a
-        second run at first access. The estimate is 0 if the base is fixed or prescribed.
-
-        `psi_error_estimate` is the estimated error of psi. The second run has a thousandth of the tolerance, and
-        computes both estimates.
+        """Estimated error of body 1's attitude or angle phi at the worst instant [rad], from a second run with a
+        thousandth of the tolerance at first access; 0 if the base is fixed or prescribed. `psi_error_estimate` is
+        that of psi.
         """
         return float(self._error())
 
@@ -103,9 +88,7 @@ class _SimulatedMotionBase:
         return f"{text[:-1]}, ended by until)" if self.ended_by_event else text
 
     def energy(self) -> Energy:
-        """Compute the kinetic and potential energy of all bodies that have mass properties at the instants (D7);
-        return an Energy with the attributes `.kinetic` and `.potential`, (N,) each.
-        """
+        """Compute the kinetic and potential energy of all bodies that have mass properties, (N,) each."""
         return self.space.energy(self.body1, self.psi, self.psid, gravity=self.gravity)
 
     def energy_balance(self) -> EnergyBalance:
@@ -123,20 +106,20 @@ class _SimulatedMotionBase:
         return self._balance()
 
     def momentum(self) -> Momentum:
-        """Compute the linear and angular momentum at the instants (D8); return a Momentum with the attributes
-        `.linear` and `.angular`, (N, 3) each. Raise an ArgumentError unless both bodies have mass properties.
+        """Compute the linear and angular momentum, (N, 3) each.
+
+        Raises:
+            ArgumentError: a body has no mass properties.
         """
         return self.space.momentum(self.body1, self.psi, self.psid)
 
     def _hinge_quantities(self) -> dict[str, Array]:
-        """Return a dict of the arrays psi, psid, psidd and hinge_torque by name."""
         return {"psi": self.psi, "psid": self.psid, "psidd": self.psidd, "hinge_torque": self.loads["hinge_torque"]}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedMotion(_SimulatedMotionBase, Trajectory):
-    """The motion of a pair, as `simulate` returns it: a `Trajectory` with the motion `body1`, the hinge rates psid
-    and psidd, and a dict of loads by name.
+    """The motion of a pair, as `simulate` returns it: a `Trajectory` with rates and loads.
 
     Attributes:
         body1: motion of body 1 at the instants, with all its derivatives; shape (N,).
@@ -153,8 +136,8 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
     """
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return a dict of arrays (N, ...) by name: the outputs of the state, the motion R1, S1, v1, omega1, a1,
-        alpha1 of body 1, and psi, psid, psidd and hinge_torque.
+        """Return arrays (N, ...) by name: the outputs of the state, the motion of body 1, psi, psid, psidd and
+        hinge_torque.
         """
         body1 = {f"{letter}1": getattr(self.body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha")}
         return {**self.state.arrays(), **body1, **self._hinge_quantities()}
@@ -162,12 +145,10 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedPlanarMotion(_SimulatedMotionBase, PlanarTrajectory):
-    """The motion of a planar pair, as `simulate` returns it: a `PlanarTrajectory` with the further fields of a
-    `SimulatedMotion`, such as `body1`, psid, psidd and the loads.
-    """
+    """The motion of a planar pair: a `PlanarTrajectory` with the further fields of a `SimulatedMotion`."""
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return a dict of arrays (N, ...) by name: outputs of the state, phi, psi, psid, psidd and hinge_torque."""
+        """Return arrays (N, ...) by name: the outputs of the state, phi, psi, psid, psidd and hinge_torque."""
         return {**self.state.arrays(), "phi": self.phi, **self._hinge_quantities()}
 
 
@@ -194,13 +175,10 @@ def simulate(
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
     """Simulate the motion of a pair under loads (D1-D6) at the instants t, from the state (body1, psi_0, psid_0) at
-    t[0]. Return a `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`. The event `until` may end the motion
-    before t[-1]. Warn if psi passes a limit or a stop, or if arguments seem to be in the wrong units. Raise a
-    SimulationError if the simulation cannot be continued to the end.
+    t[0].
 
-    The method is Gauss collocation of order 16. The steps are chosen to meet the tolerance, and attitudes are
-    integrated on the rotation group. If `base` is "free" and no gravity, external force or external torque acts,
-    momentum and angular momentum are conserved to within rounding errors.
+    The method is Gauss collocation of order 16, with attitudes on the rotation group. If `base` is "free" and no
+    gravity and no external load acts, momentum and angular momentum are kept to rounding.
 
     The `limits` of the pair do not stop the motion; `hinge_torque=HingeLoad(stops=pair.limits)` does. A
     `DynamicsWarning` is issued if psi passes a limit at which there is no stop, or passes a stop by more than 0.02
@@ -265,13 +243,11 @@ def simulate(
         backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
     Returns:
-        A `SimulatedMotion`, which is a `Trajectory` with `.t`, `.S1`, `.psi`, `.R2` and so on. For a PlanarPair, a
-        `SimulatedPlanarMotion`, which is a `PlanarTrajectory` with `.t`, `.phi`, `.psi`, `.R2` and so on. Both also
-        have `.body1` (a BodyMotion), `.psid` [rad/s], `.psidd` [rad/s^2], `.loads` (a dict whose keys are names of
-        loads and whose values are arrays), `.ended_by_event` (whether `until` ended the motion), `.energy()`,
-        `.momentum()` and `.energy_balance()`. `.error_estimate` is the estimated error of the attitude of body 1
-        [rad]; the value is 0 if the base is fixed or a callable. `.psi_error_estimate` is the estimated error of psi
-        [rad]. Both are computed at the first access, by a second run with a smaller tolerance.
+        A `SimulatedMotion`, for a PlanarPair a `SimulatedPlanarMotion`, with `.t`, `.psi`, `.psid`, `.psidd`,
+        `.body1`, `.loads`, `.ended_by_event`, `.energy()`, `.momentum()`, `.energy_balance()` and the outputs of body
+        2, such as `.R2`. `.error_estimate` (of the attitude of body 1) and `.psi_error_estimate` [rad] come from a
+        second run with a smaller tolerance, at the first access. A DynamicsWarning says that arguments seem to be in
+        the wrong units.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.
@@ -291,12 +267,8 @@ def simulate(
     instants = instants_of("t", t)
     tolerance = finite_number("tol", tol)
     step_limit = finite_number("max_steps", max_steps)
-    if not _TOLERANCES[0] <= tolerance <= _TOLERANCES[1]:
-        raise ArgumentError(
-            "tol",
-            f"a number from {_TOLERANCES[0]} to {_TOLERANCES[1]}",
-            tol,
-        )
+    if not 1e-14 <= tolerance <= 1e-2:  # rad
+        raise ArgumentError("tol", "a number from 1e-14 to 0.01", tol)
     is_planar = space is not pair
     gravity = (DEFAULT_PLANAR_GRAVITY_VECTOR if is_planar else DEFAULT_GRAVITY_VECTOR) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
@@ -318,9 +290,7 @@ def simulate(
     def run_simulation(
         tolerance: float, min_callable_load_evaluations: float, until: UserEvent | None, step_limit: float
     ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
-        """Run the stepper. Return the PairMotion, the first state, the steps, the samples at the instants, and
-        whether the event `until` ended the motion.
-        """
+        """Return the equations, the first state, the steps, the samples, and whether `until` ended the motion."""
         motion = PairMotion(space, base, is_planar, start, loads, execution_of(backend, 1), given_motion)
         first_state, steps, end_time = motion.state, list[StepRecord](), None
         if len(instants) > 1:
@@ -386,11 +356,10 @@ def simulate(
 
 
 def to_spatial_pair(pair: object) -> HingePair:
-    """Return a single HingePair itself, or for a single PlanarPair the HingePair in space with the same motion in the
-    plane; raise an ArgumentError for anything else.
+    """Return a HingePair itself, or for a PlanarPair the HingePair in space with the same motion in the plane.
 
     Raises:
-        ArgumentError: the argument is no pair, or several pairs.
+        ArgumentError: no pair, or several pairs.
     """
     if isinstance(pair, PlanarPair):
         check_single_pair(pair)
@@ -403,10 +372,7 @@ def to_spatial_pair(pair: object) -> HingePair:
 def _initial_hinge_motion(
     hinge: object, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
 ) -> tuple[float, float]:
-    """Check the arguments that say how the hinge starts or moves, and return a tuple of the numbers (psi, psi') at
-    the first of the instants t. `hinge` is "free", or a callable that prescribes the motion; with a callable, psi_0
-    and psid_0 must be None and `hinge_torque` 0. Raise an ArgumentError if the arguments cannot be used.
-    """
+    """Return psi and psi' at the first instant, of a hinge that is free or moves as given."""
     if isinstance(hinge, str):
         check_choice("hinge", hinge, ("free",))
         return finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
@@ -422,12 +388,10 @@ def _initial_hinge_motion(
 
 
 def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
-    """Check `base` and the start `body1` (one BodyMotion), and return a tuple (R, S, v, omega, psi, psid). For a
-    callable base, body1 must be None; R, v and omega are then zeros and S is the identity. Raise an ArgumentError if
-    the arguments cannot be used.
+    """Return (R, S, v, omega, psi, psid) at the start.
 
     Raises:
-        ArgumentError: base or body1 cannot be used; names it.
+        ArgumentError: base or body1 cannot be used.
     """
     zero = np.zeros(3)
     if callable(base):
@@ -459,9 +423,8 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
 def _warn_of_units(
     pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float], samples: MotionSamples
 ) -> None:
-    """Issue a DynamicsWarning for each angle or rate that looks like degrees, among the `stops` [rad] and the values
-    of the initial state `start`, for instants that look like milliseconds, and for each inertia of a moving body that
-    is probably not in kg m^2.
+    """Warn of angles or rates that look like degrees, of instants that look like milliseconds, and of inertias that
+    are probably not in kg m^2.
     """
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = suspicions("written angles", "stops", finite_stops)
@@ -530,11 +493,9 @@ def _warn_of_range(
 
 
 def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: float) -> str:
-    """Return a clause that says by how much [rad] psi, which ranges from `lowest` to `highest`, passes the lower or
-    the upper one of `stops`. Return an empty string if psi passes it by at most 0.02 rad.
-    """
+    """Return a clause that says by how much psi passes the stops; empty if by 0.02 rad at most."""
     depth = max(stops[0] - lowest, highest - stops[1])
-    return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > _MAX_OVERRUN else ""
+    return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > 0.02 else ""
 
 
 class _RunOptions(NamedTuple):
@@ -548,8 +509,8 @@ class _RunOptions(NamedTuple):
 
 
 def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Make steps from t[0] to t[-1]. Return the StepRecords and the time since t[0] [s] at which `until` ended the
-    motion, or None. The attitude that `motion` stores and its branch of the hinge torque become those at the end.
+    """Make steps from t[0] to t[-1]. Return them, and the time since t[0] [s] at which `until` ended the motion, or
+    None.
     """
     start, elapsed = float(t[0]), t - t[0]
     span = float(elapsed[-1])
@@ -605,9 +566,7 @@ def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list
 
 
 def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecord], t: Array) -> MotionSamples:
-    """Compute motion and loads at instants t from StepRecords, and return them as MotionSamples; t[0] is the start of
-    the first step, at which the state is `first_state`.
-    """
+    """Return motion and loads at instants t from the steps."""
     states, quats, elapsed = np.empty((len(t), len(first_state))), np.empty((len(t), 4)), t - t[:1]
     sides, held, first = np.zeros((len(t), 2)), np.zeros(len(t), bool), 1
     if steps:
@@ -625,9 +584,7 @@ def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecor
 
 
 def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
-    """Return which load is no number or jumps at the present time and state of the Stepper, and what to do; "" if no
-    load does. `start` is the instant [s] from which the stepper's time is counted.
-    """
+    """Return which load is no number or jumps at the present time and state, and what to do; "" if none does."""
     increments = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
     worst = (1e-3, "")
     t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
@@ -657,6 +614,6 @@ def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
 
 
 def _angle_between(first: Array, second: Array) -> float:
-    """Return the largest angle [rad] between two arrays of attitudes, unit quaternions (n, 4), row by row."""
+    """Return the largest angle [rad] between attitudes, unit quaternions (n, 4), row by row."""
     chord = np.minimum(np.linalg.norm(first - second, axis=-1), np.linalg.norm(first + second, axis=-1))
     return float((4 * np.arcsin(np.minimum(chord / 2, 1))).max(initial=0.0))

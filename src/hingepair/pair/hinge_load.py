@@ -16,17 +16,14 @@ from hingepair.numeric.arrays import Float64Array, finite_number
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 TORQUE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
 """The parts of the torque of a `HingeLoad`. In records of all loads, their names end in _torque."""
-_SCALAR_MESSAGES = (
-    "truth value of an array",
-    "arrays can be converted to Python scalars",
-)  # parts of messages of NumPy
+# Of NumPy, where an array is used as a number.
+_SCALAR_MESSAGES = ("truth value of an array", "arrays can be converted to Python scalars")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingeLoad:
     """Torque about the hinge axis that motor, spring, damper, friction and stops exert on body 2, for the argument
-    `hinge_torque` of `simulate`. A HingeLoad is a callable that takes t, psi and psid (numbers or arrays) and returns
-    the torque [N m].
+    `hinge_torque` of `simulate`: a callable of t, psi and psid, numbers or arrays, that returns the torque [N m].
 
     Without stops, torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). Stops are springs
     unless `stop_restitution` is given. If psi is beyond such a stop by the angle delta, with the time derivative
@@ -102,19 +99,16 @@ class HingeLoad:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Angles psi [rad] of all stops, rigid or not, as a tuple in increasing order. If the `motor` of this load is
-        another HingeLoad, the stops of that load are included. Between these angles, the torque is a smooth function
-        of psi unless the `motor` is a callable that is not smooth.
+        """Angles psi [rad] of all stops, rigid or not, of nested loads too, in increasing order. Between them, the
+        torque is a smooth function of psi unless a callable `motor` is not smooth.
         """
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
-        """Rates psi' [rad/s] at which the torque of this load has a kink or a jump, as a tuple in increasing order.
-        Dry friction without a `friction_rate` has a jump at the rate 0. The torque of a stop is cut off at 0 if the
-        hinge leaves the stop faster than 1 / stop_damping (stop_damping is in s/rad); this gives kinks at the rates
-        -1 / stop_damping and 1 / stop_damping. If the `motor` of this load is another HingeLoad, the kinks and jumps
-        of that load are included.
+        """Rates psi' [rad/s], in increasing order, at which the torque has a kink or a jump: 0 for dry friction
+        without a `friction_rate`; -1 / stop_damping and 1 / stop_damping, where the torque of a stop is cut off.
+        Those of nested loads are among them.
         """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
@@ -124,35 +118,26 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest friction torque [N m] that can keep the hinge at rest. This is `friction`, or 0 if the argument
-        `friction_rate` was given: the friction torque is then 0 at rest and cannot hold the hinge. If the `motor` of
-        this load is another HingeLoad, the sticking friction of that load is added.
+        """Largest friction torque [N m] that can keep the hinge at rest: `friction` of this and nested loads, but of
+        those with a `friction_rate` none.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
     @property
     def rigid_stops(self) -> dict[float, float]:
-        """Coefficients of restitution of the rigid stops, as a dict whose keys are the angles of the stops [rad].
-        Stops are rigid if stop_restitution is given. If the `motor` of this load is another HingeLoad, the rigid
-        stops of that load are included.
-        """
+        """Coefficients of restitution by the angles of the rigid stops [rad], of nested loads too."""
         stiff = [load for load in self._nested() if load.stops and load.stop_restitution is not None]
         return {angle: float(load.stop_restitution or 0.0) for load in stiff for angle in load.stops or ()}
 
     @property
     def rigid_range(self) -> tuple[float, float]:
-        """Range of psi between the rigid stops [rad], as a pair (lower, upper); (-inf, inf) if no stops are rigid.
-        Stops are rigid if stop_restitution is given. If the `motor` of this load is another HingeLoad, the rigid
-        stops of that load can narrow the range.
-        """
+        """Range of psi between the rigid stops [rad], those of nested loads included; (-inf, inf) without."""
         stops = [load.stops for load in self._nested() if load.stops and load.stop_restitution is not None]
         return max((lower for lower, _ in stops), default=-np.inf), min((upper for _, upper in stops), default=np.inf)
 
     @property
     def tightest_stops(self) -> tuple[float, float]:
-        """Range of psi between the stops [rad], as a pair (lower, upper); (-inf, inf) if there are no stops. If the
-        argument `motor` of this load is another HingeLoad, the stops of that load can narrow the range.
-        """
+        """Range of psi between all stops [rad], those of nested loads included; (-inf, inf) without."""
         lower, upper = self.stops or (-np.inf, np.inf)
         if isinstance(self.motor, HingeLoad):
             of_motor = self.motor.tightest_stops
@@ -196,9 +181,7 @@ class HingeLoad:
         return float(-np.expm1(-path) / into)
 
     def __call__(self, t: Any, psi: Any, psid: Any) -> Any:
-        """Compute the torque [N m] at instants t [s], hinge angles psi [rad] and rates psid [rad/s], which are floats
-        or arrays.
-        """
+        """Return the torque [N m] at instants t [s], hinge angles psi [rad] and rates psid [rad/s]."""
         return self.smooth((psi, psid), t, psi, psid)
 
     def smooth(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> Any:
@@ -260,10 +243,7 @@ class HingeLoad:
         }
 
     def _terms(self, side: tuple[Any, Any], t: Any, psi: Any, psid: Any) -> dict[str, Any]:
-        """Compute the terms of the torque [N m]. Return a dict with the keys "motor", "spring" and "damper", with
-        "friction" if there is friction, and with "stop" if there are stops. The pair `side` = (angle, rate) selects
-        the stop and the direction of dry friction; the magnitudes are computed from psi and psid.
-        """
+        """Return the terms of the torque [N m] by name. `side` selects the stop and the direction of dry friction."""
         terms = {"spring": -self.stiffness * (psi - self.rest), "damper": -self.damping * psid}
         angle, rate = side
         if is_plain_hinge_load(self.motor):
@@ -287,13 +267,15 @@ class HingeLoad:
         return terms
 
     def _nested(self) -> tuple[HingeLoad, ...]:
-        """Return a tuple of this load and all HingeLoads nested in it: its motor, the motor of that, and so on."""
+        """Return this load and all HingeLoads nested in it: its motor, the motor of that, and so on."""
         return (self, *(self.motor._nested() if is_plain_hinge_load(self.motor) else ()))
 
 
 def is_plain_hinge_load(torque: object) -> TypeGuard[HingeLoad]:
-    """Return whether a hinge torque is a HingeLoad, whose kinks and parts are known. Raise an ArgumentError for a
-    derived class that computes another torque, whose stops and friction would not be followed.
+    """Return whether a hinge torque is a HingeLoad, whose kinks and parts are known.
+
+    Raises:
+        ArgumentError: a derived class computes another torque, whose stops and friction would not be followed.
     """
     if not isinstance(torque, HingeLoad):
         return False
@@ -305,12 +287,7 @@ def is_plain_hinge_load(torque: object) -> TypeGuard[HingeLoad]:
 
 
 def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> None:
-    """Raise ArgumentError, which names the argument `name`, unless `function` can be called with the positional
-    arguments whose names are the further arguments. The message contains these names.
-
-    Raises:
-        ArgumentError: the function cannot be called so.
-    """
+    """Refuse what cannot be called with positional arguments of these names."""
     expected = f"a callable of ({', '.join(arguments)})"
     if not callable(function):
         raise ArgumentError(name, expected, quoted(function))
@@ -323,12 +300,10 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
 
 
 def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call `function` with the further arguments, which are arrays, and return the result. Raise ArgumentError, which
-    names the argument `name`, if the function fails because it treats an array as a single number; other errors are
-    passed on.
+    """Call a function of arrays.
 
     Raises:
-        ArgumentError: the callable compares or converts an array as if it were one number; names it.
+        ArgumentError: it compares or converts an array as if it were one number; other errors are passed on.
     """
     try:
         return function(*arguments)
