@@ -66,9 +66,7 @@ class LazyValue:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class _TrajectoryBase(DaskCollection, Frozen, Result):
-    """Base class of trajectories: instants, psi, method, number of steps, error estimates, and access to the
-    attributes of the state.
-    """
+    """Instants, psi, method, steps and error estimates, and the attributes of the state."""
 
     __signature__ = (
         Signature()
@@ -84,14 +82,12 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def described(self) -> str:
-        """Text that names the integration method, such as "motion by magnus6"."""
+        """How the motion was computed, such as "motion by magnus6"."""
         return f"motion by {self.method}"
 
     @property
     def motions(self) -> tuple[int, ...]:
-        """Leading shape of the arrays of a trajectory that holds many motions, as a tuple; () for one motion. For N
-        instants, the shape of psi is `motions + (N,)`.
-        """
+        """Leading shape of the arrays of many motions, () of one: psi has the shape `motions + (N,)`."""
         shape: tuple[int, ...] = self.psi.shape[:-1]
         return shape
 
@@ -119,9 +115,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return replace(self, psi=psi, state=state, steps=steps, **values)
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return a pair: a dict of the Dask arrays of the trajectory by name, and a function that makes a trajectory
-        from a dict of these arrays, computed or lazy.
-        """
+        """Return the Dask arrays by name, and a function that makes a trajectory from these, computed or lazy."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}
         state = values.pop("state")
         lazy = {name: value for name, value in values.items() if holds_dask(value)}
@@ -131,12 +125,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return lazy, functools.partial(trajectory_from_arrays, type(self), others, make_state)
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the trajectory, except the instants t, as a dict whose keys are their names. The first
-        axis of every array is the axis of the instants. Raise an ArgumentError if the trajectory holds many motions
-        or Dask arrays.
-
-        The dict holds psi and the outputs that were computed, such as R2 and v2. For a Trajectory, it also holds R1
-        and S1; for a PlanarTrajectory, it also holds phi.
+        """Return the arrays of one motion by name, the instants on the first axis: the outputs that were computed,
+        psi, and R1 and S1 (in the plane phi).
 
         Raises:
             ArgumentError: the trajectory holds many motions, or its arrays are Dask arrays.
@@ -149,9 +139,8 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return self._arrays()
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return a pair: a tuple of the names of the leading axes, and a dict of all arrays by name, except the
-        instants t. The only axis of one motion is "time". For many motions, the axis "motion" comes first, or
-        "motion_0", "motion_1", ... if the motions have several axes.
+        """Return the names of the leading axes, such as ("motion", "time"), and all arrays by name, except the
+        instants.
         """
         count = len(self.motions)
         if not count and not holds_dask(self.psi):
@@ -160,39 +149,25 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return (*motion_axes, "time"), self._arrays()
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        """Return a dict of the state's outputs, the motion of body 1 and the hinge angle; shape (..., N, ...)."""
         names = ("R1", "S1", "psi") if isinstance(self, Trajectory) else ("phi", "psi")
         return {**self.state.arrays(), **{name: getattr(self, name) for name in names}}
 
     @property
     def error_estimate(self) -> Any:
-        """Estimate of the largest error of the attitude of body 1 at any instant, as an angle [rad]. In a
-        PlanarTrajectory, the attitude of body 1 is the angle phi. The estimate includes rounding errors. It is
-        computed at the first access.
+        """Estimate of the largest error of the attitude of body 1 (in the plane of phi) at any instant, as an angle
+        [rad], with rounding: a number, or an array (...,) of many motions. It is computed at the first access; of
+        Dask arrays it is lazy, and its tasks integrate the motions again.
 
-        For one motion the estimate is a number. For many motions it is an array of shape (...,). For a trajectory of
-        Dask arrays it is a lazy array, whose tasks integrate the motions again. `psi_error_estimate` is the estimate
-        for psi.
+        Where rates are smooth, it differs from the actual error by a few per cent. The result of each step is
+        compared with that of steps of half its length or less. Of a callable that jumps or has a kink, the estimate
+        is between a third of the actual error and ten times it; a pulse that is shorter than about 1/500 of the total
+        time may be missed.
 
-        The rates are the arguments omega1 and psid of `integrate`, which are constants, callables or samples. If the
-        rates are smooth and rounding errors are small, the estimate differs from the actual error by a few per cent.
+        Of samples, it includes the error of interpolation, by gaps, by motion that the samples hardly resolve, and by
+        jumps and kinks anywhere between two samples, and that of time stamps rounded to double precision, single
+        precision or decimals, if the samples show this rounding. It is NaN for fewer than 4 samples.
 
-        If rates are callables, the result of each integration step is compared with the result of steps of half its
-        length or less. This comparison can miss part of the effect of a jump or a kink, since a callable is known
-        only at the times at which it was evaluated. The estimate therefore includes an estimate of the error that
-        jumps and kinks between these times cause, which is computed from the values at these times. If a callable has
-        a jump or a kink, the whole estimate is between a third of the actual error and ten times the actual error. If
-        there are more than 65,536 integration steps, only some are compared: the steps over which the values of the
-        callables change most abruptly, and one step from each of many short parts of the total time. Whatever the
-        number of steps, a pulse of a callable that is shorter than about 1/500 of the total time may be missed.
-
-        If rates are samples, the estimate includes the error of interpolation, which is due to long times without
-        samples (gaps), to motion that the samples hardly resolve, and to jumps and kinks anywhere between two
-        samples. It also includes the error
-        that is due to time stamps rounded to double precision, single precision or decimals, if the samples show this
-        rounding. The estimate is NaN for fewer than 4 samples.
-
-        The estimate does not include errors that have one of these causes:
+        It does not include:
 
         - noise in the arguments of `integrate`;
         - motion that leaves no trace in the samples: motion that begins and ends within a gap, or that has fewer than
@@ -204,10 +179,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def psi_error_estimate(self) -> Any:
-        """Estimate of the largest error of the hinge angle psi at any instant [rad]. It is a number for one motion
-        and an array of shape (...,) for many motions. For a trajectory of Dask arrays, it is a lazy array.
-        `error_estimate` describes which errors the estimate includes.
-        """
+        """Estimate of the largest error of psi at any instant [rad], as `error_estimate`."""
         return self._psi_error() if isinstance(self._psi_error, LazyValue) else self._psi_error
 
     def __getattr__(self, name: str) -> Any:
@@ -228,7 +200,6 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         return f"{type(self).__name__}({method}, {counts}, outputs=({names}))"
 
     def _available_names(self) -> Iterable[str]:
-        """Return the names of the attributes of the state, which the trajectory has too."""
         return dir(object.__getattribute__(self, "state"))
 
 
@@ -237,11 +208,9 @@ class Trajectory(_TrajectoryBase):
     """The motion of a pair over time, as `integrate` returns it (E12). All attributes of its `state`, such as R2, S2
     and v2, are also attributes of the trajectory.
 
-    A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, which the
-    shapes below show as `...`. The attribute `motions` is the shape of these axes; it is () for one motion.
-    `trajectory[3]` is the trajectory of the motion with index 3, `trajectory[:10]` is the trajectory of the first ten
-    motions, and `to_xarray` returns all motions as labelled arrays. Only a single motion can be saved, plotted or
-    converted to a DataFrame.
+    A trajectory may hold many motions over the same instants: its arrays, except t, then have leading axes, shown as
+    `...`. `trajectory[3]` is one motion, `trajectory[:10]` are the first ten, and `to_xarray` returns all as labelled
+    arrays. Only a single motion can be saved, plotted or converted to a DataFrame.
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -267,8 +236,7 @@ class Trajectory(_TrajectoryBase):
 
     @property
     def S1(self) -> NDArray[Any]:
-        """Rotation matrices from the axes of body 1 to world axes; shape (..., N, 3, 3). If the argument `outputs`
-        of `integrate` or `simulate` names S1, they are stored; otherwise they are computed from `quat_wxyz` at each
+        """Attitude of body 1, body to world; shape (..., N, 3, 3). Unless S1 is an output, it is computed at each
         access.
         """
         S1 = self.state.S1
@@ -279,29 +247,21 @@ class Trajectory(_TrajectoryBase):
         return read_only(quaternions_to_matrices(self.quat_wxyz))
 
     def euler_angles(self, body: int, sequence: str = "XYZ") -> NDArray[np.float64]:
-        """Return the Euler angles of body 1 or 2 [rad], shape (..., N, 3). The angles do not jump between instants,
-        unless an instant is at gimbal lock. Raise an ArgumentError if the arrays are Dask arrays, or if `body` is 2
-        and S2 was not computed.
+        """Return the Euler angles of body 1 or 2, without jumps between instants.
 
-        Two triples of angles describe an attitude that is not at gimbal lock, and whole turns may be added to each
-        angle. At the first instant, the method returns the triple of `matrix_to_euler`; at each later instant, it
-        returns the triple nearest to the triple of the instant before. The angles are right only if each of them
-        changes by less than half a turn from one instant to the next; this is not checked. They are also right if the
-        middle angle passes through gimbal lock between two instants. At an instant at gimbal lock, only the sum or
-        the difference of the first and the third angle is determined, and these two angles may jump.
+        At the first instant they are those of `matrix_to_euler`; at each later one, of the two triples that describe
+        the attitude, with whole turns added, the one nearest to the instant before. This is right if each angle
+        changes by less than half a turn from one instant to the next, which is not checked, also where the middle
+        angle passes through gimbal lock between two instants. At an instant at gimbal lock, the first and the third
+        angle may jump.
 
         Args:
-            body: 1 or 2. For body 2, the argument `outputs` of `integrate` or `simulate` must name S2 or be left at
-                the default.
+            body: 1 or 2; for 2, S2 must be among the outputs.
             sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about
                 the axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
 
         Returns:
             Angles in the order of the sequence's letters [rad]; shape (..., N, 3).
-
-        Raises:
-            ArgumentError: body is not 1 or 2, the sequence is unknown, S2 was not computed, or the arrays are Dask
-                arrays.
         """
         check_choice("sequence", sequence, SEQUENCE_NAMES)
         if body not in {1, 2}:
@@ -315,11 +275,7 @@ class Trajectory(_TrajectoryBase):
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PlanarTrajectory(_TrajectoryBase):
     """The motion of a planar pair over time, as `integrate` returns it (E11, E12). All attributes of its `state`,
-    such as R2, phi2 and v2, are also attributes of the trajectory.
-
-    A trajectory may hold many motions over the same instants. Its arrays, except t, then have leading axes, which the
-    shapes below show as `...`. The attribute `motions` is the shape of these axes; it is () for one motion.
-    `trajectory[3]` is the trajectory of the motion with index 3.
+    such as R2, phi2 and v2, are also attributes of the trajectory. It may hold many motions, as a `Trajectory` may.
 
     Attributes:
         t: the instants [s]; shape (N,).
@@ -334,10 +290,8 @@ class PlanarTrajectory(_TrajectoryBase):
     state: PlanarState
 
 
-STATE_PREFIX: Final = "state."
-"""Prefix of the names of a state's outputs among the arrays of a trajectory."""
-
-_ERRORS = {"_error", "_psi_error"}  # names of the fields that hold errors
+STATE_PREFIX: Final = "state."  # of the names of a state's outputs among the arrays of a trajectory
+_ERRORS = {"_error", "_psi_error"}
 
 
 def trajectory_from_arrays(
@@ -346,11 +300,8 @@ def trajectory_from_arrays(
     state_function: Callable[[Mapping[str, Any]], Any],
     arrays: Mapping[str, Any],
 ) -> Any:
-    """Return a trajectory of `trajectory_class` from two dicts of values by field name, `arrays` (NumPy or Dask) and
-    `other_values`. `state_function` makes the state from a dict of the arrays whose names begin with
-    STATE_PREFIX, without this prefix. If no array of a field is a Dask array, the arrays become
-    read-only, a single number of steps an int, and the numbers of error estimates lazy values that return them.
-    Otherwise the arrays stay as they are.
+    """Return a trajectory from arrays, NumPy or Dask, and other values by field name. `state_function` makes the
+    state from those whose names begin with STATE_PREFIX. Arrays in memory become read-only.
     """
     outputs = {name.removeprefix(STATE_PREFIX): a for name, a in arrays.items() if name.startswith(STATE_PREFIX)}
     field_arrays = {name: array for name, array in arrays.items() if not name.startswith(STATE_PREFIX)}
@@ -362,8 +313,7 @@ def trajectory_from_arrays(
 
 
 def _describe_steps(steps: Any) -> str:
-    """Return the number of steps as text: the number for one motion, the range for many motions, or "not computed"
-    for a Dask array.
+    """Return the number of steps as text.
 
     >>> _describe_steps(np.array([12, 40])), _describe_steps(7)
     ('12..40', '7')
@@ -374,7 +324,7 @@ def _describe_steps(steps: Any) -> str:
 
 
 def describe_instants(t: NDArray[np.float64]) -> str:
-    """Return text such as "samples=5, t=0..2" with the number of instants, the first and the last one.
+    """Return text on instants.
 
     >>> describe_instants(np.linspace(0, 2, 5))
     'samples=5, t=0..2'
@@ -383,9 +333,7 @@ def describe_instants(t: NDArray[np.float64]) -> str:
 
 
 def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation matrices (..., 3, 3) of unit quaternions `quat_wxyz` (..., 4), scalar first. They are
-    orthonormal to 4 unit roundoffs.
-    """
+    """Return the rotations (..., 3, 3) of unit quaternions, scalar first, orthonormal to 4 unit roundoffs."""
     parts = {"q": components_of(quat_wxyz)}
     return tabulate_one(
         lambda v: _orthonormalized(eq.quaternion_attitude(v["q"])), parts, (3, 3), np.dtype(np.float64)
@@ -393,9 +341,7 @@ def quaternions_to_matrices(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
-    """Return the matrix S + S (I - S^T S) / 2 as a tuple of nine entries. If S is nearly orthonormal, the result is
-    orthonormal up to rounding.
-    """
+    """Return S + S (I - S^T S) / 2, which is orthonormal up to rounding if S is nearly so."""
     x, y, z = S[0::3], S[1::3], S[2::3]
     a, b, c = (0.5 - 0.5 * eq.dot(column, column) for column in (x, y, z))
     d, e, f = (-0.5 * eq.dot(*columns) for columns in ((x, y), (y, z), (z, x)))
@@ -404,20 +350,18 @@ def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
 
 
 def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return vectors (..., 3) rotated from the axes of body 1 to world axes by the attitudes S1 (..., 3, 3) of body
-    1, as an array (..., 3).
-    """
+    """Return vectors (..., 3) in axes of body 1 in world axes."""
     parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
     return tabulate_one(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
 
 
 def unwrap_euler_angles(phi: NDArray[Any], *, proper: bool) -> NDArray[np.float64]:
-    """Return Euler angles (..., N, 3) [rad] of the same attitudes as the angles `phi`, continuous from sample to
-    sample. `proper` is True if the first and the third axis of the sequence coincide.
+    """Return Euler angles (..., N, 3) of the same attitudes, continuous from sample to sample. `proper`: the first
+    and the third axis of the sequence coincide.
 
-    (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; for a sequence whose first axis comes back (`proper`),
-    (a, b, c) and (a + pi, -b, c + pi). To exchange both of two neighbours does not change their distance, so that
-    each pair of neighbours is decided on its own: stay, or change to the other triple.
+    (a, b, c) and (a + pi, pi - b, c + pi) are one attitude; of a proper sequence, (a, b, c) and (a + pi, -b, c + pi).
+    To exchange both of two neighbours does not change their distance, so that each pair of neighbours is decided on
+    its own: stay, or change to the other triple.
     """
     other = np.stack([phi[..., 0] + np.pi, (0.0 if proper else np.pi) - phi[..., 1], phi[..., 2] + np.pi], axis=-1)
     before = phi[..., :-1, :]
