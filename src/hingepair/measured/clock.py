@@ -54,9 +54,11 @@ class ClockedPoses:
         """Return whether body 2 has enough samples in a row to be smoothed."""
         return bool(split_at_gaps(t, known2, _MAX_GAP, MIN_PIECE))
 
-    def body1_rows(self, offset: float) -> NDArray[np.intp]:
-        """Return the indices of the samples of body 1 that have a sample of body 2 near enough in time."""
-        return self._matched(offset, None)[0]
+    def used_at(self, offset: float) -> NDArray[np.bool_]:
+        """Return which samples of body 1 have a sample of body 2 near enough in time; (N,)."""
+        used = np.zeros(self._t.size, dtype=bool)
+        used[self._matched(offset, None)[0]] = True
+        return used
 
     def _matched(
         self, offset: float, max_samples: int | None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_s
 from hingepair.measured.encoder import EncoderFit, encoder_findings, fuse
 from hingepair.measured.findings import (
     BodyPoses,
+    Finding,
     check_turning,
     find_outliers,
     judge_hinge,
@@ -347,86 +348,137 @@ def fit(
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
-    penalty = LOSSES[loss]
-    if samples.is_point:
-        return _fit_of_point(samples, body1, body2, loss, gauge, clock_offset)
-    # The most likely hinge, without its bias, and its residuals.
-    estimate, clock, poses, used = _estimate_hinge(samples, used, penalty, clock_offset)
-    noise = estimate.noise
-    hinge, line = _without_bias(poses, estimate, gauge)
-    residuals = evaluate_hinge(poses, hinge, noise, penalty, line)
-    home = home_of(hinge)
-    random_part = residuals
-    if not samples.knows_split:
-        residuals = _with_unknown_split(poses, hinge, noise, line, residuals)
-    change = result_derivatives(hinge, gauge)
-    random_covariance, covariance = (
-        change @ each.covariance[:PARAMETERS, :PARAMETERS] @ change.T for each in (random_part, residuals)
-    )
-    std: dict[str, Any] = dict(
-        zip(("u1", "u2", "n", "home"), np.sqrt(np.diagonal(covariance)).reshape(4, 3), strict=True)
-    )
-    # The angle, and what is to be said.
-    is_outlier = find_outliers(residuals, poses)
-    good = ~is_outlier & (residuals.weights >= _INLIER)
-    fused = fuse(poses, hinge, noise, residuals, line)
-    psi = _unwrap_angles(fused.psi - home_angle(hinge, home), good)
-    encoder_fit = None if line is None else _encoder_fit(line, poses, hinge, residuals, noise)
-    instants = None if samples.t is None else samples.t[used]
-    listed_findings = [
-        *judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std),
-        *split_findings(random_covariance, covariance, "divides between the bodies: noise1 and noise2 tell"),
-        *encoder_findings(psi, residuals, poses, noise, fused.is_rejected, encoder_fit, instants),
-    ]
-    ok, sentences = verdict(listed_findings)
-    texts = list(sentences)
-    std = {name: read_only(value) for name, value in std.items()} | noise_standard_deviations(
-        poses, hinge, noise, penalty
-    )
+    find = _find_circle if samples.is_point else _find_hinge
+    found = find(samples, used, LOSSES[loss], gauge, clock_offset)
+    return _hinge_fit(found, samples, body1, body2, loss, gauge)
+
+
+class _Found(NamedTuple):
+    """A hinge of two bodies, or of a body and a point, with what belongs to it; N samples are used."""
+
+    pair: HingePair
+    poses: RelativePoses
+    used: NDArray[np.bool_]  # of all samples
+    clock: ClockedPoses | None  # where a clock offset is used
+    offset: float  # clock offset [s]
+    offset_std: float  # 0 of a given one, inf of one that is not determined
+    psi: Float64Array  # (N,)
+    good: NDArray[np.bool_]  # no outliers; (N,)
+    gap: Float64Array  # (N,)
+    tilt: Float64Array  # NaN of a point; (N,)
+    weights: Float64Array  # (N,)
+    covariance: Float64Array  # (12, 12)
+    noise: Noise  # the attitude's is NaN of a point
+    noise_std: dict[str, Any]
+    encoder: EncoderFit | None
+    findings: list[Finding]
+
+
+def _hinge_fit(
+    found: _Found, samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str
+) -> HingeFit:
+    """Return the result for the user, with all that is to be said."""
+    clock, used, weights, total = found.clock, found.used, found.weights, found.weights.sum()
+    deviations = np.sqrt(np.diagonal(found.covariance)).reshape(4, 3)
+    std: dict[str, Any] = dict(zip(("u1", "u2", "n", "home"), map(read_only, deviations), strict=True))
+    std |= found.noise_std
     if samples.t is not None:
-        std["clock_offset"] = _clock_offset_std(poses, residuals, clock_offset)
-    if clock is not None and abs(estimate.offset) > 4.0 * std["clock_offset"] > 0:
-        texts += clock.clock_offset_sentences(estimate.offset)
-    if not ok:
-        texts += probable_mistakes(
-            BodyPoses(*(array[used] for array in (samples.R1, samples.S1, samples.R2, samples.S2)))
-        )
-    if not ok and penalty is None and 'loss="cauchy"' not in " ".join(texts):
-        texts.append('Where some samples may be outliers, loss="cauchy" tells.')
+        std["clock_offset"] = np.float64(found.offset_std)
+    ok, sentences = verdict(found.findings)
+    texts = list(sentences)
+    if clock is not None and abs(found.offset) > 4.0 * found.offset_std > 0:
+        texts += clock.clock_offset_sentences(found.offset)
+    if not ok and not samples.is_point:
+        recorded = (samples.R1, samples.S1, samples.R2, samples.S2)
+        texts += probable_mistakes(BodyPoses(*(array[used] for array in recorded)))
+        if LOSSES[loss] is None and 'loss="cauchy"' not in " ".join(texts):
+            texts.append('Where some samples may be outliers, loss="cauchy" tells.')
     texts += _missing_sample_sentences(used, clock)
-    if poses.samples < 10:
-        texts.append(f"Of {poses.samples} samples, the standard deviations are no more than a hint.")
+    if found.poses.samples < 10:
+        texts.append(f"Of {found.poses.samples} samples, the standard deviations are no more than a hint.")
     if samples.t is not None:
         texts += suspicions("instants", "t", samples.t)
-    texts += suspicions("distance", "R2 - R1", np.sqrt((poses.p * poses.p).sum(axis=0)))
-    texts += samples.noise_suspicions(noise)
-    weights = residuals.weights * samples.weights[used]
-    counted = psi[good] if good.any() else psi
-    total = weights.sum()
-    gaps = np.sqrt((residuals.gap * residuals.gap).sum(axis=0))
+    texts += suspicions("distance", "R2 - R1", np.linalg.norm(found.poses.p, axis=0))
+    texts += samples.noise_suspicions(found.noise)
+    counted = found.psi[found.good] if found.good.any() else found.psi
+    moved = body2 if clock is None else clock.body2(found.offset)
     return HingeFit(
-        pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
-        psi=_scatter_used(psi, used),
+        pair=found.pair,
+        psi=_scatter_used(found.psi, used),
         psi_range=(float(counted.min()), float(counted.max())),
-        covariance=read_only(covariance),
+        covariance=read_only(found.covariance),
         std=std,
-        rms_position=float(np.sqrt(weights @ (gaps * gaps) / total)),
-        rms_angle=float(np.sqrt(weights @ (residuals.tilt * residuals.tilt) / total)),
-        noise_position=float(np.sqrt(noise.place)),
-        noise_angle=float(np.sqrt(noise.attitude)),
-        clock_offset=None if samples.t is None else estimate.offset,
-        encoder=encoder_fit,
+        rms_position=float(np.sqrt(weights @ found.gap**2 / total)),
+        rms_angle=float(np.sqrt(weights @ found.tilt**2 / total)),
+        noise_position=float(np.sqrt(found.noise.place)),
+        noise_angle=float(np.sqrt(found.noise.attitude)),
+        clock_offset=None if samples.t is None else found.offset,
+        encoder=found.encoder,
         ok=ok,
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,
         weights=_scatter_used(weights, used, 0.0),
         t=samples.t,
-        gap=_scatter_used(gaps, used),
-        tilt=_scatter_used(residuals.tilt, used),
+        gap=_scatter_used(found.gap, used),
+        tilt=_scatter_used(found.tilt, used),
         samples=int(used.sum()),
-        body2=body2 if clock is None else clock.body2(estimate.offset),
+        body2=BodyMotion(R=moved.R) if samples.is_point else moved,
         _body1=body1,
+    )
+
+
+def _find_hinge(
+    samples: Samples, used: NDArray[np.bool_], loss: Loss | None, gauge: str, clock_offset: float | None
+) -> _Found:
+    """Find the hinge of two bodies."""
+    # The most likely hinge, without its bias, and its residuals.
+    poses = samples.poses(used)
+    check_turning(poses)
+    estimate, clock = _most_likely_estimate(samples, poses, loss, clock_offset)
+    if clock is not None:
+        poses, used = clock.poses_at(estimate.offset), clock.used_at(estimate.offset)
+        if clock_offset is not None:
+            poses = poses._replace(offset_derivatives=None)
+    noise = estimate.noise
+    hinge, line = _without_bias(poses, estimate, gauge)
+    residuals = random_part = evaluate_hinge(poses, hinge, noise, loss, line)
+    if not samples.knows_split:
+        residuals = _with_unknown_split(poses, hinge, noise, line, residuals)
+    change = result_derivatives(hinge, gauge)
+    random_covariance, covariance = (
+        change @ each.covariance[:PARAMETERS, :PARAMETERS] @ change.T for each in (random_part, residuals)
+    )
+    deviations = np.sqrt(np.diagonal(covariance)).reshape(4, 3)
+    std = dict(zip(("u1", "u2", "n", "home"), deviations, strict=True))
+    # The angle.
+    is_outlier, home = find_outliers(residuals, poses), home_of(hinge)
+    good = ~is_outlier & (residuals.weights >= _INLIER)
+    fused = fuse(poses, hinge, noise, residuals, line)
+    psi = _unwrap_angles(fused.psi - home_angle(hinge, home), good)
+    encoder = None if line is None else _encoder_fit(line, poses, hinge, residuals, noise)
+    instants = None if samples.t is None else samples.t[used]
+    return _Found(
+        pair=HingePair(u1=hinge.u1, u2=hinge.u2, n=hinge.n, home=home),
+        poses=poses,
+        used=used,
+        clock=clock,
+        offset=estimate.offset,
+        offset_std=_clock_offset_std(poses, residuals, clock_offset),
+        psi=psi,
+        good=good,
+        gap=np.linalg.norm(residuals.gap, axis=0),
+        tilt=residuals.tilt,
+        weights=residuals.weights * samples.weights[used],
+        covariance=covariance,
+        noise=noise,
+        noise_std=noise_standard_deviations(poses, hinge, noise, loss),
+        encoder=encoder,
+        findings=[
+            *judge_hinge(poses, hinge, noise, residuals, is_outlier, estimate.has_converged, std),
+            *split_findings(random_covariance, covariance, "divides between the bodies: noise1 and noise2 tell"),
+            *encoder_findings(psi, residuals, poses, noise, fused.is_rejected, encoder, instants),
+        ],
     )
 
 
@@ -452,74 +504,46 @@ def _with_unknown_split(
     return residuals._replace(covariance=residuals.covariance + np.outer(spread, spread) / 12)
 
 
-def _fit_of_point(
-    samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str, clock_offset: float | None
-) -> HingeFit:
-    """Fit the hinge of body 1 and a point of body 2 from the circle on which the point moves."""
+def _find_circle(
+    samples: Samples, used: NDArray[np.bool_], loss: Loss | None, gauge: str, clock_offset: float | None
+) -> _Found:
+    """Find the hinge of body 1 and a point of body 2 from the circle on which the point moves."""
     for name, value in (("encoder", samples.encoder), ("noise1", samples.mean_noise)):
         if value is not None:
             raise ArgumentError(name, "None, since body 2 has no attitudes", "values")
-    fitted, clock = _fit_circle_of_point(samples, LOSSES[loss], gauge, clock_offset)
-    poses, used, moved = fitted.poses, samples.known1 & samples.known2, body2
-    if clock is not None:
-        used = np.zeros_like(used)
-        used[clock.body1_rows(fitted.offset)] = True
-        moved = BodyMotion(R=clock.body2(fitted.offset).R)
-    u1, u2 = fitted.circle.levers(gauge)
-    deviations = np.sqrt(np.diagonal(fitted.covariance)).reshape(4, 3)
-    std: dict[str, Any] = {
-        name: read_only(value) for name, value in zip(("u1", "u2", "n", "home"), deviations, strict=True)
-    }
-    if samples.t is not None:
-        unknown = clock is None and clock_offset is None
-        std["clock_offset"] = np.float64(np.inf if unknown else fitted.offset_std)
+    fitted, clock = _most_likely_circle(samples, samples.poses(used), loss, gauge, clock_offset)
+    circle, poses = fitted.circle, fitted.poses
+    used = used if clock is None else clock.used_at(fitted.offset)
     good = ~fitted.is_outlier & (fitted.weights >= _INLIER * poses.weights)
-    psi = _unwrap_angles(fitted.circle.angles(poses.p.T), good)
-    counted = psi[good] if good.any() else psi
-    gaps = np.linalg.norm(fitted.residuals, axis=1)
-    ok, sentences = verdict(fitted.findings)
-    texts = list(sentences)
-    if clock is not None and abs(fitted.offset) > 4.0 * fitted.offset_std > 0:
-        texts += clock.clock_offset_sentences(fitted.offset)
-    texts += _missing_sample_sentences(used, clock)
-    if samples.t is not None:
-        texts += suspicions("instants", "t", samples.t)
-    texts += suspicions("distance", "R2 - R1", np.linalg.norm(poses.p, axis=0))
-    return HingeFit(
-        pair=HingePair(u1=u1, u2=u2, n=fitted.circle.n),
-        psi=_scatter_used(psi, used),
-        psi_range=(float(counted.min()), float(counted.max())),
-        covariance=read_only(fitted.covariance),
-        std=std,
-        rms_position=float(np.sqrt(fitted.weights @ (gaps * gaps) / fitted.weights.sum())),
-        rms_angle=np.nan,
-        noise_position=fitted.noise,
-        noise_angle=np.nan,
-        clock_offset=None if samples.t is None else fitted.offset,
+    u1, u2 = circle.levers(gauge)
+    return _Found(
+        pair=HingePair(u1=u1, u2=u2, n=circle.n),
+        poses=poses,
+        used=used,
+        clock=clock,
+        offset=fitted.offset,
+        offset_std=np.inf if clock is None and clock_offset is None else fitted.offset_std,
+        psi=_unwrap_angles(circle.angles(poses.p.T), good),
+        good=good,
+        gap=np.linalg.norm(fitted.residuals, axis=1),
+        tilt=np.full(poses.samples, np.nan),
+        weights=fitted.weights * samples.weights[used].mean(),
+        covariance=fitted.covariance,
+        noise=Noise(fitted.noise**2, np.nan),
+        noise_std={},
         encoder=None,
-        ok=ok,
-        findings=tuple(texts),
-        gauge=gauge,
-        loss=loss,
-        weights=_scatter_used(fitted.weights * samples.weights[used].mean(), used, 0.0),
-        t=samples.t,
-        gap=_scatter_used(gaps, used),
-        tilt=read_only(np.full(used.size, np.nan)),
-        samples=int(used.sum()),
-        body2=moved,
-        _body1=body1,
+        findings=list(fitted.findings),
     )
 
 
-def _fit_circle_of_point(
-    samples: Samples, loss: Loss | None, gauge: str, clock_offset: float | None
+def _most_likely_circle(
+    samples: Samples, poses: RelativePoses, loss: Loss | None, gauge: str, clock_offset: float | None
 ) -> tuple[CircleFit, ClockedPoses | None]:
     """Return the circle of a point of body 2, and the clocked poses where a clock offset is used."""
     exact, clock = samples.knows_split, _clocked_poses(samples, loss, clock_offset)
     if clock is not None and clock_offset is not None:
         there = _poses_at_known_offset(clock, clock_offset)
         return fit_circle(there, loss, gauge, is_body1_exact=exact)._replace(offset=clock_offset), clock
-    poses = samples.poses(samples.known1 & samples.known2)
     if clock is not None and poses.samples >= MIN_PIECE:
         near = clock.most_likely_offset(circle_misfit)
         fitted = fit_circle(poses, loss, gauge, clock.poses_at, near, is_body1_exact=exact)
@@ -557,23 +581,6 @@ def _missing_sample_sentences(is_used: NDArray[np.bool_], clock: ClockedPoses | 
         return []
     ends = "" if clock is None else ", or have no sample of body 2 at the same time"
     return [f"{int((~is_used).sum())} of {is_used.size} samples are missing or have no weight{ends}."]
-
-
-def _estimate_hinge(
-    samples: Samples, is_used: NDArray[np.bool_], loss: Loss | None, clock_offset: float | None
-) -> tuple[Estimate, ClockedPoses | None, RelativePoses, NDArray[np.bool_]]:
-    """Return the most likely hinge, the clocked poses where a clock offset is used, the relative poses, and which
-    samples are used.
-    """
-    poses = samples.poses(is_used)
-    check_turning(poses)
-    estimate, clock = _most_likely_estimate(samples, poses, loss, clock_offset)
-    if clock is not None:
-        poses, is_used = clock.poses_at(estimate.offset), np.zeros_like(is_used)
-        is_used[clock.body1_rows(estimate.offset)] = True
-        if clock_offset is not None:
-            poses = poses._replace(offset_derivatives=None)
-    return estimate, clock, poses, is_used
 
 
 def _most_likely_estimate(
