@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import abc
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.tables import Shown, instant_text, unit_of
-from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY, RESULT_ROWS_PER_BLOCK
+from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY
 from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
@@ -58,75 +54,6 @@ class UniformInstants:
 
 Instants: TypeAlias = UniformInstants | Float64Array
 """Increasing instants [s]."""
-
-
-class SampledScene(Shown, abc.ABC):
-    """Abstract base of Scene and MechanismScene."""
-
-    __slots__ = ()
-
-    @property
-    @abc.abstractmethod
-    def instants(self) -> Instants:
-        """The instants [s], an array or UniformInstants."""
-
-    @property
-    def start(self) -> float:
-        """First instant [s]."""
-        return float(self.instants[0])
-
-    @property
-    def stop(self) -> float:
-        """Last instant [s]."""
-        return float(self.instants[-1])
-
-    @property
-    def span(self) -> str:
-        """First and last instant as a short text such as 0..10."""
-        return f"{instant_text(self.start)}..{instant_text(self.stop)}"
-
-    @property
-    def samples(self) -> int:
-        """Number of instants."""
-        return len(self.instants)
-
-    def times(self) -> NDArray[np.float64]:
-        """Return all instants as a read-only array; shape (samples,) s."""
-        if self.samples > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY:
-            way = (
-                "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
-            )
-            raise ArgumentError(
-                "samples",
-                f"at most {MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY} instants to be held in memory; {way}",
-                self.samples,
-            )
-        return np.asarray(read_only(self.instants[:]))
-
-    def unit(self, name: str) -> str:
-        """Return the unit of an output, or of one of its components, as a string."""
-        return unit_of(name)
-
-    @property
-    def backend(self) -> str:
-        """Name of the backend that computes the scene. It is "auto" if the instants fit into one block, otherwise
-        "compiled" or "numpy" for every block, so that blocks and the whole agree to the bit.
-        """
-        return "auto" if self.samples <= RESULT_ROWS_PER_BLOCK else "compiled" if find_spec("llvmlite") else "numpy"
-
-    def block_rows(self) -> Iterator[slice]:
-        """Yield slices of the indices of the instants, one for each block of at most RESULT_ROWS_PER_BLOCK instants
-        in turn.
-        """
-        return (
-            slice(start, start + RESULT_ROWS_PER_BLOCK) for start in range(0, self.samples, RESULT_ROWS_PER_BLOCK)
-        )
-
-    def spread(self, max_instants: int) -> Rows:
-        """Return the indices of `max_instants` evenly spread instants, or of all if there are fewer, as an integer
-        array.
-        """
-        return np.unique(np.linspace(0, self.samples - 1, min(self.samples, max_instants)).astype(np.intp))
 
 
 def read_instants(time: Table) -> UniformInstants:

@@ -163,8 +163,7 @@ class RobotScene(Scene):
     mechanism: Mechanism
     #: acceleration of free fall, world axes [m/s^2]; shape (3,)
     gravity: tuple[float, ...]
-    #: names of the frames that are computed by default: those of [mechanism.frames], otherwise the last links of the
-    #: branches
+    #: frames that are computed by default, those of [mechanism.frames] or else the last links of the branches
     frames: tuple[str, ...]
     max_check_instants: ClassVar[int] = 501  # of a humanoid, some seconds
     _noted: ClassVar[str] = "q"

@@ -195,7 +195,7 @@ class CrossValidation(Shown):
     frames: int = 0
     #: where Pinocchio's model comes from
     compared_with: str = ""
-    #: of a robot from a URDF, comparisons with Pinocchio's reading of it: names, placements and inertias
+    #: names, placements and inertias of a robot from a URDF, compared with Pinocchio's reading of it
     description: tuple[Comparison, ...] = ()
     #: of a simulated motion, its loads and the forces that it requires according to Pinocchio's `rnea`
     forces: tuple[Comparison, ...] = ()
