@@ -17,22 +17,17 @@ from hingepair.errors import ArgumentError, DtypeError, ShapeError
 from hingepair.numeric.arrays import Float64Array, finite_number, real_array
 from hingepair.numeric.finite_differences import check_instants
 
-# Integers from here on are nanoseconds since 1970 (1973 and later).
-_MIN_ABS_INTEGER_STAMP_READ_AS_NANOSECONDS = 10**17
-_MAX_ABS_FLOAT_STAMP_ACCEPTED_AS_SECONDS = 1e14  # larger ones can only be nanoseconds
-_MAX_UNSUSPICIOUS_TIME_STEP_P90_MINUS_P10_TO_MEDIAN_RATIO = 0.3  # spread from 10 to 90 %; a larger one is suspicious
+_NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
+_MAX_SECONDS = 1e14  # floats beyond can only be nanoseconds
+_MAX_STEP_SPREAD = 0.3  # of the median step, from 10 to 90 %; more is jitter
 
 
 class MeasurementWarning(UserWarning):
-    """Warns that recorded data make a result unreliable: noise dominates, the time steps are irregular, or the units
-    are doubtful.
-    """
+    """Warns that recorded data make a result unreliable: noise, irregular time steps, or doubtful units."""
 
 
 def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
-    """Issue a MeasurementWarning for each sentence. By default, the warning shows the line of code that called the
-    caller of this function; `stacklevel` is that of `warnings.warn`.
-    """
+    """Issue a MeasurementWarning for each sentence, by default at the line that called the caller."""
     for sentence in sentences:
         warnings.warn(sentence, MeasurementWarning, stacklevel=stacklevel)
 
@@ -50,10 +45,7 @@ def _stamps(name: str, t: ArrayLike) -> NDArray[Any]:
 
 
 def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Float64Array, Any]:
-    """Return (seconds, reference): the float64 seconds since a reference instant, and this instant, which is `since`
-    or by default the first of t. t are float seconds, datetime64, timedelta64 or integer nanoseconds since 1970.
-    Raise ShapeError if there are no instants, ArgumentError for instants that are not finite, and DtypeError for
-    integers whose unit is in doubt or a `since` whose kind is not that of t; the error names the argument `name`.
+    """Return the seconds since a reference instant, and this instant.
 
     Nothing is lost of datetime64 and of integers. Seconds since 1970 as floats are multiples of 2.4e-7 s, which is
     how they came; they are not rounded again.
@@ -72,7 +64,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
     if stamps.ndim != 1 or not stamps.size:
         raise ShapeError(name, "shape (N,), at least one instant", f"shape {stamps.shape}")
     if stamps.dtype.kind in "iu":
-        if np.abs(stamps.astype(np.float64)).min() < _MIN_ABS_INTEGER_STAMP_READ_AS_NANOSECONDS:
+        if np.abs(stamps.astype(np.float64)).min() < _NANOSECONDS:
             wanted = "float seconds, datetime64, or nanoseconds since 1970 as integers: which unit are these in?"
             raise DtypeError(name, f"{wanted} (1e-3 * t where milliseconds)", f"{stamps.dtype.name} from {stamps[0]}")
         stamps = stamps.astype(np.int64)
@@ -81,7 +73,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
         raise ArgumentError(name, "finite instants", f"{stamps[missing[0]]} at index {missing[0]}")
     if stamps.dtype.kind == "f":
         stamps = stamps.astype(np.float64)
-        if np.abs(stamps).max() > _MAX_ABS_FLOAT_STAMP_ACCEPTED_AS_SECONDS:
+        if np.abs(stamps).max() > _MAX_SECONDS:
             wanted = "seconds, or integers where they are nanoseconds (as floats they are off by 100 ns)"
             raise ArgumentError(name, wanted, float(stamps[0]))
     first = stamps[0] if since is None else since
@@ -95,9 +87,7 @@ def elapsed_seconds(name: str, t: ArrayLike, since: object = None) -> tuple[Floa
 
 
 def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
-    """Return (seconds, first): the float64 seconds since the first of the instants t, and this instant with its own
-    type. Raise ArgumentError, which names the argument `name`, unless the instants increase strictly, and the errors
-    of `elapsed_seconds`.
+    """Return the seconds since the first of the instants t, and this instant with its own type.
 
     Raises:
         ArgumentError: as `elapsed_seconds`, or two instants are the same or in the wrong order; names the first such.
@@ -114,13 +104,10 @@ def increasing_seconds(name: str, t: ArrayLike) -> tuple[Float64Array, Any]:
 
 
 def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
-    """Return the instants t as an array of float64 seconds. Floats, and integers below 1e11, are seconds; clock
-    stamps (datetime64, timedelta64, integers from 1e17 on as nanoseconds since 1970) are counted from the first.
-    Raise ArgumentError, which names the argument `name`, for other integers or unless the instants increase,
-    ShapeError unless there are more than `order`, and DtypeError for other types.
+    """Return instants as an array of seconds.
 
-    datetime64, timedelta64 and integer nanoseconds since 1970 are subtracted before they are rounded. Smaller
-    integers are seconds.
+    datetime64, timedelta64 and integer nanoseconds since 1970 are counted from the first, and subtracted before they
+    are rounded. Integers below 1e11 are seconds.
 
     Args:
         name: of the argument, for messages.
@@ -135,23 +122,19 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
     """
     stamps = _stamps(name, t)
     clock = stamps.dtype.kind in "mM" or (
-        stamps.dtype.kind in "iu"
-        and stamps.size
-        and np.abs(stamps.astype(np.float64)).min() >= _MIN_ABS_INTEGER_STAMP_READ_AS_NANOSECONDS
+        stamps.dtype.kind in "iu" and stamps.size and np.abs(stamps.astype(np.float64)).min() >= _NANOSECONDS
     )
     seconds = increasing_seconds(name, stamps)[0] if clock else real_array(name, t)
     return check_instants(name, seconds, order)
 
 
 def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
-    """Return a list with one sentence, which begins with `name`, if the steps between the instants `seconds` of a
-    recording are irregular, which makes derivatives inaccurate; an empty list otherwise.
-    """
+    """Return a sentence if the steps between instants [s] are irregular, which makes derivatives inaccurate."""
     steps = np.diff(seconds)
     if steps.size < 8:
         return []
     low, middle, high = np.percentile(steps, (10, 50, 90))
-    if high - low <= _MAX_UNSUSPICIOUS_TIME_STEP_P90_MINUS_P10_TO_MEDIAN_RATIO * middle:
+    if high - low <= _MAX_STEP_SPREAD * middle:
         return []
     message = f"{name}: stamps jitter: steps from {1e3 * low:.3g} to {1e3 * high:.3g} ms about {1e3 * middle:.3g}"
     return [f"{message} ms (10 to 90 %); rates are as good as the stamps"]
@@ -168,8 +151,7 @@ def rows_after_gaps(t: Float64Array) -> NDArray[np.intp]:
 
 
 def gap_sentences(name: str, t: Float64Array) -> list[str]:
-    """Return a list with one sentence, which begins with `name`, if samples are missing between the instants t [s] of
-    a recording; an empty list otherwise.
+    """Return a sentence if samples are missing between the instants t [s].
 
     >>> gap_sentences("t", np.array([0, 1, 2, 3, 13, 14]))
     ['t has no samples from 3 to 13 s']
@@ -186,11 +168,8 @@ def gap_sentences(name: str, t: Float64Array) -> list[str]:
 
 
 def checked_gaps(gaps: object) -> float:
-    """Return the argument `gaps`, the longest time between samples that does not count as a gap [s], as a float.
-    Raise ArgumentError unless it is a positive number.
-
-    Raises:
-        ArgumentError: not a positive number.
+    """Return the argument `gaps`, the longest time between samples that is no gap [s]; refuse all but positive
+    numbers.
     """
     longest = finite_number("gaps", gaps)
     if longest <= 0:
@@ -201,9 +180,8 @@ def checked_gaps(gaps: object) -> float:
 def split_at_gaps(
     t: Float64Array, is_known: NDArray[np.bool_], gaps: float, min_samples: int = 1
 ) -> list[NDArray[np.intp]]:
-    """Return the indices of the samples for which `is_known` is True as a list of arrays, cut where neighbours are
-    more than `gaps` [s] and more than 1.5 median time steps apart. Arrays of fewer than `min_samples` are left out.
-    `t` holds the instants of all samples [s].
+    """Return the indices of known samples, cut where neighbours are more than `gaps` [s] and more than 1.5 median
+    time steps apart; pieces of fewer than `min_samples` are left out.
     """
     there = np.flatnonzero(is_known)
     if not there.size:
