@@ -576,3 +576,29 @@ def test_the_only_output_is_written_in_place(width, result):
     assert np.shares_memory(found, y)
     with pytest.raises(ArgumentError, match="overlaps x"):
         one.rows(x, out={"y": x})
+
+
+@pytest.mark.parametrize("lead", [(), (5,)], ids=str)
+def test_matrices_of_any_strides_are_read_as_they_are(lead):
+    one, (unused, m, x) = call(), arrays([lead] * 3)
+    wide = np.empty((*lead, 6, 6))
+    wide[..., ::2, ::2] = m
+    for matrix in (np.ascontiguousarray(m.swapaxes(-1, -2)).swapaxes(-1, -2), wide[..., ::2, ::2]):
+        state = one.rows(unused, matrix, x)
+        y, trace = expected(unused, m, x)
+        np.testing.assert_allclose(state.y, y, rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(state["trace"], trace, rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize("lead", [(), (5,)], ids=str)
+def test_arrays_to_write_that_do_not_fit_are_refused(lead):
+    one, given = call(), arrays([lead] * 3)
+    y, trace = np.zeros((*lead, 3)), np.zeros(lead)
+    one.rows(*given)
+    assert one.rows(*given, out={"y": y, "trace": trace, "nonsense": y.copy()}) is None
+    memory = np.zeros((*lead, 3))
+    itself = np.ndarray(memory.shape, float, memory, strides=(0,) * memory.ndim)
+    with pytest.raises(ArgumentError, match="overlaps itself"):
+        one.rows(*given, out={"y": itself, "trace": trace})
+    assert not y.any()
+    assert not memory.any()

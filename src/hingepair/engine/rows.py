@@ -96,7 +96,7 @@ def _source(
         one_state.append(f"({is_float}{one})")
         few_states.append(f"type(in{k}) is ndarray and in{k}.shape == (*lead, *{shape}) and in{k}.flags.c_contiguous")
     lead = f"in0.shape[:-{len(shapes[0])}]" if shapes[0] else "in0.shape if type(in0) is ndarray else ()"
-    few_states += [f"in0.ndim <= {MAX_AXES}", f"0 < in0.size < {most * math.prod(shapes[0])}"]
+    few_states += [f"in0.ndim <= {MAX_AXES}", f"in0.size < {most * math.prod(shapes[0])}"]
 
     lines = [
         f"def rows({arguments}, out=None, workers=1):",
