@@ -33,7 +33,7 @@ def tree_of_pairs(
 ) -> Tree:
     """Return the Tree of a robot that is given as HingePairs and Sliders. `parents` holds the number of body 1 of
     each pair (0 is the base); for None, body 1 of each pair is body 2 of the pair before it. `base` is "fixed" or
-    "free". Raise an ArgumentError if the pairs do not form a tree, or are not in the order of q.
+    "free".
 
     Raises:
         ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.
@@ -51,7 +51,7 @@ def tree_of_urdf(
     The kind is `base`, "fixed" or "free"; for None, it is "free" if the root joint is floating. Joints in `locked`, a
     dict by name or None, are held at the given positions [rad or m]; a DynamicsWarning names positions beyond limits,
     and mimic joints whose leader does not exist. An rpy angle within `snap` [rad] (0 for None) of a multiple of pi/2
-    is replaced by that multiple. Raise a URDFError if the URDF does not describe a tree of hinges and sliders.
+    is replaced by that multiple.
 
     Raises:
         URDFError: no readable URDF, or none of a tree of hinges and sliders.
@@ -73,8 +73,7 @@ def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] 
     """Return (Tree, kind of the base) for a Pinocchio model. The kind is `base`, "fixed" or "free"; for None, it is
     "free" if the model has a free-flyer, otherwise "fixed". Joints in `locked`, a dict by name or None, are held at
     the given positions [rad or m]. Issue a DynamicsWarning for a position beyond limits, and for a gravity that is
-    not the default. Raise an ArgumentError for a model with joints other than hinges, sliders and mimic joints, and
-    for an unusable `base` or `locked`.
+    not the default.
 
     Raises:
         ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.
@@ -115,7 +114,7 @@ def _body_or_none(masses: MassProperties) -> Body | None:
 def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     """Return a copy of a tree with the mass and the shapes of a further Body, which is fixed to the frame named
     `link`. Notes on assumed masses of the Body are added to the tree's notes, unless `base` is "fixed" and the frame
-    is in the base. Raise an ArgumentError if there is no such frame, or if `body` is not a Body.
+    is in the base.
 
     Raises:
         ArgumentError: no such frame, or no Body.
@@ -144,8 +143,7 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
     """Return a copy of a tree with a further frame called `name`, at position R [m] and rotation S (3, 3) relative to
-    the existing Frame `frame`; None for S means the identity. Raise an ArgumentError if the name is in use, or if R
-    or S cannot be used.
+    the existing Frame `frame`; None for S means the identity.
 
     Raises:
         ArgumentError: the name is none, or is taken; R or S cannot be used.

@@ -92,8 +92,7 @@ def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) ->
 
 def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
     """Check the argument `wrenches`, None or a dict of pairs by link, and return a dict of (force, torque) by link,
-    which is empty for None. Raise an ArgumentError for a link that is not a key of `links`, or for a value that is
-    not a pair. The forces and torques are not checked.
+    which is empty for None. The forces and torques are not checked.
 
     Raises:
         ArgumentError: an unknown link, or no pair of vectors; the error names it.
@@ -217,8 +216,7 @@ _ARGUMENT_NAMES_OF_PREPARED_CALLS: Final = (
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
     """Check the argument `given` of `prepare`, the name of a computation or an iterable of argument names, and return
-    a tuple of the names of the call's arguments. Raise an ArgumentError for an unknown or repeated name, and if q,
-    qd, qdd or tau is among `needed_inputs` but not among these names.
+    a tuple of the names of the call's arguments.
 
     Raises:
         ArgumentError: an unknown name, or one twice.

@@ -82,11 +82,9 @@ JointRule: TypeAlias = float | records.MimicRecord | None
 
 
 def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
-    """Return the Tree of the joints that move, from JointParts (the base, then the joints). `locked` is None or a
-    dict of positions [rad or m] by joint name, at which joints are held. The bodies that fixed and locked joints
-    connect are merged. If `base` is "fixed", notes on the masses of the base are left out. Issue a DynamicsWarning
-    for a joint that is locked beyond its limits. Raise an ArgumentError if a locked joint does not exist, if joints
-    follow each other in a circle, or if numbers overflow.
+    """Return the Tree of the joints that move, from JointParts (the base, then the joints). The bodies that fixed and
+    locked joints connect are merged. If `base` is "fixed", notes on the masses of the base are left out. Issue a
+    DynamicsWarning for a joint that is locked beyond its limits.
 
     Args:
         name: name of the robot.
@@ -136,8 +134,7 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
 
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
     """Check `locked`, None or a dict of positions [rad or m] by joint name, and return it as a dict of numbers. Issue
-    a DynamicsWarning for a position beyond the limits of its joint in `parts`. Raise an ArgumentError for an unknown
-    joint, and for a position that is not a finite number.
+    a DynamicsWarning for a position beyond the limits of its joint in `parts`.
     """
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
@@ -161,14 +158,13 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
     """Return a dict of the rule of each joint by name: its position if it is fixed or in `positions` (a dict of the
     locked joints), a MimicRecord if it follows another joint, or None if it moves by itself. A joint that follows a
-    follower gets a rule for the last leader. Raise an ArgumentError if joints follow each other in a circle.
+    follower gets a rule for the last leader.
     """
     by_name = {part.name: part for part in parts}
 
     def rule(part: JointPart) -> JointRule:
         """Return the rule of one joint, composed with the rules of its leaders: its position if the joint or its last
-        leader is held, a MimicRecord if it follows a joint that moves, or None if it moves by itself. Raise an
-        ArgumentError if the joint follows itself.
+        leader is held, a MimicRecord if it follows a joint that moves, or None if it moves by itself.
         """
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
@@ -229,8 +225,7 @@ def _tree_joint(
 ) -> Joint:
     """Return a moving part as a Joint of the tree with the mass properties `masses`. `parent_body` is the number of
     the body that carries the joint, and `carrier_pose` is the pose of the carrying part in that body. `rules` and
-    `body_numbers` are dicts of the joints' rules and of the bodies' numbers by joint name. Raise an ArgumentError if
-    the position of the joint overflows.
+    `body_numbers` are dicts of the joints' rules and of the bodies' numbers by joint name.
     """
     frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
@@ -264,7 +259,7 @@ def _links_and_frames(
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
     """Return two dicts of Frames by name: the frames of links, and the further frames (of fixed and locked joints,
     and those listed in `parts`). `body_poses` has a pair (body number, FramePose) for each part; the names of moving
-    joints are the keys of `body_numbers`. Raise an ArgumentError if a position overflows.
+    joints are the keys of `body_numbers`.
     """
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
@@ -283,9 +278,7 @@ def _links_and_frames(
 
 
 def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
-    """Return a FramePose in the body with the number `body_number` as a Frame. Raise an ArgumentError, whose message
-    begins with `label`, if a number of the pose is not finite.
-    """
+    """Return a FramePose in the body with the number `body_number` as a Frame."""
     if not all(np.isfinite(values).all() for values in pose):
         raise ArgumentError(label, "a position that does not overflow", "numbers that overflow")
     return Frame(body_number, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
@@ -293,7 +286,7 @@ def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
 
 def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
     """Return the sum of the mass properties of rigidly joined links as MassProperties of one body. `inertias` is a
-    dict of Inertia records by link name, all in the axes of that body. Raise an ArgumentError if the sum overflows.
+    dict of Inertia records by link name, all in the axes of that body.
     """
     heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
     if not heavy:

@@ -103,11 +103,9 @@ class Mechanism(MechanismMethods):
         locked: Mapping[str, float] | None = None,
         snap: float | None = None,
     ) -> Mechanism:
-        """Read a robot from a URDF file or from URDF text and return a Mechanism. `base` is "fixed", "free" or None.
-        `locked` is a dict whose keys are names of joints and whose values are the positions at which these joints are
-        held. An rpy angle of an <origin> within `snap` [rad] of a multiple of pi/2 is replaced by that multiple.
-        Issue a DynamicsWarning if a joint is locked beyond its limits, or if the joint that a mimic joint follows
-        does not exist.
+        """Read a robot from a URDF file or from URDF text and return a Mechanism. An rpy angle of an <origin> within
+        `snap` [rad] of a multiple of pi/2 is replaced by that multiple. Issue a DynamicsWarning if a joint is locked
+        beyond its limits, or if the joint that a mimic joint follows does not exist.
 
         Revolute and continuous joints become hinges, and prismatic joints become sliders. Links connected by fixed
         joints become one body with their combined mass and inertia. A mimic joint has no coordinate in q: its
@@ -149,9 +147,8 @@ class Mechanism(MechanismMethods):
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
         """Return the robot of a Pinocchio model, such as a model that Pinocchio has read from MJCF, as a Mechanism.
-        `base` is "fixed", "free" or None (as in the model). `locked` is a dict whose keys are names of joints and
-        whose values are the positions at which these joints are held. Issue a DynamicsWarning if a joint is locked
-        beyond its limits, or if the model's gravity is not (0, 0, -9.81), the default of the methods.
+        Issue a DynamicsWarning if a joint is locked beyond its limits, or if the model's gravity is not (0, 0,
+        -9.81), the default of the methods.
 
         The inertias of the motors' rotors (`model.armature`) are included in forces, the mass matrix, forward
         dynamics and kinetic energy, as in Pinocchio. There is one difference: for a joint whose axis is not a

@@ -109,6 +109,9 @@ _OUTPUT_NAMES_WITH_ERROR_BOUNDS: Final = (
 class MechanismMethods(Shown):
     """Methods of a robot: kinematics, dynamics, energy and momentum; `Mechanism` derives from this class.
 
+    The first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is
+    physically impossible.
+
     Attributes:
         tree: record of the robot.
         base: "fixed": the base is held, or moves as given; "free": forces move the base.
@@ -155,8 +158,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismState:
         """Compute the poses of the frames named in `frames`; with `qd` also their velocities, and with `qdd` also
-        their accelerations (E2, E5, E7-E9). Return a MechanismState. `base_motion` is a BodyMotion; without it, the
-        base rests at the origin of the world. If a dict of arrays `out` is given, the results are written into them.
+        their accelerations (E2, E5, E7-E9). Return a MechanismState.
 
         Args:
             q: coordinates of the joints, in the order of `names` [rad for hinges, m for sliders]; an array of shape
@@ -306,8 +308,7 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the acceleration of the frame named `frame` at qdd = 0 as an array (..., 6). The result is `bias`
         in (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias, and the
-        result is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an
-        array `out` is given, the bias is written into it.
+        result is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0.
 
         J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin [m/s^2],
         and alpha is the angular acceleration of the frame [rad/s^2]. a1 and alpha1 are the acceleration of the base's
@@ -481,7 +482,6 @@ class MechanismMethods(Shown):
     ) -> dict[str, Float64Array]:
         """Compute rigorous bounds on the rounding errors of results of the robot's methods at every sample. Return a
         dict of arrays whose keys are the names in `outputs`, by default the outputs of `forward_kinematics`.
-        `base_motion` is None or a BodyMotion.
 
         The error is the difference between the computed result and the exact result of the equations. The given
         arguments are taken as exact, and so are the dimensions and mass properties of the robot as they are stored in
@@ -573,10 +573,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismForces:
         """Compute the joint torques and forces `tau`, and the force `force1` and torque `torque1` on the base, that a
-        motion of the robot requires (T1-T3). Return a MechanismForces. `wrenches` is a dict of further loads whose
-        keys are names of links and whose values are pairs (force, torque). `base_motion` is None or a BodyMotion. If
-        a dict of arrays `out` is given, the results are written into them. The robot's first computation that uses
-        masses issues a DynamicsWarning if a mass or an inertia was not given or is physically impossible.
+        motion of the robot requires (T1-T3). Return a MechanismForces.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -645,10 +642,7 @@ class MechanismMethods(Shown):
         """Compute the accelerations of the robot under given torques and forces (T5, T6). Return a
         MechanismAccelerations with the attribute `qdd`, and for a free base also `a1` and `alpha1`. If the mass
         matrix is singular at a sample, the accelerations of this sample are NaN, and a DynamicsWarning is issued.
-        `wrenches` is a dict of further loads whose keys are names of links and whose values are pairs (force,
-        torque). `base_motion` is None or a BodyMotion. `force1` and `torque1` act on a free base. If a dict of arrays
-        `out` is given, the results are written into them. The robot's first computation that uses masses issues a
-        DynamicsWarning if a mass or an inertia was not given or is physically impossible.
+        `force1` and `torque1` act on a free base.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
@@ -996,9 +990,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the mass matrix M in M @ qdd + bias = tau (T4) as an array (..., dof, dof). For a free base,
-        compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof). If an array
-        `out` is given, M is written into it. `base_motion` is None or a BodyMotion. The robot's first computation
-        that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is physically impossible.
+        compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof).
 
         `bias` is the result of `bias_forces`. a1, alpha1, force1 and torque1 are in world axes; force1 acts at the
         base's reference point R1, and torque1 is about R1. The arguments are the same as for `jacobian`; of
@@ -1024,10 +1016,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof). They are the term
-        `bias_forces` in tau = mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof). If an
-        array `out` is given, the result is written into it. `base_motion` is None or a BodyMotion. The robot's first
-        computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is physically
-        impossible.
+        `bias_forces` in tau = mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof).
 
         Zero acceleration means qdd = 0, and for a free base also a1 = 0 and alpha1 = 0. The bias forces contain the
         Coriolis, centrifugal and gravity terms, and the terms of a base acceleration that `base_motion` prescribes.
@@ -1057,9 +1046,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3) as an array (..., dof),
-        for a free base (..., 6 + dof). If an array `out` is given, the result is written into it. `base_motion` is
-        None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an
-        inertia was not given or is physically impossible.
+        for a free base (..., 6 + dof).
 
         The generalized forces are torques of hinges [N m] and forces of sliders [N], in the order of q. For a free
         base, the array begins with the force on the base at its reference point R1 [N] and the torque on the base
@@ -1083,9 +1070,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of the
-        base is included only if the base is free. If an array `out` is given, the position is written into it.
-        `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning
-        if a mass or an inertia was not given or is physically impossible.
+        base is included only if the base is free.
 
         The arguments are the same as for `jacobian`; of `base_motion`, only R and S are used. By default, the base is
         at the origin of the world, and the axes of the base are the world axes. If all included masses are 0, the
@@ -1109,9 +1094,7 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the Jacobian J of the centre of mass as an array (..., 3, dof): if the base is at rest, the
         velocity of the centre of mass is J @ qd. For a free base, this velocity is J @ (v1, omega1, qd), and J has
-        shape (..., 3, 6 + dof). If an array `out` is given, J is written into it. `base_motion` is None or a
-        BodyMotion. The robot's first computation that uses masses issues a DynamicsWarning if a mass or an inertia
-        was not given or is physically impossible.
+        shape (..., 3, 6 + dof).
 
         Vectors are in world axes. v1 is the velocity of the base's reference point, and omega1 is the angular
         velocity of the base. The mass of the base is included only if the base is free. If all included masses are 0,
@@ -1136,9 +1119,7 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Compute the acceleration of the robot's centre of mass at qdd = 0, an array (..., 3) [m/s^2]. The result is
         `bias` in acceleration = J @ qdd + bias. For a free base, acceleration = J @ (a1, alpha1, qdd) + bias, and the
-        result is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0. `base_motion` is None or a BodyMotion. If an
-        array `out` is given, the bias is written into it. The robot's first computation that uses masses issues a
-        DynamicsWarning if a mass or an inertia was not given or is physically impossible.
+        result is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0.
 
         J is the result of `centre_of_mass_jacobian`. a1 and alpha1 are the acceleration of the base's reference point
         and the angular acceleration of the base. Vectors are in world axes. A base that is not free moves as
@@ -1215,8 +1196,7 @@ class MechanismMethods(Shown):
     ) -> Energy:
         """Compute the kinetic and the potential energy of the robot [J] (T7). Return an Energy with the attributes
         `.kinetic` and `.potential`, shape (...,) each. The potential energy of a mass at the origin of the world is
-        0. `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a
-        DynamicsWarning if a mass or an inertia was not given or is physically impossible.
+        0.
 
         The mass of the base is counted only if the base is free. The inertias of the motors' rotors (`armature`) are
         counted in the kinetic energy. Of `base_motion`, only R, S, v and omega are used; by default, the base rests
@@ -1244,8 +1224,7 @@ class MechanismMethods(Shown):
         """Compute the linear momentum [kg m/s] and the angular momentum [kg m^2/s] of the robot in world axes (T8).
         Return a Momentum with the attributes `.linear` and `.angular`, shape (..., 3) each. The angular momentum is
         about the origin of the world if `about` is "origin", and about the robot's centre of mass if `about` is
-        "centre". `base_motion` is None or a BodyMotion. The robot's first computation that uses masses issues a
-        DynamicsWarning if a mass or an inertia was not given or is physically impossible.
+        "centre".
 
         The mass of the base is counted only if the base is free. The motors' rotors, which `energy` counts, are not:
         their energy follows from `armature`, inertia times the square of the gear ratio, but their momentum is
@@ -1399,9 +1378,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> Prepared:
         """Plan, check and compile a computation once, and return the computation as a callable. The callable is meant
-        for loops over single states or small batches. `given` is the name of a computation such as "jacobian", or a
-        tuple of the names of the callable's arguments. `frames` are the names of the frames, and `outputs` the names
-        of the results to compute.
+        for loops over single states or small batches.
 
         Args:
             given: one of two things:
@@ -1525,7 +1502,7 @@ class MechanismMethods(Shown):
     ) -> tuple[str, ...]:
         """Check the argument `outputs` of `prepare`, None or an iterable of names, and return a tuple of the names of
         the outputs that the prepared call computes. `given` is the argument `given` of `prepare`, and
-        `argument_names` are the names of the call's arguments. Raise an ArgumentError for an unknown output.
+        `argument_names` are the names of the call's arguments.
         """
         acceleration_outputs = _ACCELERATION_OUTPUT_NAMES if self.base == "free" else ("qdd",)
         if isinstance(given, str):
@@ -1564,11 +1541,7 @@ class MechanismMethods(Shown):
 
     def _named_frames(self, argument: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
         """Return a dict of Frames by name. `frames` is a name, an iterable of names, or None for the last links of
-        all branches. Raise an ArgumentError for the argument named `argument` if there is no such frame, or if a
-        name is given twice or none is.
-
-        Raises:
-            ArgumentError: there is no such frame, or none is named.
+        all branches.
         """
         try:
             names = self.tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
@@ -1586,12 +1559,7 @@ class MechanismMethods(Shown):
             raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
 
     def _named_frame(self, argument: str, name: Any) -> Frame:
-        """Return the Frame of a link, a joint or a further frame by its name. Raise an ArgumentError for the argument
-        named `argument` if there is no such frame.
-
-        Raises:
-            ArgumentError: no such frame.
-        """
+        """Return the Frame of a link, a joint or a further frame by its name."""
         frame = self.tree.frame(name) if isinstance(name, str) else None
         if frame is None:
             expected = choices(tuple(self.tree.links)) + nearest(str(name), self.tree.frame_names)
@@ -1601,9 +1569,6 @@ class MechanismMethods(Shown):
     def _frame_or_only_tip(self, frame: str | None, frames: str | Iterable[str] | None = None) -> Any:
         """Return the argument that names frames, out of the arguments `frame` and `frames` of a method; without one,
         the name of the last link of the robot's only branch. Whether there are such frames is not checked.
-
-        Raises:
-            ArgumentError: both are given, none is although the robot has several branches, or `frame` is no string.
         """
         if frames is not None:
             if frame is not None:
@@ -1625,10 +1590,9 @@ class MechanismMethods(Shown):
         out: Out,
         accepted_names: tuple[str, ...] = FRAME_MOTION_OUTPUT_NAMES,
     ) -> tuple[str, ...]:
-        """Check the argument `outputs`, None or an iterable of names, and return a tuple of the names to
-        compute. For None, these are all outputs of motion up to `level` (0 pose, 1 velocity, 2 acceleration),
-        and the accepted keys of `out`. Raise an ArgumentError for a single string, and for a name that is not
-        among `accepted_names`.
+        """Check the argument `outputs`, None or an iterable of names, and return a tuple of the names to compute. For
+        None, these are all outputs of motion up to `level` (0 pose, 1 velocity, 2 acceleration), and the accepted
+        keys of `out`.
         """
         default_names = tuple(
             name for names in _OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL[: level + 1] for name in names
@@ -1673,9 +1637,7 @@ class MechanismMethods(Shown):
     def _check_needed_inputs(
         self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
     ) -> None:
-        """Check that the dict `coordinates` holds each of q, qd, qdd and tau that the computation needs. Raise an
-        ArgumentError if one is missing; its message names the first of the `outputs` that needs it.
-        """
+        """Check that the dict `coordinates` holds each of q, qd, qdd and tau that the computation needs."""
         for name in ("q", "qd", "qdd", "tau"):
             if name in computation.inputs and name not in coordinates:
                 needs = [
@@ -1688,7 +1650,6 @@ class MechanismMethods(Shown):
     def _wrench_inputs(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
         """Check the argument `wrenches`, None or a dict of (force, torque) by link. Return two dicts: one of (value,
         name for messages) by input name such as "force_0", and one of the Frames of the loaded links by link name.
-        Raise an ArgumentError for an unknown link.
         """
         by_link = read_wrenches(wrenches, self.tree.links)
         labelled_loads = {
@@ -1700,10 +1661,7 @@ class MechanismMethods(Shown):
 
     def _loads_on_base(self, force1: ArrayLike, torque1: ArrayLike) -> dict[str, tuple[Any, str]]:
         """Return a dict of (value, name for messages) with the keys "force1" and "torque1" for the loads on a free
-        base. A load that is the number 0 is left out. Raise an ArgumentError for any other load if the base is fixed.
-
-        Raises:
-            ArgumentError: the base is fixed.
+        base. A load that is the number 0 is left out.
         """
         labelled_loads = {}
         for name, value in (("force1", force1), ("torque1", torque1)):
@@ -1766,7 +1724,7 @@ class MechanismMethods(Shown):
 
     def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
         """Return a tuple of the names of those columns of a table, such as a DataFrame, that hold the argument `name`
-        (q, qd, qdd or tau), in the order of q. Raise an ArgumentError if columns are missing.
+        (q, qd, qdd or tau), in the order of q.
         """
         return CoordinateNames(self._constants.names).table_columns(name, table)
 
@@ -1810,9 +1768,6 @@ class MechanismMethods(Shown):
     def _warn_of_masses(self) -> None:
         """Issue a DynamicsWarning for each of the tree's notes on masses that are assumed, or that no rigid body can
         have. Only the first call for a robot issues them.
-
-        Raises:
-            ArgumentError: a mass times the square of a length overflows.
         """
         cache = self._constants.cache
         if not cache.warned:
@@ -1855,7 +1810,6 @@ def _checked_outputs(
 ) -> tuple[str, ...]:
     """Check the argument `outputs`, None or an iterable of names, and return a tuple of the names to compute. For
     None, these are `default_names` (or, if these are None, all `accepted_names`) and the accepted keys of `out`.
-    Raise an ArgumentError for a single string, for no name, and for a name that is not accepted.
     """
     if outputs is None:
         more = tuple(name for name in out if name in accepted_names) if isinstance(out, Mapping) else ()
@@ -1873,9 +1827,7 @@ def _checked_outputs(
 
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
-    """Check the argument `gravity`, and return a tuple of its three components [m/s^2]. Raise an ArgumentError if it
-    is not a vector of three finite numbers.
-    """
+    """Check the argument `gravity`, and return a tuple of its three components [m/s^2]."""
     if gravity is DEFAULT_GRAVITY_VECTOR:
         return DEFAULT_GRAVITY_VECTOR
     return tuple(one_constant("gravity", gravity, 3).tolist())

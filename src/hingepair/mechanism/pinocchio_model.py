@@ -30,8 +30,7 @@ _PINOCCHIO_SLIDER_TYPE_NAMES = {*(f"JointModelP{axis}" for axis in "XYZ"), "Join
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     """Return (kind of the base, parts) for a Pinocchio model. The kind is "free" if the model has a free-flyer at its
     root, otherwise "fixed"; the parts are a list of JointParts, the base first. Issue a DynamicsWarning if the
-    gravity of the model is not the default. Raise an ArgumentError for a joint that is not a hinge, a slider or a
-    mimic joint.
+    gravity of the model is not the default.
 
     A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
     composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
@@ -84,8 +83,7 @@ def _parts_of_joint(
 ) -> list[JointPart]:
     """Return one joint of a Pinocchio model as a list of JointParts; a composite joint has several. The first
     JointPart gets the number `first_part` and is carried by part number `parent_part`; the last one gets
-    `body_content`, the keyword arguments that describe the joint's body. Raise an ArgumentError for a joint that is
-    not a hinge, a slider or a mimic joint.
+    `body_content`, the keyword arguments that describe the joint's body.
     """
     joint, name, pose = (
         model.joints[joint_number],
@@ -128,8 +126,7 @@ def _part_of_joint(
 ) -> JointPart:
     """Return one joint, or one joint of the composite joint number `joint_number`, as a JointPart that part number
     `parent_part` carries, with the pose `pose` and the keyword arguments `body_content`. Its coordinates begin at
-    index `idx_q` in Pinocchio's q and at index `idx_v` in Pinocchio's v. Raise an ArgumentError if the joint is not a
-    hinge, a slider or a mimic joint, or if its armature is negative or not finite.
+    index `idx_q` in Pinocchio's q and at index `idx_v` in Pinocchio's v.
     """
     kind = joint.shortname()
     if kind not in {*_PINOCCHIO_HINGE_TYPE_NAMES, *_PINOCCHIO_SLIDER_TYPE_NAMES, "JointModelMimic"}:

@@ -12,9 +12,8 @@ from hingepair.urdf.rigid import FramePose
 
 
 class BodyDrawing(NamedTuple):
-    """Drawing of a body of a robot. `shapes` is a tuple of Boxes, Cylinders and Spheres in the axes of the body, and
-    `is_complete` is True if these shapes show the whole body. A drawing without shapes, or of a body that a URDF
-    draws by meshes, is not complete.
+    """Drawing of a body of a robot. A drawing without shapes, or of a body that a URDF draws by meshes, is not
+    complete.
 
     Attributes:
         shapes: shapes in the axes of the body, from its reference point.
@@ -41,9 +40,8 @@ def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, Fram
 
 
 def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
-    """Return the boxes, cylinders and spheres of a LinkRecord as a tuple, in the axes of the link. `tags` are the
-    kinds of elements ("visual", "collision") to search in turn; the first kind that holds only such shapes is used.
-    Return an empty tuple if nothing is drawn, and None if the link is drawn by meshes or its elements cannot be read.
+    """Return the boxes, cylinders and spheres of a LinkRecord as a tuple, in the axes of the link. Return an empty
+    tuple if nothing is drawn, and None if the link is drawn by meshes or its elements cannot be read.
 
     Args:
         link: record of the link.

@@ -89,8 +89,6 @@ def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> 
 
 def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
     """Convert HingePairs and Sliders that share bodies to a list of JointParts: the base, then the pairs in order.
-    `parents` holds the number of body 1 of each pair (0 is the base); for None, body 1 of each pair is body 2 of the
-    pair before it. Raise an ArgumentError if the pairs do not form a tree, or are not in the order of q.
 
     Args:
         pairs: joints, by name depth-first with siblings by name.
@@ -141,10 +139,7 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
 
 
 def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slider]:
-    """Check the argument `pairs`, an iterable of HingePairs and Sliders, and return it as a list. Raise an
-    ArgumentError if it is empty or holds another object, or if a name is used twice or is the name of the base
-    link.
-    """
+    """Check the argument `pairs`, an iterable of HingePairs and Sliders, and return it as a list."""
     if not isinstance(pairs, Iterable):
         raise ArgumentError("pairs", "HingePairs and Sliders", quoted(pairs))
     checked = list(pairs)
@@ -171,8 +166,7 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
 
 def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
     """Check the argument `parents`, and return a list of the number of body 1 of each pair (0 is the base). For None,
-    body 1 of each pair is body 2 of the pair before it. Raise an ArgumentError if there is not one whole number from
-    0 to the number of pairs for each pair. Whether the numbers form a tree is not checked.
+    body 1 of each pair is body 2 of the pair before it. Whether the numbers form a tree is not checked.
     """
     count = len(pairs)
     if parents is None:
@@ -188,11 +182,7 @@ def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int]
 
 def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
     """Return a list of the indices of the pairs in depth-first order, siblings by name. `parent_numbers` holds the
-    number of body 1 of each pair: 0 for the base, j for body 2 of the j-th pair. Raise an ArgumentError if the
-    parents do not form a tree.
-
-    Raises:
-        ArgumentError: the parents make no tree.
+    number of body 1 of each pair: 0 for the base, j for body 2 of the j-th pair.
     """
     carried: dict[int, list[int]] = {}
     for place, parent in enumerate(parent_numbers):
@@ -214,11 +204,7 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
 
 def _shared_body(sides_of_pairs: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
     """Return the Body that several pairs share; return None if no pair gives it. `sides_of_pairs` holds a tuple
-    (side, pair) for each pair, whose side is "body1" or "body2", the attribute of the pair for this body. Raise an
-    ArgumentError if two pairs give different bodies.
-
-    Raises:
-        ArgumentError: two of them give it, and differ.
+    (side, pair) for each pair, whose side is "body1" or "body2", the attribute of the pair for this body.
     """
     first_given: tuple[str, Body] | None = None
     for side, pair in sides_of_pairs:

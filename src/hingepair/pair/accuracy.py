@@ -205,8 +205,7 @@ def error_ratios(
 ) -> tuple[Float64Array, Float64Array]:
     """Return (error, ratio) of an output at each sample, two arrays (...,). `error` is the largest absolute
     difference between the components of the arrays `computed` and `expected`, and `ratio` is error / (u * scale),
-    where u is the unit roundoff of `dtype`. Both are NaN if the expected value or the scale is not finite. `output`
-    is the name of the output, which tells whether one sample is a vector or a matrix.
+    where u is the unit roundoff of `dtype`. Both are NaN if the expected value or the scale is not finite.
 
     If the computed value is not finite and the expected value is finite, the error is inf. If u * scale is below the
     smallest normal number, as for a body at rest, the ratio is error / (smallest normal number).

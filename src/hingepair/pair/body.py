@@ -294,7 +294,7 @@ def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
 
 def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
     """Return the argument `inertia` as a matrix of shape (3, 3); an argument of three moments becomes a diagonal
-    matrix. Raise ShapeError for other shapes and ArgumentError for numbers that are not finite.
+    matrix.
     """
     if np.ndim(inertia) == 1:
         return np.diag(one_constant("inertia", inertia, 3))
@@ -302,12 +302,9 @@ def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an inertia matrix (3, 3) as a read-only array that is exactly symmetric. Raise ArgumentError if the
-    matrix is not symmetric, or if no rigid body can have this inertia. If the largest principal moment only slightly
-    exceeds the sum of the other two, as rounding of the given numbers can explain, issue a DynamicsWarning instead.
-
-    Raises:
-        ArgumentError: no rigid body can have it.
+    """Return an inertia matrix (3, 3) as a read-only array that is exactly symmetric. If the largest principal moment
+    only slightly exceeds the sum of the other two, as rounding of the given numbers can explain, issue a
+    DynamicsWarning instead.
     """
     size = float(np.abs(inertia).max())
     if not np.isfinite(size):
@@ -336,9 +333,7 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _positive_number(name: str, value: object) -> float:
-    """Return a value as a float. Raise ArgumentError, which names the argument `name`, unless it is a finite number
-    above 0.
-    """
+    """Return a value as a float."""
     number = finite_number(name, value)
     if number <= 0:
         raise ArgumentError(name, "a number above 0", value)

@@ -222,8 +222,7 @@ def _motion_with_attitude(S: Any, **users_arrays: Any) -> BodyMotion:
 def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[str] = ()) -> None:
     """Set the attributes R, S, v, omega, a and alpha of the BodyMotion `body` in place: to read-only views of
     `arrays`, a dict by attribute name, or to None if there is no such array; NumPy arrays named in `copied` are
-    copied. Set the attribute `shape` to the common leading shape of the arrays. Raise ShapeError or DtypeError for an
-    unusable array.
+    copied. Set the attribute `shape` to the common leading shape of the arrays.
     """
     shapes = {}
     for name, tail in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE.items():
@@ -239,9 +238,7 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[
 
 def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
     """Return a value as an array of a motion: a read-only view of a NumPy array, a list or a data frame; an array of
-    another library, or a Dask array, is returned as it is. Raise ShapeError, which names the argument `name`, if the
-    last axes do not have the shape that the further arguments give, such as 3, 3. Raise DtypeError unless the array
-    holds real numbers.
+    another library, or a Dask array, is returned as it is.
     """
     if not is_foreign(value) and not holds_dask(value):
         try:
@@ -271,8 +268,7 @@ def motion_inputs(
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
     """Return a dict of the requested arrays of the BodyMotion `body` as NumPy arrays. The further arguments are the
     letters of these arrays, such as "S". `name` is "body1" or "body2", and a key is the letter with the digit of
-    `name`, such as S1. Raise ArgumentError if `body` is not a BodyMotion, or if an array is missing or is a Dask
-    array.
+    `name`, such as S1.
 
     Raises:
         ArgumentError: the body is not a BodyMotion, an array is missing or is a Dask array; the error names it.

@@ -42,8 +42,7 @@ class Constants:
 def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
     """Return the Constants of a pair. u1 and u2 are the vectors from the reference points to the hinge point, in the
     axes of body 1 and of body 2, and n is the hinge axis. `home` is the rotation matrix from body-2 to body-1 axes at
-    psi = 0, or None for the identity. Raise ArgumentError for an unusable argument, AxisError if n is zero or not
-    finite, and RotationError if `home` is not a rotation.
+    psi = 0, or None for the identity.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -161,7 +160,7 @@ def check_pair(pair: object) -> None:
 
 def check_single_pair(pair: Any, condition: str = "") -> None:
     """Raise ShapeError if a HingePair or PlanarPair holds more than one pair, that is, if its geometry has leading
-    axes. The text `condition` follows the words "one pair" in the message.
+    axes.
 
     Args:
         pair: a HingePair or a PlanarPair.

@@ -154,8 +154,7 @@ class HingePair(Shown):
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return the result of the function `method` with lazy Dask arrays in it; nothing is computed. The arguments
-        of `method` are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading
-        axes.
+        of `method` are keyword arguments, some of which contain Dask arrays.
         """
         check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(
@@ -217,8 +216,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> PairState:
         """Compute the PairState of body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi)
-        (E1-E10). qd and qdd add velocities and accelerations. `outputs` names the outputs to compute, and `sequence`
-        is the Euler sequence of body 1. Results are written into the arrays of the dict `out`, if given.
+        (E1-E10). qd and qdd add velocities and accelerations.
 
         By default, the inputs determine the outputs: q gives position and attitude, qd adds velocities, and qdd adds
         accelerations.
@@ -272,8 +270,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> Prepared:
         """Return a Prepared object, a function that computes the results named in `outputs` and is compiled only
-        once. It is meant for loops over single states or small batches. `given` is a tuple of the names of the
-        function's inputs, or a word such as "velocity" that stands for such a tuple.
+        once. It is meant for loops over single states or small batches.
 
         Args:
             given: names of the inputs as a tuple, in the order in which each call passes them, or a word that stands
@@ -353,8 +350,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> PairState:
         """Compute the PairState of body 2 from the BodyMotion of body 1 and the hinge angle, without Euler angles
-        (E1, E2, E5-E9). psid and psidd add velocities and accelerations. Results are written into the arrays of the
-        dict `out`, if given.
+        (E1, E2, E5-E9). psid and psidd add velocities and accelerations.
 
         By default, R2, S2 and d are computed, with psid also v2 and omega2, and with psidd also a2 and alpha2.
         Velocities need v and omega of body1, and accelerations also a and alpha of body1. psidd needs psid.
@@ -483,9 +479,8 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape
-        (..., 7, 7) (T4). `body1` is the BodyMotion of body 1; only S is used. Raise ArgumentError if a body has no
-        mass properties.
+        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape (...,
+        7, 7) (T4).
 
         bias is the value of (force1, torque1, hinge_torque) for a1 = 0, alpha1 = 0 and psi'' = 0; velocities and
         gravity cause it.
@@ -531,8 +526,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
-        (T1-T3). `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError
-        if a body has no mass properties.
+        (T1-T3).
 
         Args:
             body1: the motion of body 1; S, omega, a and alpha are used.
@@ -583,7 +577,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> Accelerations:
         """Compute the Accelerations of body 1 and of the hinge angle under gravity and under the forces and torques
-        on both bodies (T5, T6). `body1` is the BodyMotion of body 1.
+        on both bodies (T5, T6).
 
         The arrays broadcast against each other. By default, all forces and torques are 0.
 
@@ -638,8 +632,6 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (T3).
-        `body1` is the BodyMotion of body 1; `gravity` is the acceleration of free fall. Raise ArgumentError if body 2
-        has no mass properties; body 1 needs none.
 
         Args:
             body1: the motion of body 1; S, omega, a and alpha are used.
@@ -686,9 +678,8 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). `body1` is the BodyMotion of
-        body 1. If body 1 has no mass properties, return the energy of body 2 alone. Raise ArgumentError if body 2 has
-        no mass properties.
+        """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). If body 1 has no mass
+        properties, return the energy of body 2 alone.
 
         Args:
             body1: the motion of body 1; R, S, v and omega are used.
@@ -728,8 +719,7 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
-        """Compute the Momentum of the pair: linear, and angular about the world's origin (T8). `body1` is the
-        BodyMotion of body 1. Raise ArgumentError if a body has no mass properties.
+        """Compute the Momentum of the pair: linear, and angular about the world's origin (T8).
 
         Args:
             body1: the motion of body 1; R, S, v and omega are used.
@@ -768,8 +758,7 @@ class HingePair(Shown):
     ) -> Residuals:
         """Compute the Residuals of two BodyMotions: by how much the motions violate the hinge constraints E1 and E2
         and the time derivatives of these constraints. The residuals are compared with `tolerances`, a dict whose keys
-        are names of residuals; the default tolerances cover rounding errors. `t` holds the instants of the samples.
-        For Dask arrays, return LazyResiduals.
+        are names of residuals; the default tolerances cover rounding errors. For Dask arrays, return LazyResiduals.
 
         Args:
             body1: the motion of body 1.
@@ -837,8 +826,7 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), shape (..., 6, 7) (E8, E2). `body1` is
-        the BodyMotion of body 1; only S is used.
+        """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), shape (..., 6, 7) (E8, E2).
 
         `coordinate_jacobian` computes the matrix that multiplies qd, the time derivatives of the seven coordinates.
 
@@ -871,8 +859,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the part of body 2's acceleration that velocities cause, shape (..., 6). This part is `bias` in
-        (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9). `body1` is the BodyMotion of body 1; only S and omega
-        are used.
+        (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
 
         Jac is the matrix that `jacobian` returns. (a2, alpha2) is a vector of 6 components, and
         (a1, alpha1, psi'') is a vector of 7. a1 and alpha1 are the linear and angular acceleration of body 1.
@@ -907,7 +894,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, shape (..., 6, 7). qd is the vector of the time
-        derivatives of the seven coordinates q (E8, E2, E4). `sequence` is the Euler sequence of body 1.
+        derivatives of the seven coordinates q (E8, E2, E4).
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
@@ -941,7 +928,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the time derivative Jq' of the Jacobian Jq that `coordinate_jacobian` returns, shape (..., 6, 7)
-        (E9). The accelerations are (a2, alpha2) = Jq @ qdd + Jq' @ qd. `sequence` is the Euler sequence of body 1.
+        (E9). The accelerations are (a2, alpha2) = Jq @ qdd + Jq' @ qd.
 
         Args:
             q: coordinates [m, rad], as for `forward_kinematics`.
@@ -968,8 +955,7 @@ class HingePair(Shown):
 
     def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
         """Compute the Sensitivities: the derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and
-        psi (E2, E5-E8). `body1` is the BodyMotion of body 1. n is scaled to unit length, so the derivative with
-        respect to a change along n is zero. Without psid, the derivatives of v2 and omega2 are None.
+        psi (E2, E5-E8). Without psid, the derivatives of v2 and omega2 are None.
 
         R2 has the same derivatives as d, because R1 is given.
 
@@ -1007,9 +993,7 @@ class HingePair(Shown):
         covariance: ArrayLike | None = None,
     ) -> PoseCovariance:
         """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of u1, u2, n and
-        home cause, to first order (E5, E7). `body1` is the BodyMotion of body 1. Give the tolerances as standard
-        deviations or as one covariance (12, 12). Raise ArgumentError if all standard deviations are 0 and no
-        covariance is given.
+        home cause, to first order (E5, E7). Give the tolerances as standard deviations or as one covariance (12, 12).
 
         `hingepair.sample_pairs` draws random pairs with the same tolerances. A comparison of the poses of these pairs
         with the covariance shows whether the first-order result is accurate enough.
@@ -1064,7 +1048,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the Jacobian G of the five hinge constraints, shape (..., 5, 12). The time derivatives of the
-        constraints are (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2). `body1` and `body2` are BodyMotions.
+        constraints are (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2).
 
         Solvers of differential-algebraic equations need G. The five constraints are gap = 0 and tilt = 0. gap is the
         vector R1 + S1 u1 - R2 - S2 u2, with three components in world axes [m]. tilt has two dimensionless
@@ -1106,8 +1090,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the part of the constraints' second time derivatives that velocities cause, shape (..., 5). This
-        part is `bias` in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2). `body1` and `body2` are
-        BodyMotions.
+        part is `bias` in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2).
 
         gap is the vector from the hinge point of body 2 to the hinge point of body 1, and tilt has two dimensionless
         components. `constraint_jacobian` defines gap and tilt, and returns G. If a motion satisfies the constraints
@@ -1137,7 +1120,7 @@ class HingePair(Shown):
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
     """Return the argument `limits`, the limits of the hinge angle [rad], as floats (lower, upper), or None if it is
-    None. Raise ArgumentError unless they are two finite numbers with lower <= upper.
+    None.
     """
     if limits is None:
         return None
@@ -1148,9 +1131,7 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
 
 
 def checked_mass_properties(name: str, body: Body | None) -> Body | None:
-    """Return the argument `body` unchanged if it is a Body or None. Raise ArgumentError, which names the argument
-    `name`, for anything else.
-    """
+    """Return the argument `body` unchanged if it is a Body or None."""
     if body is None:
         return None
     if not isinstance(body, Body):

@@ -113,8 +113,7 @@ class PlanarPair(Shown):
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
         """Return the result of the function `method` with lazy Dask arrays in it; nothing is computed. The arguments
-        of `method` are keyword arguments, some of which contain Dask arrays. Raise ShapeError if the pair has leading
-        axes.
+        of `method` are keyword arguments, some of which contain Dask arrays.
         """
         check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(method, arguments, _DASK_SHAPES, COORDINATES[PLANAR_MOTION_KIND].table_columns)
@@ -131,8 +130,7 @@ class PlanarPair(Shown):
         backend: str = "auto",
     ) -> PlanarState:
         """Compute the PlanarState of body 2 from the four coordinates q = (x, y, phi, psi) (E11). qd and qdd add
-        velocities and accelerations. `outputs` names the outputs to compute. If a dict `out` is given, the results
-        are written into its arrays.
+        velocities and accelerations.
 
         By default, the inputs determine the outputs: q gives position and attitude, qd adds velocities, and qdd adds
         accelerations.
@@ -280,7 +278,7 @@ class PlanarPair(Shown):
 
     def mass_matrix(self, q: Coordinates) -> FloatArray:
         """Compute the mass matrix M, shape (..., 4, 4). It satisfies M @ (x'', y'', phi'', psi'') + bias = (force1,
-        torque1, hinge_torque) (T4-T6). Raise ArgumentError if a body has no mass properties.
+        torque1, hinge_torque) (T4-T6).
 
         force1, which has two components, and torque1 act on body 1 at R1; hinge_torque is the torque of body 1 on
         body 2. Apart from these, only gravity acts on the bodies. bias is the value of (force1, torque1,
@@ -316,7 +314,6 @@ class PlanarPair(Shown):
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the hinge (T1-T3).
-        `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if a body has no mass properties.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
@@ -356,8 +353,6 @@ class PlanarPair(Shown):
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (T3).
-        `gravity` is the acceleration of free fall in the plane. Raise ArgumentError if body 2 has no mass properties;
-        body 1 needs none.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
@@ -438,7 +433,7 @@ class PlanarPair(Shown):
         self, q: Coordinates, qd: Coordinates, *, gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). If body 1 has no mass
-        properties, the energy is the energy of body 2 alone. Raise ArgumentError if body 2 has no mass properties.
+        properties, the energy is the energy of body 2 alone.
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
@@ -464,7 +459,7 @@ class PlanarPair(Shown):
 
     def momentum(self, q: Coordinates, qd: Coordinates) -> Momentum:
         """Compute the Momentum of the pair: its linear momentum, and its angular momentum about the world's origin
-        (T8). Raise ArgumentError if a body has no mass properties.
+        (T8).
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
@@ -495,10 +490,9 @@ class PlanarPair(Shown):
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
         **loads: ArrayLike,
     ) -> tuple[FloatArray, ...]:
-        """Compute the outputs that a task names, as vectors in space: a force has three
-        components. Return a tuple of arrays in the order of `task.outputs`. `coordinates` is a dict with the keys q,
-        qd and qdd, as far as needed, `gravity` has two components, and planar loads are keyword arguments. Raise
-        ArgumentError if a coordinate argument is None or a needed mass is missing.
+        """Compute the outputs that a task names, as vectors in space: a force has three components. Return a tuple of
+        arrays in the order of `task.outputs`. `coordinates` is a dict with the keys q, qd and qdd, as far as needed,
+        `gravity` has two components, and planar loads are keyword arguments.
         """
         for name, row in coordinates.items():
             if row is None:

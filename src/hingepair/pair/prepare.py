@@ -135,11 +135,7 @@ def prepare_planar(
 def _checked_input_names(
     given: str | Iterable[str], allowed: tuple[str, ...] = _ALLOWED_INPUT_NAMES
 ) -> tuple[str, ...]:
-    """Return the names of the inputs for which `given`, a word or the names themselves, stands.
-
-    Raises:
-        ArgumentError: a name is unknown or repeated, or not exactly one of them gives the attitude of body 1.
-    """
+    """Return the names of the inputs for which `given`, a word or the names themselves, stands."""
     words = {
         word: names for word, names in _INPUT_NAMES_BY_PREPARED_COMPUTATION_NAME.items() if {*names} <= {*allowed}
     }

@@ -328,8 +328,7 @@ def lazy_residuals(
 ) -> LazyResiduals:
     """Return the LazyResiduals of two BodyMotions, made of the dict of Dask arrays that `residual_arrays` returns;
     nothing is computed. `name` is the name of the pair, `tolerances` is a dict by kind of residual or None, and `t`
-    holds the instants in memory or is None. Raise ArgumentError if t is a Dask array, ShapeError if it does not
-    broadcast to the samples.
+    holds the instants in memory or is None.
 
     Raises:
         ArgumentError: t is a Dask array, or does not broadcast to the samples.
@@ -493,8 +492,7 @@ def residual_arrays(
 ) -> dict[str, NDArray[Any]]:
     """Compute the arrays of a report on two BodyMotions, and return them as a dict. They are the residuals, the hinge
     angle and its derivatives, `ratio`, which is the largest residual / tolerance of each sample, and the sizes and
-    tolerances of each residual. `tolerances` is a dict by kind of residual, or None for the defaults. Raise
-    ArgumentError for unusable arguments.
+    tolerances of each residual. `tolerances` is a dict by kind of residual, or None for the defaults.
 
     Sizes and tolerances have shape (...,). Sizes are -inf where the motion is not finite.
     """
@@ -511,7 +509,7 @@ def residual_arrays(
 class _ResidualComparison(NamedTuple):
     """Comparison of a residual with its tolerance at every sample, as a named tuple: arrays (...,) of the `sizes` of
     the residual, of the `tolerance`, of the `ratio` size / tolerance, and of `is_finite`, and the string `basis`,
-    which names the origin of the tolerance. Sizes and ratios are -inf at samples where the motion is not finite.
+    which names the origin of the tolerance.
 
     Attributes:
         sizes: sizes of the residual; inf where a size overflows.
@@ -551,7 +549,6 @@ def _compute_residuals(
 ) -> _ResidualComputation:
     """Compute all residuals that the velocities and accelerations of two BodyMotions allow, and compare each with its
     tolerance; return a _ResidualComputation. `tolerances` is a dict by kind of residual, or None for the defaults.
-    Raise ArgumentError for unusable arguments.
     """
     motions = _read_both_motions(body1, body2)
     tolerance_by_kind = _check_tolerances(tolerances)
@@ -626,9 +623,7 @@ def _dtypes_of_motions(*bodies: BodyMotion) -> list[np.dtype[Any]]:
 
 
 def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArray[Any]]:
-    """Return a dict of all arrays of two BodyMotions that are not None, with keys such as R1 and omega2. Raise
-    ArgumentError if a motion has no attitude or holds Dask arrays.
-    """
+    """Return a dict of all arrays of two BodyMotions that are not None, with keys such as R1 and omega2."""
     motions: dict[str, NDArray[Any]] = {}
     for argument, body in (("body1", body1), ("body2", body2)):
         motion_arrays(argument, body, "S")
@@ -663,8 +658,7 @@ def residuals(
 ) -> Residuals:
     """Compute the Residuals of two BodyMotions: by how much the motions violate the hinge constraints E1 and E2 and
     the time derivatives of these constraints, compared with tolerances. `name` is the name of the pair, `tolerances`
-    is a dict by kind of residual or None for the defaults, and `t` holds the instants or is None. Raise ArgumentError
-    for unusable arguments.
+    is a dict by kind of residual or None for the defaults, and `t` holds the instants or is None.
     """
     arrays, comparison_by_kind, _, u = _compute_residuals(pair, body1, body2, tolerances)
     return _make_report(name, t, u, _summarize(comparison_by_kind), arrays)
@@ -672,7 +666,7 @@ def residuals(
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     """Return the instants t, numbers or datetime64, as a read-only array that is broadcast to the `shape` of the
-    samples. Raise ShapeError if they do not broadcast to it.
+    samples.
     """
     stamps = np.asarray(t)
     array = stamps if stamps.dtype.kind in "mM" else real_array("t", t)
@@ -754,8 +748,8 @@ def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None
 
 
 def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the argument `tolerances`, a mapping by kind of residual or None, as a dict of floats (empty for None).
-    Raise ArgumentError for unknown kinds and for values that are not positive, finite numbers.
+    """Return the argument `tolerances`, a mapping by kind of residual or None, as a dict of floats (empty for
+    None).
     """
     if tolerances is None:
         return {}

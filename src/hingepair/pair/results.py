@@ -243,10 +243,7 @@ def result_file(
     unit: Callable[[str], str] = unit_of,
 ) -> Iterator[RowWriter]:
     """Open a file for results, as a context manager that yields a function `add(t, arrays)`, which appends a block of
-    rows. The file replaces an existing one only if the `with` block ends without an error. `samples` is the total
-    number of rows. The text `described` and the function `unit`, from name to unit, give the metadata; `inputs` are
-    files that must not be overwritten. Raise ArgumentError if the path cannot be used, MissingDependencyError if a
-    package is missing.
+    rows. The file replaces an existing one only if the `with` block ends without an error.
 
     .csv and .parquet files are written block by block; for .npz and .nc, all blocks are held in memory until the end.
 
@@ -336,7 +333,7 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
 def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
     """Yield, as a context manager, a function `add(t, arrays)` that appends rows to an open binary file in the
     Parquet format. The file's metadata contain the text `described` and the units, which the function `unit` returns
-    by name. Raise MissingDependencyError if PyArrow is not installed.
+    by name.
     """
     arrow, parquet = import_data_package("pyarrow", "save"), import_data_package("pyarrow.parquet", "save")
     writer: Any = None
@@ -395,7 +392,7 @@ def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
     """Write a dict of arrays, including t, to an open binary file in the netCDF format (.nc). The instants t are
-    removed from the dict. Raise MissingDependencyError if xarray or SciPy is not installed.
+    removed from the dict.
     """
     import_data_package("scipy", "save")
     dataset = Record(arrays.pop("t"), arrays, described, (), unit).to_xarray()

@@ -107,9 +107,7 @@ class PairState(Results):
         return [*super().__dir__(), *bodies]
 
     def _motion(self, body: str) -> BodyMotion:
-        """Return the motion of body "1" or "2" as a BodyMotion made of the computed outputs. Raise ArgumentError if R
-        or S of this body was not computed.
-        """
+        """Return the motion of body "1" or "2" as a BodyMotion made of the computed outputs."""
         for letter in "RS":
             if letter + body not in self.outputs:
                 raise ArgumentError("outputs", f"R{body} and S{body}, of which body{body} is made", self.outputs)

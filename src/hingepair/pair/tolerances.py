@@ -28,8 +28,6 @@ STANDARD_DEVIATION_ARGUMENT_NAMES: Final = ("u1_std", "u2_std", "axis_std", "hom
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
     """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample.
-    `covariance` is the covariance of the pose, `jacobian` holds the derivatives of the pose with respect to the
-    geometry, and `geometry` is the covariance of the geometry.
 
     The pose has six components: R2 [m], and the attitude error [rad], which is the rotation vector, in world axes, of
     the rotation of body 2 away from its attitude without tolerances. The geometry has twelve: u1, u2, n, and the
@@ -90,8 +88,7 @@ def propagate_covariance(
 ) -> PoseCovariance:
     """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of the geometry
     cause, to first order. The tolerances are `covariance` (12, 12); if this is None, they are the standard deviations
-    u1_std, u2_std, axis_std and home_std as keyword arguments. `pair` holds the Constants of the pair. Raise
-    ShapeError if the pair has leading axes, ArgumentError if all standard deviations are 0.
+    u1_std, u2_std, axis_std and home_std as keyword arguments. `pair` holds the Constants of the pair.
     """
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
@@ -182,8 +179,7 @@ def sample_pairs(
 def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
     """Return the covariance of u1, u2, n and the rotation vector of home, shape (12, 12): the checked `covariance`,
     or if this is None, the covariance of independent deviations whose standard deviations are the keyword arguments
-    u1_std, u2_std, axis_std and home_std. `n` is the hinge axis at unit length. Raise ArgumentError if both are
-    given, or if all standard deviations are 0.
+    u1_std, u2_std, axis_std and home_std.
 
     Args:
         n: hinge axis, of unit length; shape (3,).
@@ -213,7 +209,7 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
     """Return an array of three standard deviations from the value of the argument `name`; a single number stands for
-    three equal ones. Raise ArgumentError for negative numbers, and for three numbers if `name` is "axis_std".
+    three equal ones.
     """
     if name == "axis_std" or np.ndim(value) == 0:
         number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
@@ -226,7 +222,7 @@ def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
 
 def _checked_covariance(value: ArrayLike) -> Float64Array:
     """Return the argument `covariance` of the twelve components of the geometry as an array of shape (12, 12), made
-    exactly symmetric. Raise ArgumentError if it is not symmetric, has a negative eigenvalue, or is zero.
+    exactly symmetric.
     """
     matrix = one_constant("covariance", value, 12, 12)
     largest = np.diagonal(matrix).max()

@@ -137,8 +137,7 @@ _COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT_NAME = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The steps that compute outputs of a pair from inputs, in order. `outputs` are the names of the outputs, `steps`
-    is a tuple of the steps, `inputs` are the names of the inputs that the steps need, and `kind` is the `MotionKind`.
+    """The steps that compute outputs of a pair from inputs, in order.
 
     Attributes:
         outputs: names of the outputs, in the requested order.
@@ -176,10 +175,7 @@ def make_plan(
     given_names: tuple[str, ...] = (),
 ) -> Plan:
     """Return the cached `Plan` that computes the named outputs of a pair in space or in a plane (`kind`); equal steps
-    give the identical object. `sequence` is the Euler sequence of body 1, or None if S1 is given; `has_home` says
-    that the rotation `home` is not the identity. `trig_functions` is a pair of functions that return sines and
-    cosines, of phi and of psi; `given_names` are the names of the inputs other than the constants of the pair. Raise
-    ArgumentError if the sequence is unknown.
+    give the identical object.
 
     Args:
         outputs: names of the outputs.
@@ -251,7 +247,6 @@ def all_steps(
     `sequence` is the Euler sequence of body 1, or None if S1 is given; `has_home` says that the rotation `home` is
     not the identity. `trig_functions` is a pair of functions that return sines and cosines, of phi and of psi; `kind`
     is motion in space or in a plane. `given_names` are the names of the inputs other than the constants of the pair.
-    Raise ArgumentError if the sequence is unknown.
     """
     if kind is PLANAR_MOTION_KIND:
         return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
@@ -279,7 +274,6 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
     """Return a tuple of the steps that compute the motion of both bodies in space. `sequence` is the Euler sequence
     of body 1, or None if its attitude S1 is given instead; `has_home` says that the rotation `home` is not the
     identity. `trig_functions` is a pair of functions: sines and cosines of the angles phi, and (sin, 1 - cos) of psi.
-    Raise ArgumentError if the sequence is unknown.
     """
     angle_terms, hinge_terms = trig_functions
     if trig_functions is NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:

@@ -289,8 +289,7 @@ JACOBIAN_AND_ACCELERATION_BIAS_STEPS = (
 @functools.lru_cache(maxsize=64)
 def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
     """Return a cached tuple of the steps that compute the Jacobian of (v2, omega2) with respect to the rates of the
-    seven coordinates, and the time derivative of this Jacobian, for an Euler sequence such as "XYZ". Raise
-    ArgumentError if the sequence is unknown.
+    seven coordinates, and the time derivative of this Jacobian, for an Euler sequence such as "XYZ".
     """
     euler_sequence = find_sequence(sequence)
     return (

@@ -73,10 +73,8 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """A request for outputs of a robot. `outputs` are the names of the outputs, `free` says that forces move the
-    base, and `frames` holds the number of the body of each frame (0 is the base). `known` has one element for each
-    constant of the frames: its value if this is 0, 1 or -1, and otherwise None. `loaded` holds the indices of the
-    frames on which wrenches act.
+    """A request for outputs of a robot. `known` has one element for each constant of the frames: its value if this is
+    0, 1 or -1, and otherwise None.
 
     Attributes:
         outputs: names out of TREE_OUTPUT_BY_NAME.
@@ -101,9 +99,7 @@ class TreeForm(NamedTuple):
 
 
 class Output(NamedTuple):
-    """An output that can be computed for a robot. The function `shape_function` returns the shape of one sample for a
-    form and a request, `input_names` are the names of the inputs other than constants, and the function `compute`
-    returns the components of the output for a `Computation`.
+    """An output that can be computed for a robot.
 
     Attributes:
         shape_function: function of (form, request) that returns the shape of one sample.
