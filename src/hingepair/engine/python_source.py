@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from hingepair.engine.trace import Operand, TracedValue, needed_values
+from hingepair.engine.trace import Operand, TracedValue, needed_values, square_root
 from hingepair.numeric.array_libraries import Library, is_foreign
-from hingepair.numeric.blocks import VERSINE_SWITCH, versine, versines
+from hingepair.numeric.blocks import VERSINE_SWITCH, cosine, sine, versine, versines
 
 # Precedence of expressions in Python: a higher number binds more tightly.
 _PRECEDENCES = {"+": 1, "-": 1, "*": 2, "/": 2}
@@ -67,6 +67,13 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
 def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
     """Return the function for NumPy arrays and numbers."""
     return _compile_function(name, source, _NUMPY_FUNCTIONS)
+
+
+def compile_for_bounds(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
+    """Execute the source of the function with this name, and return the function for numbers that carry a bound. It
+    may not choose between values.
+    """
+    return _compile_function(name, source, {"sin": sine, "cos": cosine, "sqrt": square_root})
 
 
 def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:

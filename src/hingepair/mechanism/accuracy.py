@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution
+from hingepair.engine.python_source import compile_for_bounds
 from hingepair.engine.results import Results
 from hingepair.errors import CompilationError, MissingDependencyError
 from hingepair.mechanism.computations import RobotComputation
@@ -21,7 +23,8 @@ from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded, bounded_class, conversion_error
 from hingepair.plans.arguments import Arguments
-from hingepair.plans.trees import compute_request
+from hingepair.plans.derivatives import Derivative, derivative_loop
+from hingepair.plans.trees import compute_request, request_loop
 
 _ACCELERATIONS = ("a1", "alpha1", "qdd")  # outputs of forward dynamics
 _DOUBLE = np.dtype(np.float64)
@@ -68,12 +71,52 @@ class _BoundedProgram:
             self._kind.rounded(*pair) for pair, folded in zip(pairs, known, strict=True) if folded is None
         )
 
+    def derivatives(self, names: tuple[str, ...], inputs: Mapping[str, Any]) -> Callable[[Named], dict[str, Any]]:
+        """Return a function of a block of the inputs that returns derivatives of torques, such as tau_q."""
+        loop = derivative_loop(request_loop(self._form, self._request), Derivative("matrices", names, ()))
+        places = {name: k for k, (name, _) in enumerate(loop.inputs)}
+        pattern = [
+            None if name == "constants" else (places[name], k)
+            for name, tail in loop.inputs
+            for k in range(math.prod(tail))
+        ]
+        function = compile_for_bounds(loop.name, loop.program(tuple(pattern)).source)
+        sizes = {name: math.prod(tail) for name, tail in loop.outputs}
+
+        def compute(block: Named) -> dict[str, Any]:
+            parts = [
+                part
+                for name, _ in loop.inputs
+                if name in inputs
+                for part in map(self._kind.rounded, block[name], block[f"{name} error"])
+            ]
+            results = iter(function(*self._constants, *parts))
+            return {name: tuple(itertools.islice(results, size)) for name, size in sizes.items()}
+
+        return compute
+
     def run(self, block: Named, names: Iterable[str]) -> dict[str, Any]:
         """Return the outputs for a block of the inputs `names`, as `with_conversion_errors` returns them."""
         inputs: dict[str, Any] = {
             name: tuple(map(self._kind.rounded, block[name], block[f"{name} error"])) for name in names
         }
         return compute_request(self._form, self._request, inputs | {"constants": self._constants})
+
+
+def slope_bounds(
+    computation: RobotComputation, names: tuple[str, ...], values: Arguments, gravity: tuple[float, ...]
+) -> dict[str, Float64Array]:
+    """Return bounds on the rounding errors of the largest entries of derivatives of torques, such as tau_q."""
+    program = _BoundedProgram(computation, computation.outputs, values)
+    groups = _input_groups(computation, computation.complete(values, gravity))
+    function = program.derivatives(names, groups)
+
+    def block_bounds(block: Named) -> Mapping[str, Any]:
+        """Return the largest bound of each derivative."""
+        return {name: _largest_bounds(result, 0) for name, result in function(block).items()}
+
+    samples = broadcast_shape(values.shapes)
+    return tabulate(block_bounds, _with_conversion_errors(groups), dict.fromkeys(names, ()), samples, _DOUBLE)
 
 
 def _carried_bounds(

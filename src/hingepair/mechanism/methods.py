@@ -16,7 +16,7 @@ from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism import conventions
-from hingepair.mechanism.accuracy import error_bounds
+from hingepair.mechanism.accuracy import error_bounds, slope_bounds
 from hingepair.mechanism.computations import (
     BASE_LABELS,
     RobotComputation,
@@ -104,6 +104,7 @@ _OUTPUT_NAMES_WITH_ERROR_BOUNDS: Final = (
     "angular_about_centre",
 )
 """Outputs whose rounding errors `error_bounds` bounds, for any base."""
+_TORQUE_SLOPES: Final = ("tau_q", "tau_qd")  # whose errors it bounds, too
 
 
 class MechanismMethods(Shown):
@@ -502,6 +503,7 @@ class MechanismMethods(Shown):
                 - jacobian and jacobian_in_frame, one bound for all frames in `frames`;
                 - acceleration_bias, only for the first frame in `frames`;
                 - tau, force1 and torque1, from `inverse_dynamics`;
+                - tau_q and tau_qd, from `inverse_dynamics_derivatives`;
                 - qdd, and for a free base a1 and alpha1, from `forward_dynamics`;
                 - mass_matrix, bias_forces, gravity_forces, centre_of_mass, centre_of_mass_jacobian and
                   centre_of_mass_bias, each the result of the method with this name;
@@ -546,15 +548,28 @@ class MechanismMethods(Shown):
             return apply_to_chunks(self.error_bounds, arguments, tails, self._table_columns)
         accepted_names = (*_OUTPUT_NAMES_WITH_ERROR_BOUNDS, *(("a1", "alpha1") if self.base == "free" else ()))
         level = sum(name in coordinates for name in ("qd", "qdd"))
-        names = self._requested_outputs(outputs, level, None, accepted_names)
-        computation = self._computation(names, self._named_frames("frames", frames))
-        self._check_needed_inputs(computation, coordinates, names)
-        if computation.needs_masses:
-            self._check_masses()
-        values = read_robot_arguments(
-            self._constants.names, coordinates or {"q": q}, base_motion, computation.inputs, labelled_loads
-        )
-        return error_bounds(computation, values, _checked_gravity(gravity))
+        asked = self._requested_outputs(outputs, level, None, (*accepted_names, *_TORQUE_SLOPES))
+        bounds: dict[str, Float64Array] = {}
+        for slopes in (False, True):
+            names = tuple(name for name in asked if (name in _TORQUE_SLOPES) == slopes)
+            if not names:
+                continue
+            torques = _INVERSE_DYNAMICS_OUTPUT_NAMES if self.base == "free" else ("tau",)
+            wanted, chosen = (torques, {}) if slopes else (names, self._named_frames("frames", frames))
+            computation = self._computation(wanted, chosen)
+            self._check_needed_inputs(computation, coordinates, wanted)
+            if computation.needs_masses:
+                self._check_masses()
+            values = read_robot_arguments(
+                self._constants.names, coordinates or {"q": q}, base_motion, computation.inputs, labelled_loads
+            )
+            vector = _checked_gravity(gravity)
+            if slopes:
+                computation.check_differentiable(Derivative("matrices", names, ()), tuple(coordinates))
+                bounds |= slope_bounds(computation, names, values, vector)
+            else:
+                bounds |= error_bounds(computation, values, vector)
+        return {name: bounds[name] for name in asked}
 
     # ---- dynamics
 

@@ -1,0 +1,88 @@
+"""Derivatives of torques are within their bounds of 60 digits, those of accelerations leave little, of all robots."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from hingepair.bench.truth import ExactRobot
+from support.trees import Robot, random_model, record_of, urdf_model
+
+EPS = 2.0**-53
+
+
+def hard_states(rng, dof):
+    """q, qd, qdd: ordinary, large angles, tiny ones near right angles, large and tiny rates."""
+    q, qd, qdd = rng.uniform(-3, 3, (3, 5, dof))
+    q[1] *= 1e8
+    q[2] = np.pi / 2 * rng.integers(-2, 3, dof) + 1e-9 * q[2]
+    qd[3], qdd[3] = 1e6 * qd[3], 1e12 * qdd[3]
+    qd[4], qdd[4] = 1e-9 * qd[4], 1e-160 * qdd[4]
+    return q, qd, qdd
+
+
+@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow(3)), 2])
+def test_derivatives_of_torques_are_within_their_bounds_of_60_digits(seed):
+    robot = Robot(record_of(random_model(seed, 4)))
+    states = hard_states(np.random.default_rng(seed), robot.dof)
+    bounds = robot.error_bounds(*states, outputs=("tau_q", "tau", "tau_qd"))
+    assert [*bounds] == ["tau_q", "tau", "tau_qd"]
+    exact = dict(zip(("tau_q", "tau_qd"), ExactRobot(robot.tree, *states).torque_slopes(), strict=True))
+    for backend in ("numpy", "compiled"):
+        found = robot.inverse_dynamics_derivatives(*states, outputs=("tau_q", "tau_qd"), backend=backend)
+        for name, truth in exact.items():
+            errors = np.abs(found[name] - truth).astype(float).max(axis=(-2, -1))
+            assert (errors <= bounds[name]).all(), (backend, name, errors / bounds[name])
+    # bounds that say something
+    sizes = np.abs(np.asarray(exact["tau_q"], float)).max(axis=(-2, -1))
+    assert (bounds["tau_q"][:1] < 1e4 * EPS * sizes[:1]).all()
+
+
+def test_derivatives_of_accelerations_leave_little_in_60_digits():
+    robot = Robot(record_of(random_model(1, 4)))
+    q, qd, tau = np.random.default_rng(5).uniform(-2, 2, (3, 2, robot.dof))
+    found = robot.forward_dynamics_derivatives(q, qd, tau)
+    exact = ExactRobot(robot.tree, q, qd)
+    qdd, M = exact.accelerations(tau), np.asarray(exact.mass_matrix(), float)
+    for name, slopes in zip(("qdd_q", "qdd_qd"), exact.torque_slopes(qdd), strict=True):
+        left = np.asarray(M @ found[name] + np.asarray(slopes, float))
+        scale = np.abs(M).max() * np.abs(found[name]).max() * np.linalg.cond(M).max()
+        np.testing.assert_allclose(left, 0, rtol=0, atol=64 * EPS * scale)
+
+
+def models():
+    from hingepair.formats.robots import robot_names
+
+    return robot_names()
+
+
+@pytest.mark.proof
+@pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")
+@pytest.mark.parametrize("name", models())
+def test_derivatives_of_every_robot_are_those_of_pinocchio(name):
+    try:
+        model = urdf_model(name)
+        robot = Robot(record_of(model))
+    except Exception as error:
+        pytest.skip(f"no model of single coordinates: {error}")
+    if not robot.dof:
+        pytest.skip("nothing moves")
+    data, rng = model.createData(), np.random.default_rng(7)
+    q, qd, qdd = rng.uniform(-1.5, 1.5, (3, robot.dof))
+    found = robot.inverse_dynamics_derivatives(q, qd, qdd)
+    pin.computeRNEADerivatives(model, data, q, qd, qdd)
+    M = np.triu(data.M) + np.triu(data.M, 1).T
+    for key, theirs in (("tau_q", data.dtau_dq), ("tau_qd", data.dtau_dv), ("tau_qdd", M)):
+        np.testing.assert_allclose(
+            found[key], theirs, rtol=0, atol=512 * EPS * max(1e-9, abs(theirs).max()), err_msg=key
+        )
+    if not np.isfinite(np.linalg.cond(M)) or np.linalg.cond(M) > 1e12:
+        return  # no accelerations
+    tau = robot.inverse_dynamics(q, qd, qdd).tau
+    ours = robot.forward_dynamics_derivatives(q, qd, tau)
+    if np.isnan(ours.qdd_q).any():
+        return
+    for key, theirs in (("qdd_q", data.dtau_dq), ("qdd_qd", data.dtau_dv)):
+        scale = abs(M).max() * abs(ours[key]).max() + abs(theirs).max()
+        np.testing.assert_allclose(M @ ours[key], -theirs, rtol=0, atol=512 * EPS * np.linalg.cond(M) * scale)
