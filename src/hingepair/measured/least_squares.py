@@ -57,7 +57,8 @@ def least_squares(
         # At rest, or nothing gained?
         if at_rest(step, here, moved) or (there is not None and here.cost - there.cost < 1e-15 * here.cost):
             return moved, True
-        state, damping, here = moved, damping / 10, there or equations(moved)
+        state, damping = moved, damping / 10
+        here = equations(moved) if there is None else there
     return state, False
 
 
