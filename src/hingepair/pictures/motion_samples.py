@@ -32,9 +32,7 @@ RecordedMotion: TypeAlias = tuple[Array, HingePair, BodyMotion, Array, dict[str,
 
 
 class ShownMotion(NamedTuple):
-    """Samples of the motion of a pair (`pair`), or of a piece of it: instants t, the poses of both bodies as a dict
-    of the arrays R1, S1, R2 and S2 by name (`pose_arrays_by_name`), psi, further outputs by name, and a title.
-    """
+    """Samples of the motion of a pair, or of a piece of it."""
 
     #: the pair that moves
     pair: HingePair

@@ -98,9 +98,7 @@ def view(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Page:
-    """A page that shows a pair or a robot, as the text of one HTML file (`html`) that needs no other file and no
-    network.
-    """
+    """A page that shows a pair or a robot, as one HTML file that needs no other file and no network."""
 
     #: title of the motion
     title: str
@@ -151,9 +149,7 @@ def _shown_count(count: int, samples: int) -> str:
 
 
 class _PageMotion(NamedTuple):
-    """The motion on a page: instants t, base poses R and S, coordinates q, and displayed outputs by name
-    (`readings`).
-    """
+    """The motion on a page."""
 
     t: Array  # instants [s]; shape (N,)
     samples: int  # number of instants of the whole motion

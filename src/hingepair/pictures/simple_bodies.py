@@ -17,9 +17,7 @@ _SHORTEST: Final = 1e-3
 
 
 class SimpleBody(NamedTuple):
-    """Simple shapes that are drawn for a body without a drawing, in the body's axes: `links` are rods, spheres and
-    blocks, `joints` are drums of hinges and rails of sliders.
-    """
+    """Simple shapes for a body without a drawing, in the body's axes."""
 
     #: rods and the blocks of sliders
     links: list[Shape]

@@ -53,10 +53,7 @@ _STEPS = {
 
 @dataclass(frozen=True, slots=True)
 class ScenePlan:
-    """Plan of a pair's scene: the names of the `outputs`; `computed`, pairs of the name of a computed step and "once"
-    or, if it is computed at each instant, "each"; `skipped`, pairs (description, reason) on the skipped work; and the
-    numbers of `operations`.
-    """
+    """What a pair's scene computes and skips."""
 
     #: names of the outputs
     outputs: tuple[str, ...]

@@ -22,7 +22,7 @@ _MAX_SOBOL: Final = 21201  # that SciPy has directions for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VariedNumber:
-    """Number of a scene that a sweep varies, and its `key` in the scene file."""
+    """Number of a scene that a sweep varies."""
 
     #: where the number stands in the scene file, such as "pair.body2.mass" or "pair.u1[0]"
     key: str

@@ -37,20 +37,15 @@ from hingepair.scenes.tables import Table
 
 
 class _VariedProperty(NamedTuple):
-    """Mass property of a payload that is varied: its `name` (mass, center_of_mass or inertia), the index (0 to 2) of
-    its `component` or principal moment (0 for the mass), and the `column` of its values in the array of the varied
-    numbers.
-    """
+    """Mass property of a payload that is varied."""
 
-    column: int
+    column: int  # of its values among the varied numbers
     name: str  # mass, center_of_mass or inertia
-    component: int
+    component: int  # index of its component or principal moment; 0 for the mass
 
 
 class _VariedPayload(NamedTuple):
-    """Payload with varied mass properties: the tuple `varied` of _VariedProperty records, whether the inertia is
-    proportional to the mass (`inertia_per_mass`), and the Body `body` that the scene file describes.
-    """
+    """Payload with varied mass properties."""
 
     # mass properties of the payload in the scene file; its inertia is that of 1 kg where `inertia_per_mass`
     body: Body

@@ -42,9 +42,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """Sweep that a file describes: its title, the `task` (scene, varied keys, outputs and reductions), the varied
-    `numbers`, an array (variants, numbers), their `keys`, and `chunk`, the number of variants in a chunk.
-    """
+    """Sweep that a file describes."""
 
     #: title in a sentence
     title: str
@@ -78,9 +76,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class SweepTask:
-    """Part of a sweep that is sent to workers: `path` of the scene file, its `tables` as JSON text, `keys` of the
-    varied numbers, and names of `outputs` (None for all of the scene) and `reductions`.
-    """
+    """Part of a sweep that is sent to workers."""
 
     #: path of the scene file
     path: str

@@ -37,10 +37,7 @@ _HALF_BAND: Final = 1.96
 
 
 class Band(NamedTuple):
-    """Deviations of one component of the pose of body 2 at the instant `t` [s]: the `component` by name, the `unit`
-    of the deviations, the standard deviations `first_order_std` and `sampled_std`, and the ends `low` and `high` of
-    the middle 95 % of the deviations of the sampled pairs.
-    """
+    """Deviations of one component of the pose of body 2 at one instant."""
 
     #: one of `POSE_COMPONENTS`
     component: str
@@ -64,11 +61,7 @@ class Band(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToleranceStudy(Frozen, Shown):
-    """Deviations of the pose of body 2 along a scene under tolerances: at each instant of `t` the standard deviations
-    to first order (`std`) and of sampled pairs (`sampled_std`), the lower and upper end of the middle 95 % of the
-    sampled deviations (`band`), and, in a dict by the dimension's name, the variance that each dimension causes alone
-    (`contributions`).
-    """
+    """Deviations of the pose of body 2 along a scene under tolerances."""
 
     #: title of the scene
     title: str

@@ -36,7 +36,7 @@ _TOL: Final = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FunctionsOfTime:
-    """Functions of t that a scene's `table`, a Table, has under the keys `names`."""
+    """Functions of t that a table of a scene defines."""
 
     #: the keys of the table that they came from
     names: tuple[str, ...]
@@ -100,7 +100,7 @@ def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> Ti
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByFunctions:
-    """Motion of a pair at the instants `t`."""
+    """Motion of a pair by functions of t."""
 
     #: instants [s]
     t: Instants

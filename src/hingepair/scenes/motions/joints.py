@@ -57,7 +57,7 @@ class JointCoordinates(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownJointMotion:
-    """Coordinates of a mechanism's joints (`names`) at `count` instants."""
+    """Coordinates of a robot's joints at some instants."""
 
     #: names of the joints, in order
     names: tuple[str, ...]
@@ -105,7 +105,7 @@ class KnownJointMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFunctions:
-    """Motion of a mechanism's joints at the instants `t` of a scene."""
+    """Motion of a robot's joints by functions of t; the others stay at rest."""
 
     #: instants [s]
     t: Instants
@@ -132,9 +132,7 @@ class JointFunctions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSamples:
-    """Joint coordinates and their known derivatives at all instants of a log: `derivatives` is (q[, qd[, qdd]]), each
-    of them a tuple with one array or float per joint.
-    """
+    """Motion of a robot's joints by a log."""
 
     #: (q[, qd[, qdd]]), one entry per joint each: arrays, floats for what does not change
     derivatives: Derivatives

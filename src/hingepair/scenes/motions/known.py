@@ -46,7 +46,7 @@ _TURNS = ("omega1", "omega2")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByCoordinates:
-    """Motion of a pair at `count` instants, given by its seven coordinates (four in the plane)."""
+    """Motion of a pair by its seven coordinates, or four in the plane."""
 
     #: number of instants
     count: int
@@ -177,9 +177,7 @@ class MotionByCoordinates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionByBody1:
-    """Motion of a pair at some instants, given by `body1`, the motion of body 1 in space (a BodyMotion), and `hinge`,
-    the tuple of the arrays psi and, as far as known, psi' and psi''.
-    """
+    """Motion of a pair by the motion of body 1 in space and the hinge angle."""
 
     #: shape (count,); with v and omega where psi' is there, a and alpha where psi'' is
     body1: BodyMotion

@@ -62,9 +62,7 @@ Part: TypeAlias = dict[str, Float64Array]
 
 
 class LogLayout(NamedTuple):
-    """Column names that a log may have: `arrays` groups them by array, `columns` lists all, and `angle_names` has the
-    arrays and columns that hold angles.
-    """
+    """Names of the columns that a log may have."""
 
     #: names of the columns of each array, by the name of the array
     arrays: Mapping[str, tuple[str, ...]]

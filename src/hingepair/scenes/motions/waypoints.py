@@ -36,9 +36,7 @@ _UNIT_POLYNOMIALS: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WayPoints:
-    """Piecewise polynomial function of time through way points, with the `breaks` between polynomials and their
-    `coefficients`.
-    """
+    """Piecewise polynomial of time through way points; constant before the first and after the last break."""
 
     #: where one polynomial ends and the next begins; shape (m,) s
     breaks: Float64Array
