@@ -65,6 +65,10 @@ def test_states_come_back(package):
     close(state.qd, QD)
     for name in ("R", "S", "v", "omega"):
         close(getattr(state.base_motion, name), getattr(BASE, name))
+    at_rest = getattr(FREE, f"from_{package}_state")(*getattr(FREE, f"to_{package}_state")(Q, QD)).base_motion
+    assert not at_rest.R.any()
+    assert not at_rest.v.any()
+    close(at_rest.S, np.broadcast_to(np.eye(3), (5, 3, 3)))
     alone = getattr(FIXED, f"from_{package}_state")(Q[0])
     assert alone.base_motion is None
     close(alone.q, Q[0])

@@ -56,7 +56,7 @@ def test_motions_are_those_of_a_loop_of_aba(method):
     close(found.qd[1, 2], qd)
 
 
-@pytest.mark.parametrize("gains", ["number", "diagonal", "full"])
+@pytest.mark.parametrize("gains", ["number", "diagonal", "full", "full_rates"])
 @pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
 def test_feedback_is_evaluated_in_every_stage(method, gains):
     (q0, qd0), wanted = samples(2)
@@ -65,6 +65,7 @@ def test_feedback_is_evaluated_in_every_stage(method, gains):
         "number": (20.0, 0.5),
         "diagonal": (rng.uniform(1, 20, DOF), 0.5),
         "full": (rng.normal(size=(DOF, DOF)), rng.uniform(0, 1, DOF)),
+        "full_rates": (3.0, rng.normal(size=(DOF, DOF))),
     }[gains]
     ahead = rng.normal(size=DOF)
     most = np.full(DOF, 8.0)
