@@ -308,7 +308,7 @@ def test_pairs_in_series_share_their_bodies():
     assert (list(tree.links), tree.tips) == (["base", "boom", "stick", "lift"], ("lift",))
     assert tree.joints[0].position_limits == (-1, 1)
     assert (tree.joints[0].effort_limit, tree.joints[2].rate_limit, tree.joints[1].rate_limit) == (3, 2, np.inf)
-    assert tree.notes == ("lift: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
+    assert tree.without_mass[3] == "lift"
 
 
 def test_pairs_may_branch():

@@ -21,6 +21,11 @@ class Robot(hp.Mechanism):
         self._set(tree, base)
 
 
+def weightless(pairs):
+    """The robot of pairs in which bodies whose mass was never given have none, as links of a URDF."""
+    return Robot(replace(hp.Mechanism(pairs).tree, without_mass={}))
+
+
 def urdf_model(robot):
     """The model of a robot of example-robot-data, its joints with two coordinates (cos, sin) held."""
     full = pin.buildModelFromUrdf(str(robot_urdf(robot)))

@@ -133,7 +133,8 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     drawings[frame.body] = BodyDrawing(
         (*shapes, *placed_shapes(body.shapes, FramePose(frame.S, frame.R))), is_complete
     )
-    tree = replace(tree, notes=notes, drawings=tuple(drawings), source=None)
+    without_mass = {number: name for number, name in tree.without_mass.items() if number != frame.body}
+    tree = replace(tree, notes=notes, drawings=tuple(drawings), source=None, without_mass=without_mass)
     if frame.body == 0:
         return replace(tree, base=total)
     joints = list(tree.joints)

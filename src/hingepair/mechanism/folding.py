@@ -75,6 +75,7 @@ class JointPart:
     mimic: records.MimicRecord | None = None
     pitch: float = 0.0
     notes: Sequence[str] = ()
+    without_mass: Sequence[str] = ()  # its links whose mass was never given; a URDF's link without inertia has 0 kg
 
 
 JointRule: TypeAlias = float | records.MimicRecord | None
@@ -129,7 +130,12 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
     counted = 1 if base == "fixed" else 0  # the mass of a fixed base counts nowhere
     notes = [note for part in parts[counted:] for note in part.notes]
     notes += [note for body_number in inertias[counted:] if (note := unphysical_mass_note(body_number))]
-    return Tree(name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings)
+    without_mass = {
+        body: link for part, (body, _) in zip(parts, body_poses, strict=True) for link in part.without_mass
+    }
+    return Tree(
+        name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings, without_mass=without_mass
+    )
 
 
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:

@@ -1775,7 +1775,16 @@ class MechanismMethods(Shown):
         return result
 
     def _check_masses(self) -> None:
-        """Raise an ArgumentError if a mass times the square of a length overflows."""
+        """Refuse a body whose mass was never given, and masses that overflow."""
+        for number, link in self.tree.without_mass.items():
+            if number == 0 and self.base == "free":
+                where = "body1 of the first pair"
+            elif number > 0:
+                where = f"body2 of {link!r}"
+            else:
+                continue
+            expected = "mass properties, as in HingePair(..., body2=hp.Body(mass=2.0))"
+            raise ArgumentError(where, expected.replace("body2=", f"{where[:5]}="), None)
         if self._constants.overflows:
             expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
             raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")

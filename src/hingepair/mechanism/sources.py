@@ -235,9 +235,7 @@ def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_l
     """
     content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:
-        if link_name != BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS:
-            content["notes"] = (f"{link_name}: no mass is given, none is taken; body2=hp.Body(mass=...) gives it",)
-        return content
+        return content | {"without_mass": (link_name,)}
     content["inertias"] = {link_name: body_inertia(body).placed(frame_pose)}
     content["shapes"] = tuple(placed_shapes(body.shapes, frame_pose))
     return content | {"notes": tuple(f"{link_name}: {sentence}" for sentence in body.assumed)}

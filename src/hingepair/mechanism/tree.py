@@ -19,7 +19,7 @@ program, so that an entry which should be one of them must be it to the last bit
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -183,6 +183,8 @@ class Tree(Frozen):
     notes: tuple[str, ...] = ()
     drawings: tuple[BodyDrawing, ...] = ()
     source: Source | None = None
+    without_mass: Mapping[int, str] = field(default_factory=dict)
+    """Links whose mass was never given, by the number of the body."""
 
     @property
     def coordinates(self) -> tuple[Joint, ...]:
