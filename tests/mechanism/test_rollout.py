@@ -81,6 +81,11 @@ def test_feedback_is_evaluated_in_every_stage(method, gains):
     close(found.qd[1], qd)
 
 
+def test_feedback_holds_still_and_adds_nothing_unless_told():
+    law = hp.Feedback(1.0, 2.0, 3.0)
+    assert (law.K, law.D, law.q_ref, law.qd_ref, law.tau_ff) == (1, 2, 3, 0, 0)
+
+
 def test_forms_of_a_call_are_the_same_motions():
     (q0, qd0), tau = samples(5)
     whole = ROBOT.rollout(q0, qd0, tau, H)

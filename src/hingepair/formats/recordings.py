@@ -109,7 +109,7 @@ def read_recording(
         if "1" in digits and "" in digits:
             digits.remove("")  # coordinates beside poses, as results are saved
         for digit in digits:
-            name = digit or ("1" if len(paths) == 1 and "2" in digits else str(place))
+            name = digit or str(place)
             if name in bodies:
                 raise ArgumentError(f"{path}", f"body {name} once", "a second time")
             reading = None if encoder_column is None else columns.get(encoder_column)
