@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.rollout import Feedback, Rollout
-    from hingepair.mechanism.slider import Slider
+    from hingepair.mechanism.slider import Screw, Slider
     from hingepair.mechanism.states import (
         JointWrenches,
         MechanismAccelerations,
@@ -130,6 +130,7 @@ __all__ = [
     "Rollout",
     "RotationError",
     "SceneError",
+    "Screw",
     "ShapeError",
     "SimulationError",
     "Slider",
@@ -200,7 +201,7 @@ _LAZY_MODULE_BY_NAME = {
         "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
         "mechanism.mechanism": "Mechanism",
         "mechanism.rollout": "Feedback Rollout",
-        "mechanism.slider": "Slider",
+        "mechanism.slider": "Screw Slider",
         "mechanism.states": "JointWrenches MechanismAccelerations MechanismDerivatives MechanismForces "
         "MechanismState",
         "pair.body": "Body Box Cylinder Sphere",

@@ -14,12 +14,11 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.folding import fold_parts, mass_properties, unphysical_reason
 from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
-from hingepair.mechanism.slider import Slider
+from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.sources import body_inertia, parts_of_pairs, parts_of_urdf
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Source, Tree
 from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only
 from hingepair.pair.body import Body
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.rigid import FramePose, Inertia
@@ -28,10 +27,8 @@ BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
 _MAX_SNAP = 0.1  # rad; every angle is within pi/4 of a multiple of pi/2
 
 
-def tree_of_pairs(
-    pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None, base: str, name: str | None
-) -> Tree:
-    """Return the Tree of a robot that is given as HingePairs and Sliders. `parents` holds the number of body 1 of
+def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, base: str, name: str | None) -> Tree:
+    """Return the Tree of a robot that is given as pairs. `parents` holds the number of body 1 of
     each pair (0 is the base); for None, body 1 of each pair is body 2 of the pair before it. `base` is "fixed" or
     "free".
 
@@ -84,13 +81,14 @@ def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] 
     return fold_parts(model.name or "model", parts, chosen, locked), chosen
 
 
-def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
-    """Return a Joint of a tree as a HingePair or Slider between the frames of the two bodies that it connects. A body
+def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
+    """Return a Joint of a tree as a pair between the frames of the two bodies that it connects. A body
     is None in the pair if it has no mass, or if no rigid body can have its mass properties.
     """
     carrier = tree.base if joint.parent == 0 else tree.joints[joint.parent - 1].body
     both_limits = np.isfinite(joint.position_limits).all()
-    return (HingePair if joint.kind == "hinge" else Slider)(
+    made: Any = JOINT_CLASSES[joint.kind]
+    pair: RobotJoint = made(
         u1=joint.u,
         u2=(0.0, 0.0, 0.0),
         n=joint.S @ joint.n,
@@ -101,7 +99,9 @@ def pair_of(tree: Tree, joint: Joint) -> HingePair | Slider:
         body2=_body_or_none(joint.body),
         torque_limit=joint.effort_limit if np.isfinite(joint.effort_limit) else None,
         rate_limit=joint.rate_limit if np.isfinite(joint.rate_limit) else None,
+        **({"pitch": joint.pitch} if joint.pitch else {}),
     )
+    return pair
 
 
 def _body_or_none(masses: MassProperties) -> Body | None:

@@ -11,7 +11,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from hingepair.equations.joints import HINGE, SLIDER, Axis
 
-JointKind: TypeAlias = Literal["fixed", "hinge", "slider"]
+JointKind: TypeAlias = Literal["fixed", "hinge", "screw", "slider"]
 
 
 class Kind(NamedTuple):
@@ -33,6 +33,7 @@ KINDS: Final[Mapping[JointKind, Kind]] = MappingProxyType(
     {
         "fixed": Kind(0.0, 0.0, "", "", "fixed", ""),  # folds into the body that carries it
         "hinge": Kind(*HINGE, "rad", "N m", "revolute", "JointModelRevoluteUnaligned"),
+        "screw": Kind(1.0, None, "rad", "N m", None, "JointModelHelicalUnaligned"),
         "slider": Kind(*SLIDER, "m", "N", "prismatic", "JointModelPrismaticUnaligned"),
     }
 )

@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism import building
 from hingepair.mechanism.methods import MechanismMethods
-from hingepair.mechanism.slider import Slider
+from hingepair.mechanism.slider import RobotJoint
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.body import Body
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 
 _JOINT_HEADINGS = (  # of the printed table; columns for some robots follow
@@ -52,11 +51,11 @@ class Mechanism(MechanismMethods):
     base rests at the origin of the world. If `base_motion` has only R and S, the base rests in this pose. R1 is the
     position of the base's reference point, the origin of the base link. Vectors are in world axes, and accelerations
     are classical (the second derivatives of positions). For a robot `robot`, `robot["elbow"]` is the joint named
-    "elbow" as a HingePair or a Slider.
+    "elbow" as a HingePair, a Slider or a Screw.
 
     Args:
-        pairs: HingePairs and Sliders, one for each joint, in the order of q. The name of a pair is the name of the
-            joint, and also the name of the link that is body 2 of the pair. The origin of this link's frame is the
+        pairs: HingePairs, Sliders and Screws, one for each joint, in the order of q. The name of a pair is that of
+            the joint, and of the link that is body 2 of the pair. The origin of this link's frame is the
             reference point of body 2. Body 1 of the first pair is the link "base". If two pairs share a body, give
             its mass properties in one of them, or with equal values in both.
         parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, 2 for body 2
@@ -83,7 +82,7 @@ class Mechanism(MechanismMethods):
 
     def __init__(
         self,
-        pairs: Iterable[HingePair | Slider],
+        pairs: Iterable[RobotJoint],
         parents: Sequence[int] | None = None,
         base: str = "fixed",
         name: str | None = None,
@@ -255,8 +254,8 @@ class Mechanism(MechanismMethods):
         values = [getattr(joint, field) for joint in self.tree.coordinates]
         return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
 
-    def __getitem__(self, joint: str) -> HingePair | Slider:
-        """Return a moving joint, by name, as a HingePair or Slider between the frames of the two bodies that it
+    def __getitem__(self, joint: str) -> RobotJoint:
+        """Return a moving joint, by name, as a HingePair, Slider or Screw between the frames of the bodies that it
         connects.
 
         The frame of a body is that of the link behind its joint. body1 and body2 of the pair are None if the body has

@@ -1,26 +1,68 @@
-"""The slider: two rigid bodies that translate relative to each other along an axis."""
+"""The further joints of a robot, beside the `HingePair`: the slider and the screw."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import quoted
-from hingepair.numeric.arrays import Frozen
+from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.kinds import JointKind
+from hingepair.numeric.arrays import Frozen, finite_number
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair.body import Body
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 
-# Names of the fields, in the order of the constructor's arguments.
-_SLIDER_FIELD_NAMES = ("u1", "u2", "n", "home", "name", "limits", "body1", "body2", "torque_limit", "rate_limit")
+
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
+class _JointOfRobot(Frozen, Shown):
+    """Two rigid bodies and the joint between them: the fields of a `HingePair`, and its checks."""
+
+    u1: NDArray[np.float64]
+    u2: NDArray[np.float64]
+    n: NDArray[np.float64]
+    home: NDArray[np.float64]
+    name: str
+    limits: tuple[float, float] | None
+    body1: Body | None
+    body2: Body | None
+    torque_limit: float | None
+    rate_limit: float | None
+
+    def _set(self, *fields: Any) -> None:
+        checked = HingePair(*fields)
+        check_single_pair(checked)
+        for field in _FIELDS:
+            object.__setattr__(self, field, getattr(checked, field))
+
+    def _shown_values(self) -> dict[str, Any]:
+        return {field: getattr(self, field) for field in _FIELDS}
+
+    def __repr__(self) -> str:
+        shown = (
+            f"{field}={value.tolist() if isinstance(value, np.ndarray) else quoted(value)}"
+            for field, value in self._shown_values().items()
+            if value is not None
+        )
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+    def _sheet(self) -> Sheet:
+        left_out = ("name", "body1", "body2")
+        values = [(field, value) for field, value in self._shown_values().items() if field not in left_out]
+        masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
+        return sheet_of(self.name, [*values, *masses])
 
 
-@dataclass(frozen=True, slots=True, eq=False, init=False)
-class Slider(Frozen, Shown):
+_FIELDS = tuple(field.name for field in fields(_JointOfRobot))  # in the order of a HingePair's arguments
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
+class Slider(_JointOfRobot):
     """Two rigid bodies joined by a slider (prismatic joint): R2 = R1 + S1 (u1 + n q) - S2 u2 and S2 = S1 home. The
     coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies, the
     `limits` of q, and the largest magnitudes of the force (`torque_limit`) and of the rate (`rate_limit`).
@@ -55,17 +97,6 @@ class Slider(Frozen, Shown):
     ([0.0, 0.0, 1.0], (0.0, 1.5))
     """
 
-    u1: NDArray[np.float64]
-    u2: NDArray[np.float64]
-    n: NDArray[np.float64]
-    home: NDArray[np.float64]
-    name: str
-    limits: tuple[float, float] | None
-    body1: Body | None
-    body2: Body | None
-    torque_limit: float | None
-    rate_limit: float | None
-
     def __init__(
         self,
         u1: ArrayLike,
@@ -79,22 +110,73 @@ class Slider(Frozen, Shown):
         torque_limit: float | None = None,
         rate_limit: float | None = None,
     ) -> None:
-        # The fields are those of a pair, and so are the checks.
-        checked = HingePair(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
-        check_single_pair(checked)
-        for field in _SLIDER_FIELD_NAMES:
-            object.__setattr__(self, field, getattr(checked, field))
+        self._set(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
 
-    def __repr__(self) -> str:
-        field_values: dict[str, Any] = {field: getattr(self, field) for field in _SLIDER_FIELD_NAMES}
-        shown = (
-            f"{field}={value.tolist() if isinstance(value, np.ndarray) else quoted(value)}"
-            for field, value in field_values.items()
-            if value is not None
-        )
-        return f"Slider({', '.join(shown)})"
 
-    def _sheet(self) -> Sheet:
-        names = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit")
-        masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
-        return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses])
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
+class Screw(_JointOfRobot):
+    """Two rigid bodies joined by a screw: body 2 turns about the axis n by q and moves along it by `pitch` q,
+    R2 = R1 + S1 (u1 + n pitch q) - S2 u2 and S2 = S1 Sh(n, q) home.
+
+    It is a joint of a `Mechanism`, and its arguments, but for the pitch, are those of a `HingePair`. The torque of
+    inverse dynamics is that of a motor about the axis. URDF and MJCF have no screws.
+
+    Args:
+        u1: vector from the reference point of body 1 to a point of the axis, body-1 axes [m]; shape (3,).
+        u2: vector from the reference point of body 2 to the point of body 2 that is there when q = 0, body-2 axes
+            [m]; shape (3,).
+        n: axis, body-1 axes; any non-zero length, stored at unit length; shape (3,).
+        pitch: displacement along n for one radian [m/rad], not 0. A thread with the lead p per turn has p / (2 pi),
+            a left-handed one -p / (2 pi).
+        home: attitude of body 2 relative to body 1 at q = 0, a rotation matrix from body-2 axes to body-1 axes; shape
+            (3, 3); the identity by default.
+        name: name of the joint.
+        limits: lower and upper limit of q [rad]; shape (2,); None for no limits.
+        body1: mass properties and shapes of body 1; None if they are unknown.
+        body2: mass properties and shapes of body 2; None if they are unknown.
+        torque_limit: largest magnitude of the motor's torque [N m]; None for no limit.
+        rate_limit: largest magnitude of the rate q' [rad/s]; None for no limit.
+
+    Raises:
+        ArgumentError: a value cannot be used; the message names the argument.
+
+    >>> import hingepair as hp, math
+    >>> spindle = hp.Screw((0, 0, 0), (0, 0, 0), (0, 0, 1), pitch=0.005 / (2 * math.pi), name="spindle")
+    >>> lift = hp.Mechanism([spindle])
+    >>> print(lift.forward_kinematics([2 * math.pi])["spindle"].R.round(6))
+    [0.    0.    0.005]
+    """
+
+    pitch: float
+
+    def __init__(
+        self,
+        u1: ArrayLike,
+        u2: ArrayLike,
+        n: ArrayLike,
+        pitch: float,
+        home: ArrayLike | None = None,
+        name: str = "screw",
+        limits: ArrayLike | None = None,
+        body1: Body | None = None,
+        body2: Body | None = None,
+        torque_limit: float | None = None,
+        rate_limit: float | None = None,
+    ) -> None:
+        self._set(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
+        checked = finite_number("pitch", pitch)
+        if not checked:
+            raise ArgumentError("pitch", "a number other than 0 (a HingePair has none)", pitch)
+        object.__setattr__(self, "pitch", checked)
+
+    def _shown_values(self) -> dict[str, Any]:
+        # super() does not work in a class whose slots are made afterwards.
+        return {**_JointOfRobot._shown_values(self), "pitch": self.pitch}
+
+
+RobotJoint: TypeAlias = HingePair | Slider | Screw
+"""What a robot is made of."""
+JOINT_CLASSES: Final[Mapping[JointKind, type[RobotJoint]]] = MappingProxyType(
+    {"hinge": HingePair, "slider": Slider, "screw": Screw}
+)
+"""Classes by the kind of joint."""

@@ -11,7 +11,7 @@ from hingepair.errors import ArgumentError, URDFError, quoted
 from hingepair.mechanism.folding import JointPart
 from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.shapes import link_shapes, placed_shapes
-from hingepair.mechanism.slider import Slider
+from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.constants import check_single_pair
@@ -87,8 +87,8 @@ def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> 
     }
 
 
-def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] | None) -> list[JointPart]:
-    """Convert HingePairs and Sliders that share bodies to a list of JointParts: the base, then the pairs in order.
+def parts_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[JointPart]:
+    """Convert joints that share bodies to a list of JointParts: the base, then the pairs in order.
 
     Args:
         pairs: joints, by name depth-first with siblings by name.
@@ -125,7 +125,7 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
         parts.append(
             JointPart(
                 pair.name,
-                "hinge" if isinstance(pair, HingePair) else "slider",
+                next(kind for kind, made in JOINT_CLASSES.items() if isinstance(pair, made)),
                 parent,
                 seats[parent].placed(FramePose(home, pair.u1)),
                 unit_axis("n", home.T @ pair.n),
@@ -133,23 +133,24 @@ def parts_of_pairs(pairs: Iterable[HingePair | Slider], parents: Sequence[int] |
                 limits=pair.limits,
                 effort_limit=pair.torque_limit,
                 rate_limit=pair.rate_limit,
+                pitch=getattr(pair, "pitch", 0.0),
             )
         )
     return parts
 
 
-def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slider]:
-    """Check the argument `pairs`, an iterable of HingePairs and Sliders, and return it as a list."""
+def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
+    """Check the argument `pairs`, an iterable of HingePairs, Sliders and Screws, and return it as a list."""
     if not isinstance(pairs, Iterable):
-        raise ArgumentError("pairs", "HingePairs and Sliders", quoted(pairs))
+        raise ArgumentError("pairs", "HingePairs, Sliders and Screws", quoted(pairs))
     checked = list(pairs)
     if not checked:
-        raise ArgumentError("pairs", "at least one HingePair or Slider", "none")
+        raise ArgumentError("pairs", "at least one HingePair, Slider or Screw", "none")
     names = set()
     for pair in checked:
-        if not isinstance(pair, HingePair | Slider):
+        if not isinstance(pair, tuple(JOINT_CLASSES.values())):
             hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
-            raise ArgumentError("pairs", f"HingePairs and Sliders{hint}", quoted(pair))
+            raise ArgumentError("pairs", f"HingePairs, Sliders and Screws{hint}", quoted(pair))
         if isinstance(pair, HingePair):
             check_single_pair(pair)
         if pair.name in names:
@@ -164,7 +165,7 @@ def _checked_pairs(pairs: Iterable[HingePair | Slider]) -> list[HingePair | Slid
     return checked
 
 
-def _checked_parents(pairs: Sequence[HingePair | Slider], parents: Sequence[int] | None) -> list[int]:
+def _checked_parents(pairs: Sequence[RobotJoint], parents: Sequence[int] | None) -> list[int]:
     """Check the argument `parents`, and return a list of the number of body 1 of each pair (0 is the base). For None,
     body 1 of each pair is body 2 of the pair before it. Whether the numbers form a tree is not checked.
     """
@@ -202,7 +203,7 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
     return order
 
 
-def _shared_body(sides_of_pairs: Sequence[tuple[str, HingePair | Slider]]) -> Body | None:
+def _shared_body(sides_of_pairs: Sequence[tuple[str, RobotJoint]]) -> Body | None:
     """Return the Body that several pairs share; return None if no pair gives it. `sides_of_pairs` holds a tuple
     (side, pair) for each pair, whose side is "body1" or "body2", the attribute of the pair for this body.
     """

@@ -13,9 +13,8 @@ import numpy as np
 from hingepair.errors import SceneError, URDFError, choices, nearest, printable, quoted
 from hingepair.mechanism.building import BASE_KINDS
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.slider import Slider
+from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.pair.body import Body
-from hingepair.pair.hinge_pair import HingePair
 from hingepair.scenes.pair_table import (
     BODY_KEYS,
     PAIR_KEYS,
@@ -27,12 +26,11 @@ _SOURCES: Final = ("robot", "urdf")
 """Keys of [mechanism] that name a robot or its file; one of them stands there, unless there are [[joint]] tables."""
 MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
 """Keys that the table [mechanism] may have."""
-JOINT_CLASSES: Final[Mapping[str, type[HingePair] | type[Slider]]] = {"hinge": HingePair, "slider": Slider}
-"""Class of a joint by the kind that its [[joint]] table names."""
 JOINT_TABLE_KEYS: Final = (
     "name",
     "parent",
     "kind",
+    "pitch",
     *(key for key in PAIR_KEYS if key != "name"),
 )
 """Keys that a table [[joint]] may have."""
@@ -153,16 +151,17 @@ def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | 
     return order
 
 
-def _read_joint_pair(name: str, table: Table) -> HingePair | Slider:
-    """Return the HingePair or Slider, named `name`, that a Table [[joint]] defines."""
-    kind: Any = JOINT_CLASSES[table.choice("kind", tuple(JOINT_CLASSES))]
+def _read_joint_pair(name: str, table: Table) -> RobotJoint:
+    """Return the joint named `name`, that a Table [[joint]] defines."""
+    kind: Any = table.choice("kind", tuple(JOINT_CLASSES))
+    keys = {**PAIR_KEYS, "pitch": Table.number} if kind == "screw" else PAIR_KEYS
+    needed = ("u1", "u2", "n", *(key for key in keys if key not in PAIR_KEYS))
     described = replace(
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}
     )
-    pair: HingePair | Slider = construct_from_table(
-        table, kind, {**described.read(PAIR_KEYS, ("u1", "u2", "n")), "name": name}
-    )
-    return pair
+    pair: Any = construct_from_table(table, JOINT_CLASSES[kind], {**described.read(keys, needed), "name": name})
+    made: RobotJoint = pair
+    return made
 
 
 def _with_frames(robot: Mechanism, table: Table) -> Mechanism:
