@@ -42,13 +42,21 @@ def pushforward(results: Sequence[Operand], change: Change) -> list[Operand]:
     >>> rate
     3.0
     """
-    return _pushforward(needed_values(results), results, change)
+    return _pushforward(_steps(results), results, change)
 
 
-def _pushforward(needed: Iterable[TracedValue], results: Sequence[Operand], change: Change) -> list[Operand]:
+def _steps(results: Sequence[Operand]) -> list[tuple[TracedValue, list[int]]]:
+    """Return the values that results need, each with the identities of its operands."""
+    return [(v, [id(x) for x in v.operands]) for v in needed_values(results)]
+
+
+def _pushforward(
+    steps: Iterable[tuple[TracedValue, list[int]]], results: Sequence[Operand], change: Change
+) -> list[Operand]:
     rates: dict[int, Operand] = {id(x): rate for x, rate in change}
-    for v in needed:
-        if id(v) in rates:
+    changing = rates.keys()
+    for v, operands in steps:
+        if id(v) in rates or (changing.isdisjoint(operands) and v.operation != "where"):  # most do not change
             continue
         rate: Operand = 0.0
         if v.operation == "where":
@@ -128,8 +136,8 @@ def jacobian(results: Sequence[Operand], changes: Sequence[Change]) -> list[list
             slopes = dict(zip(map(id, inputs), pullback([(result, 1.0)], inputs), strict=True))
             rows.append([weighted_sum((slopes[id(x)], rate) for x, rate in change) for change in changes])
         return rows
-    needed = needed_values(results)
-    columns = [_pushforward(needed, results, change) for change in changes]
+    steps = _steps(results)
+    columns = [_pushforward(steps, results, change) for change in changes]
     return [[column[k] for column in columns] for k in range(len(results))]
 
 
