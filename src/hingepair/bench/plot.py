@@ -44,7 +44,9 @@ def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
     axes_grid = figure.subplots(len(panel_rows), len(panel_rows[0]), squeeze=False)
     legend: dict[str, Any] = {}
     for panels, axes_row in zip(panel_rows, axes_grid, strict=True):
-        for panel, axes in zip(panels, axes_row, strict=True):
+        for axes in axes_row[len(panels) :]:
+            axes.remove()
+        for panel, axes in zip(panels, axes_row, strict=False):
             _draw_panel(axes, panel, styles)
             if panel.y_names and panel is not panels[0] and panel.y_names == panels[0].y_names:
                 axes.tick_params(labelleft=False)  # the panel to the left has the same labels
