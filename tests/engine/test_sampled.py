@@ -7,7 +7,7 @@ import operator
 import numpy as np
 import pytest
 
-from hingepair.engine.sampled import Sampled, sampled_value
+from hingepair.engine.trace import Sampled, sampled_value
 
 VALUES = np.array([0.5, -2.0, 3.0])
 

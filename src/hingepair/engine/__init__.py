@@ -19,7 +19,7 @@ The function is traced once for each pattern of inputs: numbers that are known t
 operations that no output needs are left out. The others run as Python for one state, as NumPy in blocks of samples,
 or as machine code for eight samples at a time, which NumPy calls as a ufunc; `backend` chooses. The modules:
 
-    trace, sampled, derivatives     values that record operations, or fold them; derivatives in the same trace
+    trace, derivatives              values that record operations, or fold them; derivatives in the same trace
     binding, loops                  which inputs are known, constant or arrays; a traced program for each pattern
     python_source                   its Python and NumPy code
     llvm_arithmetic, llvm_memory,   its LLVM code: straight-line steps, loads and stores, sines, the loop over samples

@@ -33,16 +33,17 @@ from hingepair.engine.binding import (
 )
 from hingepair.engine.llvm_arithmetic import ComponentGroup
 from hingepair.engine.llvm_ir import kernel_ir
-from hingepair.engine.sampled import Sampled, sampled_value
 from hingepair.engine.slices import run_in_threads, run_slices
 from hingepair.engine.trace import (
     FUNCTIONS,
+    Sampled,
     Trace,
     TracedValue,
     component_name,
     name_components,
     needed_values,
     operation_count,
+    sampled_value,
 )
 from hingepair.engine.trace import Operand as TracedOperand
 from hingepair.engine.ufunc import FLOAT_TYPES, MAX_OPERANDS, Layout, Operand, Ufunc, loop_ir
