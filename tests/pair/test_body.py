@@ -188,3 +188,9 @@ def test_a_size_that_overflows_is_refused(arguments, name):
     assert raised.value.name == name
     given = {"mass": 2, "center_of_mass": (0, 0, 0), "inertia": (1, 1, 1)}
     assert hp.Body(**{**arguments, **given}).inertia.tolist() == np.eye(3).tolist()
+
+
+def test_the_centre_of_mass_has_two_spellings():
+    body = hp.Body(mass=2, centre_of_mass=(0.1, 0, 0))
+    assert body.centre_of_mass.tolist() == body.center_of_mass.tolist() == [0.1, 0, 0]
+    assert dataclasses.replace(body, centre_of_mass=(0, 0.2, 0)).center_of_mass.tolist() == [0, 0.2, 0]

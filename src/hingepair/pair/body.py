@@ -176,6 +176,7 @@ class Body(Frozen):
             of mass, each unless it is given. All shapes have the same density, and the mass of a volume that two
             shapes share counts twice. By default, there are no shapes, and viewers draw the body as an arm that leads
             to the hinge, with one half of the hinge.
+        centre_of_mass: the same as `center_of_mass`, in the spelling of the robots' methods.
         _computed: an internal argument that `dataclasses.replace` passes.
 
     `dataclasses.replace(body, mass=3)` returns a body with another mass. Values that were not given for `body`, such
@@ -207,10 +208,13 @@ class Body(Frozen):
         inertia: ArrayLike | None = None,
         shapes: Iterable[Shape] = (),
         *,
+        centre_of_mass: ArrayLike | None = None,
         _computed: Mapping[str, Any] | None = None,  # computed values of the body that dataclasses.replace copies
     ) -> None:
         # A value that is the object which the earlier body computed was not given by the user.
         earlier = _computed or {}
+        if centre_of_mass is not None:  # also where dataclasses.replace passes the centre of the earlier body
+            center_of_mass = centre_of_mass
         mass = None if mass is earlier.get("mass") else mass
         center_of_mass = None if center_of_mass is earlier.get("center_of_mass") else center_of_mass
         inertia = None if inertia is earlier.get("inertia") else inertia
@@ -232,6 +236,11 @@ class Body(Frozen):
         values = {"mass": mass_value, "center_of_mass": centre, "inertia": tensor}
         computed = {name: value for name, value in values.items() if arguments[name] is None}
         _set_frozen_attributes(self, **values, shapes=shape_tuple, _computed=computed)
+
+    @property
+    def centre_of_mass(self) -> NDArray[np.float64]:
+        """The same as `center_of_mass`, in the spelling of the robots' methods."""
+        return self.center_of_mass
 
     @property
     def assumed(self) -> tuple[str, ...]:
