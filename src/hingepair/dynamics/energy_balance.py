@@ -50,7 +50,7 @@ class EnergyBalance:
 
     @property
     def residual(self) -> Array:
-        """Change of the energies since the first instant less the work of all loads [J], (N,): numerical errors."""
+        """Change of the energies since the first instant less the work of all loads [J], (N,); numerical errors."""
         total = self.kinetic + self.potential
         return np.asarray(total - total[:1] - sum(self.work.values()))
 

@@ -71,7 +71,7 @@ class Linearization:
 
     @property
     def damping_ratios(self) -> Array:
-        """Damping ratio of each pole: 0 without damping, 1 for real poles, below 0 if the motion grows."""
+        """Damping ratio of each pole; 0 without damping, 1 for real poles, below 0 if the motion grows."""
         return np.asarray(-self.poles.real / np.abs(self.poles), np.float64)
 
     def __str__(self) -> str:

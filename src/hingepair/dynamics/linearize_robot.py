@@ -54,7 +54,7 @@ class RobotLinearization:
 
     @property
     def damping_ratios(self) -> Array:
-        """Damping ratio of each pole: 0 without damping, 1 for real poles, below 0 if the motion grows."""
+        """Damping ratio of each pole; 0 without damping, 1 for real poles, below 0 if the motion grows."""
         poles = self.poles
         return np.asarray(-poles.real / np.abs(poles), np.float64)
 

@@ -87,7 +87,7 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
     @property
     def motions(self) -> tuple[int, ...]:
-        """Leading shape of the arrays of many motions, () of one: psi has the shape `motions + (N,)`."""
+        """Leading shape of the arrays of many motions, () of one; psi has the shape `motions + (N,)`."""
         shape: tuple[int, ...] = self.psi.shape[:-1]
         return shape
 

@@ -106,8 +106,10 @@ class HingeLoad:
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
-        """Rates psi' [rad/s], in increasing order, at which the torque has a kink or a jump: 0 for dry friction
-        without a `friction_rate`; -1 / stop_damping and 1 / stop_damping, where the torque of a stop is cut off.
+        """Rates psi' [rad/s], in increasing order, at which the torque has a kink or a jump.
+
+        They are 0 for dry friction without a `friction_rate`, and -1 / stop_damping and 1 / stop_damping, where the
+        torque of a stop is cut off.
         Those of nested loads are among them.
         """
         kinks = {0.0} if self.sticking_friction else set()
@@ -118,7 +120,7 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest friction torque [N m] that can keep the hinge at rest: `friction` of this and nested loads, but of
+        """Largest friction torque [N m] that can keep the hinge at rest, `friction` of this and nested loads, but of
         those with a `friction_rate` none.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)

@@ -171,7 +171,7 @@ class PairScene(Scene):
 
     @property
     def dimensions(self) -> int:
-        """Number of components of a vector: 3, or 2 in the plane."""
+        """Number of components of a vector, 3, or 2 in the plane."""
         return len(self.pair.u1)
 
     @property
