@@ -31,7 +31,8 @@ from hingepair.numeric.caching import lock_free_cached_property
 
 _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 _READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
-_PLAIN_TYPES = {list, tuple, float, int, np.float64}  # of arguments that become an array of one state
+# Types of arguments that become an array of one state.
+_SEQUENCES, _NUMBERS = {list, tuple}, {float, int, np.float64}
 _FEW_SAMPLES: Final = 20_000  # up to which all pairs share one kernel, in which no constant is folded
 
 
@@ -414,13 +415,20 @@ class Call:
 
 def _state_array(value: Any, tail: ArrayShape) -> NDArray[Any] | None:
     """Return a list, a tuple or a number of one state as an array; None for all else."""
-    if type(value) not in _PLAIN_TYPES:
+    if type(value) not in _NUMBERS and not (type(value) in _SEQUENCES and _is_plain(value)):
         return None
     try:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError):
         return None
     return array if array.shape == tail else None
+
+
+def _is_plain(values: Any) -> bool:
+    """Return whether a list or tuple holds numbers and lists of numbers alone: NumPy would compute a lazy array."""
+    return _NUMBERS.issuperset(map(type, values)) or all(
+        type(x) in _NUMBERS or (type(x) in _SEQUENCES and _is_plain(x)) for x in values
+    )
 
 
 def _foreign_parts(name: str, value: Any, tail: ArrayShape, library: Library) -> Any:
