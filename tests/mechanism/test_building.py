@@ -336,10 +336,11 @@ def test_the_motion_of_pairs_is_that_of_their_equations():
 
 
 PAIRS_WRONG = {
-    "none": (([], None), "pairs: expected at least one HingePair or Slider, got none"),
-    "no pairs": ((3, None), "pairs: expected HingePairs and Sliders, got 3"),
+    "none": (([], None), "pairs: expected at least one HingePair, Slider or Screw, got none"),
+    "no pairs": ((3, None), "pairs: expected HingePairs, Sliders and Screws, got 3"),
     "a planar one": (
-        ([hp.PlanarPair((1, 0), (0, 0))], None), r"pairs: expected HingePairs and Sliders \(a PlanarPair's is pair",
+        ([hp.PlanarPair((1, 0), (0, 0))], None),
+        r"pairs: expected HingePairs, Sliders and Screws \(a PlanarPair's is pair",
     ),
     "one name twice": (([BOOM, BOOM], None), "expected a different name for each, by name=, got 'boom' twice"),
     "the base's name": (([replace(BOOM, name="base")], None), "pairs: expected names other than 'base'"),

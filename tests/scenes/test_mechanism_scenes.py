@@ -363,7 +363,7 @@ BAD = {
     "no name": (JOINTS.replace('name = "ram"', ""), r"joint\[2\].name: "),
     "kind": (
         JOINTS.replace('"slider"', '"slidr"'),
-        "joint.ram.kind: .*one of hinge, slider .nearest: slider., got 'slidr'",
+        "joint.ram.kind: .*one of hinge, slider, screw .nearest: slider., got 'slidr'",
     ),
     "misspelt key": (
         JOINTS.replace("torque_limit", "torquelimit"),

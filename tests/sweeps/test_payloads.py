@@ -21,6 +21,7 @@ u1 = [0, 0, 1]
 u2 = [0.1, 0, 0.2]
 n = [1, 2, 0]
 home = { axis = [0, 1, 1], deg = 20 }
+body1 = { mass = 5, inertia = [0.2, 0.2, 0.3] }
 body2 = { mass = 3, inertia = [1, 1.1, 1.2], center_of_mass = [1, 0, 0] }
 [[joint]]
 name = "trolley"
