@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.folding import fold_parts, mass_properties, unphysical_reason
+from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
@@ -99,7 +100,7 @@ def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
         body2=_body_or_none(joint.body),
         torque_limit=joint.effort_limit if np.isfinite(joint.effort_limit) else None,
         rate_limit=joint.rate_limit if np.isfinite(joint.rate_limit) else None,
-        **({"pitch": joint.pitch} if joint.pitch else {}),
+        **({"pitch": joint.pitch} if KINDS[joint.kind].has_pitch else {}),
     )
     return pair
 

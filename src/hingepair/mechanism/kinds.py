@@ -24,6 +24,11 @@ class Kind(NamedTuple):
     urdf: str | None  # its type in URDF; None where URDF has none
     pinocchio: str  # its class in Pinocchio, for an axis of any direction
 
+    @property
+    def has_pitch(self) -> bool:
+        """Whether each joint says how far it shifts its body."""
+        return self.shifts is None
+
     def axis(self, pitch: float) -> Axis:
         """Return the axis of a joint of this kind; `pitch` [m/rad] is read where the kind leaves it open."""
         return Axis(self.turns, pitch if self.shifts is None else self.shifts)

@@ -23,8 +23,6 @@ DEFAULT_GRAVITY_VECTOR = (0.0, 0.0, -9.81)
 """Acceleration of free fall unless given, world axes [m/s^2]."""
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
-_DEFAULT_GRAVITY = np.array(DEFAULT_GRAVITY_VECTOR)  # made once
-_ZERO_LOAD = np.zeros(3)  # a force or torque of 0, which becomes a constant of the program
 _VECTOR_LOADS = LOADS[:-1]  # hinge_torque is a number
 _OF_BODY1 = {"force1", "torque1", "mass_matrix", "kinetic", "potential", "linear", "angular", "pushed_tree"}
 _ROUNDING = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding

@@ -12,6 +12,7 @@ import numpy as np
 
 from hingepair.errors import SceneError, URDFError, choices, nearest, printable, quoted
 from hingepair.mechanism.building import BASE_KINDS
+from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.pair.body import Body
@@ -154,7 +155,7 @@ def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | 
 def _read_joint_pair(name: str, table: Table) -> RobotJoint:
     """Return the joint named `name`, that a Table [[joint]] defines."""
     kind: Any = table.choice("kind", tuple(JOINT_CLASSES))
-    keys = {**PAIR_KEYS, "pitch": Table.number} if kind == "screw" else PAIR_KEYS
+    keys = {**PAIR_KEYS, "pitch": Table.number} if KINDS[kind].has_pitch else PAIR_KEYS
     needed = ("u1", "u2", "n", *(key for key in keys if key not in PAIR_KEYS))
     described = replace(
         table, values={key: value for key, value in table.values.items() if key not in {"parent", "kind"}}

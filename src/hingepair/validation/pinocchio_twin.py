@@ -393,8 +393,9 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
 
 
 def _joint_model(pin: Any, joint: Joint, axis: Any) -> Any:
-    turns_and_shifts = all(joint.axis)
-    return getattr(pin, KINDS[joint.kind].pinocchio)(axis, *[joint.pitch] * turns_and_shifts)
+    kind = KINDS[joint.kind]
+    arguments = (axis, joint.pitch) if kind.has_pitch else (axis,)
+    return getattr(pin, kind.pinocchio)(*arguments)
 
 
 def _model(
