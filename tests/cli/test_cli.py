@@ -17,7 +17,7 @@ import pytest
 import typer
 
 import hingepair as hp
-from hingepair.cli.main import app
+from hingepair.cli.main import COMMANDS, app
 from hingepair.engine.backend import execution_of
 from hingepair.formats.robots import robot_urdf
 from hingepair.numeric.tables import unit_of
@@ -573,7 +573,9 @@ def test_help_describes_every_argument() -> None:
         for parameter in command.params:
             assert getattr(parameter, "help", None), (name, parameter.name)
             assert parameter.opts[0] in shown or str(parameter.metavar) in shown, (name, parameter.name)
-    assert {*commands} <= {*run_command("--help").stdout.split()}
+    shown = run_command("--help").stdout
+    assert all(f"\n{heading}:\n" in shown for heading in COMMANDS)
+    assert {*commands} <= {*shown.split()}
 
 
 @pytest.mark.slow

@@ -89,6 +89,7 @@ def test_a_wrong_name_or_directory_is_an_error_that_says_what_to_do(tmp_path: Pa
         (("run", "talos_elbow"), "hingepair examples talos_elbow copies"),
         (("run", "here/logged_arm.toml"), "hingepair examples logged_arm copies"),
         (("run", "my_own.toml"), "hingepair examples lists and copies worked examples"),
+        (("run", "truck.toml"), "hingepair examples lists and copies worked examples (nearest: truck_trailer)"),
         (("sweep", "sweeps/landing_gear.toml"), "hingepair examples sweeps/landing_gear copies"),
         (("check", "panda_reach"), "hingepair examples sweeps/panda_reach copies"),
         (("urdf", "excavator.urdf", "boom"), "hingepair examples excavator copies"),

@@ -55,19 +55,21 @@ def examples_command(
 
 def missing_file_hint(path: str) -> str | None:
     """Return a sentence that recommends the command `hingepair examples`, for a path or name that a user typed.
-    Return None if the path exists, or if it neither ends in .toml nor has the name of an example.
+    Return None if the path exists, or if it neither ends in .toml nor resembles the name of an example.
     """
     if os.path.exists(path):
         return None
     typed = f"/{Path(path).with_suffix('').as_posix()}"
-    names = [name for name in _files_by_example() if Path(name).name == Path(typed).name]
+    examples = _files_by_example()
+    names = [name for name in examples if Path(name).name == Path(typed).name]
     if names:
         # of a scene and a sweep with the same last name, the one whose folder was typed too
         name = max(names, key=lambda name: len(name) if typed.endswith(f"/{name}") else 0)
         return f"hingepair examples {name} copies the worked example of this name with the files that it reads"
-    if Path(path).suffix.lower() != ".toml":
+    near = nearest(Path(typed).name, examples)
+    if Path(path).suffix.lower() != ".toml" and not near:
         return None
-    return "hingepair examples lists and copies worked examples"
+    return f"hingepair examples lists and copies worked examples{near}"
 
 
 def _files_by_example() -> dict[str, Path]:

@@ -6,9 +6,10 @@ import functools
 import sys
 import traceback
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+import typer.core
 
 from hingepair import __version__
 from hingepair.cli.bench import bench_app
@@ -26,9 +27,52 @@ from hingepair.cli.sweep import sweep_command
 from hingepair.cli.tolerance import tolerance_command
 from hingepair.errors import HingePairError
 
+COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
+    "Compute": {
+        "run": run_command,
+        "forces": forces_command,
+        "derive": derive_command,
+        "tolerance": tolerance_command,
+        "sweep": sweep_command,
+        "fit": fit_command,
+    },
+    "Look": {
+        "plot": plot_command,
+        "view": view_command,
+        "examples": examples_command,
+        "robots": robots_command,
+    },
+    "Exchange": {
+        "urdf": urdf_command,
+        "mjcf": mjcf_command,
+    },
+    "Measure": {
+        "check": check_command,
+        "cache": cache_command,
+    },
+}
+"""The commands by the names that users type, under the headings and in the order of --help."""
+
+
+class _GroupedCommands(typer.core.TyperGroup):
+    """The command line, whose help lists the commands under the headings of `COMMANDS`."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, Typer hands it over
+        """Write a section for each heading."""
+        width = max(map(len, self.commands))
+        rows: dict[str, list[tuple[str, str]]] = {}
+        for name, command in self.commands.items():
+            text = command.get_short_help_str(formatter.width - width - 6)
+            rows.setdefault(getattr(command, "rich_help_panel", "Commands"), []).append((name.ljust(width), text))
+        for heading, lines in rows.items():
+            with formatter.section(heading):
+                formatter.write_dl(lines)
+
+
 app = typer.Typer(
     name="hingepair",
-    help="Motion and forces of two rigid bodies joined by a hinge, and of robots, which are trees of such pairs. "
+    cls=_GroupedCommands,
+    help="Motion and forces of bodies joined by hinges: one hinge, or a whole robot. "
     "Most commands take a scene file (TOML); hingepair examples lists some to start from.",
     epilog="Exit codes: 0 ok, 1 a check failed, 2 bad input or output that cannot be written, 3 an internal error of "
     "hingepair, 128 + n stopped by signal n (130 by Ctrl-C).",
@@ -39,27 +83,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "run": run_command,
-    "check": check_command,
-    "forces": forces_command,
-    "derive": derive_command,
-    "urdf": urdf_command,
-    "mjcf": mjcf_command,
-    "plot": plot_command,
-    "view": view_command,
-    "robots": robots_command,
-    "tolerance": tolerance_command,
-    "sweep": sweep_command,
-    "examples": examples_command,
-    "fit": fit_command,
-    "cache": cache_command,
-}
-"""The commands by the names that users type, in the order of --help."""
-
-for command_name, command in COMMANDS.items():
-    app.command(command_name)(with_option_names(command))
-app.add_typer(bench_app, name="bench")
+for heading, commands in COMMANDS.items():
+    for command_name, command in commands.items():
+        app.command(command_name, rich_help_panel=heading)(with_option_names(command))
+app.add_typer(bench_app, name="bench", rich_help_panel="Measure")
 
 
 def main() -> None:
