@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from hingepair.measured.inertial_angle import AngleFit, fit_angle
     from hingepair.measured.resample import resample
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
+    from hingepair.mechanism.inertial_parameters import BaseParameters
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.rollout import Feedback, Rollout
     from hingepair.mechanism.slider import Screw, Slider
@@ -95,6 +96,7 @@ __all__ = [
     "ArgumentError",
     "AxisError",
     "AxisFit",
+    "BaseParameters",
     "Body",
     "BodyMotion",
     "Box",
@@ -199,6 +201,7 @@ _LAZY_MODULE_BY_NAME = {
         "measured.smooth": "SmoothedAngle SmoothedMotion smooth",
         "numeric.instants": "MeasurementWarning",
         "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
+        "mechanism.inertial_parameters": "BaseParameters",
         "mechanism.mechanism": "Mechanism",
         "mechanism.rollout": "Feedback Rollout",
         "mechanism.slider": "Screw Slider",

@@ -121,6 +121,7 @@ MASS_INDEPENDENT_OUTPUT_NAMES = (
     "jacobian",
     "jacobian_in_frame",
     "acceleration_bias",
+    "torque_regressor",
 )
 """Outputs that do not depend on masses."""
 
@@ -197,6 +198,7 @@ ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
     "acceleration_bias": ("q", "qd"),
     "inverse_dynamics": ("q", "qd", "qdd"),
     "joint_wrenches": ("q", "qd", "qdd"),
+    "torque_regressor": ("q", "qd", "qdd"),
     "forward_dynamics": ("q", "qd", "tau"),
     "mass_matrix": ("q",),
     "bias_forces": ("q", "qd"),

@@ -12,12 +12,21 @@ from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism import building
+from hingepair.mechanism.inertial_parameters import (
+    BaseParameters,
+    find_base_parameters,
+    inertial_parameters,
+    tree_with_parameters,
+)
 from hingepair.mechanism.methods import MechanismMethods
 from hingepair.mechanism.slider import RobotJoint
 from hingepair.mechanism.tree import Tree
-from hingepair.numeric.arrays import Float64Array, read_only
+from hingepair.numeric.arrays import Float64Array, FloatArray, one_constant, read_only
 from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.body import Body
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.rotations.matrices import rotation_exp
 from hingepair.urdf import records
 
 _JOINT_HEADINGS = (  # of the printed table; columns for some robots follow
@@ -326,6 +335,62 @@ class Mechanism(MechanismMethods):
         """
         frame = self.tree.known_frame("link", link)
         return _new_mechanism(type(self), building.add_frame(self.tree, name, frame, R, S), self.base)
+
+    # ---- inertial parameters
+
+    @property
+    def inertial_parameters(self) -> Float64Array:
+        """Inertial parameters of the bodies, ten for each; shape (10 * bodies,). Those of the base come first, if it
+        is free; then those of the body that each joint moves.
+
+        The ten are, in the axes of the body and about its reference point, the point of its joint: the mass [kg], the
+        first moment, mass times centre of mass, hx, hy, hz [kg m], and the inertia Jxx, Jxy, Jyy, Jxz, Jyz, Jzz
+        [kg m^2]. They are those of `toDynamicParameters` of Pinocchio's inertias, in its order.
+        """
+        return inertial_parameters(self.tree, self.base == "free")
+
+    def with_inertial_parameters(self, parameters: ArrayLike) -> Mechanism:
+        """Return a copy of the robot, a Mechanism, with other `inertial_parameters`. Computations use them as they
+        are, even if no rigid body can have them; a DynamicsWarning then names the body.
+
+        Args:
+            parameters: in the form of `inertial_parameters`; shape (10 * bodies,).
+
+        Raises:
+            ArgumentError: parameters are missing or not finite, or a body without mass has a first moment.
+
+        >>> import hingepair as hp
+        >>> ball = hp.Body(2, inertia=(1, 1, 1))
+        >>> robot = hp.Mechanism([hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="hand", body2=ball)])
+        >>> robot.with_inertial_parameters(2 * robot.inertial_parameters)["hand"].body2.mass
+        4.0
+        """
+        bodies = len(self.tree.joints) + (self.base == "free")
+        checked = one_constant("parameters", parameters, 10 * bodies)
+        return _new_mechanism(type(self), tree_with_parameters(self.tree, self.base == "free", checked), self.base)
+
+    def base_parameters(self, *, gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR) -> BaseParameters:
+        """Find the base parameters: the fewest combinations of `inertial_parameters` on which the torques of
+        `torque_regressor` depend. Only they can be identified from motions and torques. A fixed base is at rest.
+
+        Args:
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+
+        >>> import hingepair as hp
+        >>> base = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02}).base_parameters()
+        >>> len(base.names), len(base.parameter_names)
+        (43, 70)
+        """
+        free, rng = self.base == "free", np.random.default_rng(1)
+
+        def regressor(states: Float64Array) -> FloatArray:
+            motion = None
+            if free:
+                v = rng.uniform(-1.0, 1.0, (4, states.shape[1], 3))
+                motion = BodyMotion(R=0 * v[0], S=rotation_exp(3 * v[0]), omega=v[1], a=v[2], alpha=v[3])
+            return self.torque_regressor(*states, gravity=gravity, base_motion=motion)
+
+        return find_base_parameters(self.tree, free, regressor, self.position_limits)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _new_mechanism, (type(self), self.tree, self.base)

@@ -84,9 +84,10 @@ _PREPARABLE_BARE_ARRAY_OUTPUT_NAMES: Final = (
     "gravity_forces",
     "centroidal_momentum_matrix",
 )
-"""Outputs of methods that return a bare array, which `prepare` takes too."""
+"""Outputs of methods that return a bare array, which `prepare` takes too, also beside others."""
 _BARE_ARRAY_OUTPUT_NAMES: Final = (
     *_PREPARABLE_BARE_ARRAY_OUTPUT_NAMES,
+    "torque_regressor",
     "centre_of_mass",
     "centre_of_mass_jacobian",
     "centre_of_mass_bias",
@@ -505,8 +506,8 @@ class MechanismMethods(Shown):
                 - tau, force1 and torque1, from `inverse_dynamics`;
                 - tau_q and tau_qd, from `inverse_dynamics_derivatives`;
                 - qdd, and for a free base a1 and alpha1, from `forward_dynamics`;
-                - mass_matrix, bias_forces, gravity_forces, centre_of_mass, centre_of_mass_jacobian and
-                  centre_of_mass_bias, each the result of the method with this name;
+                - torque_regressor, mass_matrix, bias_forces, gravity_forces, centre_of_mass,
+                  centre_of_mass_jacobian and centre_of_mass_bias, each the result of the method with this name;
                 - kinetic and potential, from `energy`;
                 - linear, angular_about_origin and angular_about_centre, from `momentum`.
             base_motion: pose and motion of the base, as for `forward_kinematics`.
@@ -762,6 +763,37 @@ class MechanismMethods(Shown):
             computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
         )
         return result
+
+    def torque_regressor(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
+        *,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        base_motion: BodyMotion | None = None,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
+        """Compute the regressor Y in tau = Y @ p + armature * qdd (T13) as an array (..., dof, 10 * bodies), where p
+        are the `inertial_parameters` of the robot. For a free base, compute Y in (force1, torque1, tau) = Y @ p +
+        (0, 0, armature * qdd); shape (..., 6 + dof, 10 * bodies).
+
+        Each body has ten columns, in the order of `inertial_parameters`. Rows and columns are those of Pinocchio's
+        `computeJointTorqueRegressor`; of a free base, force1 and torque1 are here in world axes, and there in the
+        axes of the base. Neither masses nor the robot's `armature` have an influence on Y. The arguments are the same
+        as for `inverse_dynamics`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot, q = hp.load_robot("ur5_robot"), np.full(6, 0.3)
+        >>> Y = robot.torque_regressor(q, q, q)
+        >>> Y.shape, np.allclose(Y @ robot.inertial_parameters, robot.inverse_dynamics(q, q, q).tau)
+        ((6, 60), True)
+        """
+        coordinates = {"q": q, "qd": qd, "qdd": qdd}
+        return self._run_array("torque_regressor", coordinates, base_motion, out, workers, backend, gravity)
 
     def inverse_dynamics_derivatives(
         self,
@@ -1400,11 +1432,11 @@ class MechanismMethods(Shown):
 
                 - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian",
                   "jacobian_in_frame" (in the axes of the frames), "acceleration_bias" (of one frame),
-                  "inverse_dynamics", "joint_wrenches", "forward_dynamics", "mass_matrix", "bias_forces",
-                  "gravity_forces" or "centroidal_momentum_matrix". The callable then takes these
+                  "inverse_dynamics", "joint_wrenches", "torque_regressor", "forward_dynamics", "mass_matrix",
+                  "bias_forces", "gravity_forces" or "centroidal_momentum_matrix". The callable then takes these
                   arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
-                  "acceleration", "inverse_dynamics" and "joint_wrenches"; q, qd and tau for "forward_dynamics";
-                  only q for the others.
+                  "acceleration", "inverse_dynamics", "joint_wrenches" and "torque_regressor"; q, qd and tau for
+                  "forward_dynamics"; only q for the others.
                 - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
                   omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
 
@@ -1634,6 +1666,8 @@ class MechanismMethods(Shown):
             elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUT_NAMES:
                 kind = None
             bodies = tuple((frames or {}).values())
+            if outputs == ("torque_regressor",):
+                bodies = self.tree.body_frames(self.base == "free")
             whole = not {*outputs}.isdisjoint(_JOINT_WRENCHES)
             constants = self._whole_constants if whole else self._constants
             result = RobotComputation(

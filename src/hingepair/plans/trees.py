@@ -1,4 +1,4 @@
-"""What to compute of a tree of joints: which recursions (T1-T12) lead from coordinates to the outputs asked for.
+"""What to compute of a tree of joints: which recursions (T1-T13) lead from coordinates to the outputs asked for.
 
 The constants of a robot are one vector of numbers. Those that are 0, 1 or -1 are part of the program, which folds
 them; all others are parameters, so that one program serves every robot of the same build and every payload.
@@ -307,23 +307,12 @@ class Computation:
         """Rotation matrix that converts vectors from world axes to base axes."""
         return transpose(self.values["S1"])
 
-    def _transmitted_wrenches(
-        self,
-        qd: Sequence[Scalar],
-        qdd: Sequence[Scalar],
-        omega: Vector,
-        alpha: Vector,
-        a: Vector,
-        with_loads: bool = True,
-    ) -> list[eq.Wrench]:
+    def _transmitted_wrenches(self, motions: list[eq.Acceleration], with_loads: bool = True) -> list[eq.Wrench]:
         """Return a list of the wrenches (force, torque) that the joints transmit, each in the axes and about the
-        reference point of the joint's body, with the total wrench on the base first (T1-T3). omega, alpha and a are
-        the base's angular velocity and accelerations in base axes, with gravity subtracted from a. If `with_loads` is
+        reference point of the joint's body, with the total wrench on the base first (T2, T3). If `with_loads` is
         False, the wrenches that act on links are left out. The components are named in generated code.
         """
-        body_motions = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
-        self._name_components(body_motions, ("omega", "a", "B"))
-        wrenches = eq.inertial_wrenches(self.base, self.links, body_motions)
+        wrenches = eq.inertial_wrenches(self.base, self.links, motions)
         for k, place in enumerate(self.request.loaded if with_loads else ()):
             body, frame = self.frames[place]
             back = transpose(self.poses[body].S)
@@ -332,14 +321,28 @@ class Computation:
             wrenches[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
         return self._name_components(eq.sum_inward(self.links, self.placements, wrenches), ("f", "t"))
 
+    def _motions_in_own_axes(
+        self, qd: Sequence[Scalar], qdd: Sequence[Scalar], omega: Vector, alpha: Vector, a: Vector
+    ) -> list[eq.Acceleration]:
+        """Return the motions of all bodies, the base first, each in the axes of the body (T1). omega, alpha and a are
+        the base's, in base axes, with gravity subtracted from a. The components are named in generated code.
+        """
+        motions = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
+        return self._name_components(motions, ("omega", "a", "B"))
+
+    @lock_free_cached_property
+    def motions_in_own_axes(self) -> list[eq.Acceleration]:
+        """The given motion of all bodies, the base first, each in the axes of the body."""
+        omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
+        falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
+        return self._motions_in_own_axes(self.qd, self.qdd, omega, alpha, falling)
+
     @lock_free_cached_property
     def transmitted_wrenches(self) -> list[eq.Wrench]:
         """List of the wrenches (force, torque) that the joints transmit during the given motion, each in the axes of
         the joint's body, with the total wrench on the base first.
         """
-        omega, alpha = (rotate(self.base_axes, self.values[name]) for name in ("omega1", "alpha1"))
-        falling = rotate(self.base_axes, subtract(self.values["a1"], self.values["gravity"]))
-        return self._transmitted_wrenches(self.qd, self.qdd, omega, alpha, falling)
+        return self._transmitted_wrenches(self.motions_in_own_axes)
 
     @lock_free_cached_property
     def joint_wrenches(self) -> list[eq.Wrench]:
@@ -358,16 +361,45 @@ class Computation:
         """
         values, free = self.values, self.request.free
         omega = rotate(self.base_axes, values["omega1"])
-        if free:
-            return self._transmitted_wrenches(self.qd, self.zero_rates, omega, ZERO_VECTOR, ZERO_VECTOR)
-        falling = rotate(self.base_axes, subtract(values["a1"], values["gravity"]))
-        return self._transmitted_wrenches(
-            self.qd, self.zero_rates, omega, rotate(self.base_axes, values["alpha1"]), falling
-        )
+        alpha = fall = ZERO_VECTOR
+        if not free:
+            alpha = rotate(self.base_axes, values["alpha1"])
+            fall = rotate(self.base_axes, subtract(values["a1"], values["gravity"]))
+        return self._transmitted_wrenches(self._motions_in_own_axes(self.qd, self.zero_rates, omega, alpha, fall))
 
     def efforts(self) -> tuple[Scalar, ...]:
         """Return a tuple of the efforts tau of all coordinates (inverse dynamics)."""
         return self.efforts_by_coordinate(eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd))
+
+    def torque_regressor(self) -> tuple[Scalar, ...]:
+        """Return the regressor Y in Y p = (force1, torque1, tau), the first two of a free base only, as a flat tuple
+        row by row (T13). p are the inertial parameters of the bodies of the frames, in the axes of the frames, which
+        stand at the reference points of their bodies.
+        """
+        free, units = self.request.free, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        on_base = [rotate(self.base_axes, unit) for unit in units] if free else []
+        at_bodies = eq.axes_at_bodies(
+            self.links,
+            self.placements,
+            [eq.AxisMotion(ZERO_VECTOR, x) for x in on_base] + [eq.AxisMotion(x, ZERO_VECTOR) for x in on_base],
+        )
+        rows: list[list[Scalar]] = [[] for _ in range(velocity_count(self.form, self.request))]
+        for body, frame in self.frames:
+            back, moved = transpose(frame["S"]), self.motions_in_own_axes[body]
+            omega, a, alpha = (rotate(back, part) for part in (moved.omega, moved.a, moved.alpha))
+            motion = eq.Acceleration(omega, a, eq.acceleration_gradient(omega, alpha), alpha)
+            efforts = {
+                number: eq.effort_of_mass(eq.AxisMotion(*(rotate(back, part) for part in axis)), motion)
+                for number, axis in at_bodies[body].items()
+            }
+            nothing = (0.0,) * 10
+            joints = [efforts.get(number, nothing) for number in range(1, len(self.links) + 1)]
+            columns = [self.efforts_by_coordinate(column) for column in zip(*joints, strict=True)]
+            for number in range(-1, -1 - 6 * free, -1):
+                rows[-1 - number] += efforts[number]
+            for k in range(self.form.dof):
+                rows[6 * free + k] += [column[k] for column in columns]
+        return _chain_vectors(rows)
 
     def base_wrench(self, kind: int) -> Vector:
         """Return force1 (kind 0) or torque1 (kind 1), which acts on the base, world axes."""
@@ -386,9 +418,8 @@ class Computation:
             fall = rotate(self.base_axes, subtract(values["a1"] if with_rates else still, values["gravity"]))
             alpha = rotate(self.base_axes, values["alpha1"]) if with_rates else still
         omega = rotate(self.base_axes, values["omega1"]) if with_rates else still
-        wrenches = self._transmitted_wrenches(
-            self.qd if with_rates else self.zero_rates, self.zero_rates, omega, alpha, fall
-        )
+        qd = self.qd if with_rates else self.zero_rates
+        wrenches = self._transmitted_wrenches(self._motions_in_own_axes(qd, self.zero_rates, omega, alpha, fall))
         tau = self.efforts_by_coordinate(eq.along_axes(self.links, wrenches))
         if not self.request.free:
             return tau
@@ -589,7 +620,8 @@ class Computation:
             *((ZERO_VECTOR, ZERO_VECTOR) if self.request.free else self._base_acceleration[::-1]),
         )
         omega, alpha, a = (rotate(self.base_axes, part) for part in turning)
-        force = self._transmitted_wrenches(self.qd, self.zero_rates, omega, alpha, a, with_loads=False)[0][0]
+        motions = self._motions_in_own_axes(self.qd, self.zero_rates, omega, alpha, a)
+        force = self._transmitted_wrenches(motions, with_loads=False)[0][0]
         return scale(rotate(self.values["S1"], force), _reciprocal(self.composites[0].mass))
 
     def centroidal_momentum_matrix(self) -> tuple[Scalar, ...]:
@@ -788,6 +820,11 @@ TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
         _INVERSE_DYNAMICS_INPUT_NAMES,
         lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches),
     ),
+    "torque_regressor": Output(
+        lambda form, request: (velocity_count(form, request), 10 * len(request.frames)),
+        _INVERSE_DYNAMICS_INPUT_NAMES,
+        Computation.torque_regressor,
+    ),
     "mass_matrix": Output(
         lambda form, request: (velocity_count(form, request),) * 2, _POSE_INPUT_NAMES, Computation.mass_matrix
     ),
@@ -869,6 +906,8 @@ def estimated_operations(form: Form, request: Request) -> int:
     total = 0
     if outputs & {"mass_matrix", "centre_of_mass_jacobian", "centroidal_momentum_matrix"}:
         total += 200 * joints + by_ancestor
+    if "torque_regressor" in outputs:
+        total += 300 * joints + 100 * (sum(depths) + 6 * request.free * joints)
     if outputs & {"qdd", "a1", "alpha1", "pivots"}:
         total += (
             (500 * joints + by_ancestor + velocity_count(form, request) ** 3 // 3) if form.mimics else 1200 * joints

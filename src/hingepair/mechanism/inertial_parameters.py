@@ -1,0 +1,190 @@
+"""Inertial parameters of robots, ten numbers for each body, and the combinations of them on which torques depend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.errors import ArgumentError
+from hingepair.mechanism.folding import unphysical_reason
+from hingepair.mechanism.tree import MassProperties, Tree
+from hingepair.numeric.arrays import Float64Array, Frozen, read_only
+from hingepair.numeric.tables import Sheet, Shown, align_columns, cell_text
+
+PARAMETERS: Final = ("m", "hx", "hy", "hz", "Jxx", "Jxy", "Jyy", "Jxz", "Jyz", "Jzz")
+"""The parameters of a body: mass, first moment, and inertia about the reference point; Pinocchio's order."""
+_ENTRIES: Final = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of J, in this order
+# Where one of two must go, mass goes to the body that carries it, then first moments, then Jyy.
+_KEPT_FIRST: Final = ("Jxx", "Jxy", "Jxz", "Jyz", "Jzz", "Jyy", "hx", "hy", "hz", "m")
+_DEPENDENT = 1e-7  # of the longest column of its kind (m, h or J); a shorter rest no recording tells from zero
+_STATES = 200  # at random, that tell which columns are independent
+
+
+def body_names(tree: Tree, with_base: bool) -> tuple[str, ...]:
+    """Return a name for each body: of the link whose frame is the body's, else of its joint or link."""
+    names = [next(iter(tree.links)), *(joint.name for joint in tree.joints)]
+    for name, frame in reversed([*tree.links.items()]):
+        if not frame.R.any() and np.array_equal(frame.S, np.eye(3)):
+            names[frame.body] = name
+    return tuple(names if with_base else names[1:])
+
+
+def inertial_parameters(tree: Tree, with_base: bool) -> Float64Array:
+    """Return the parameters of all bodies, the base first if it counts; shape (10 * bodies,)."""
+    bodies = [*([tree.base] if with_base else []), *(joint.body for joint in tree.joints)]
+    rows = []
+    for body in bodies:
+        m, c = body.mass, body.center_of_mass
+        J = body.inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
+        rows += [m, *(m * c), *(J[entry] for entry in _ENTRIES)]
+    return read_only(np.array(rows, dtype=np.float64))
+
+
+def inertia_matrices(parameters: Float64Array) -> NDArray[np.float64]:
+    """Return J of all bodies; shape (bodies, 3, 3)."""
+    rows = parameters.reshape(-1, 10)
+    J = np.empty((len(rows), 3, 3))
+    for k, (i, j) in enumerate(_ENTRIES):
+        J[:, i, j] = J[:, j, i] = rows[:, 4 + k]
+    return J
+
+
+def tree_with_parameters(tree: Tree, with_base: bool, parameters: Float64Array) -> Tree:
+    """Return a copy of a tree with other inertial parameters. Notes name the bodies that no rigid body can be.
+
+    Raises:
+        ArgumentError: a body without mass has a first moment.
+    """
+    names, masses, notes = body_names(tree, with_base), [], []
+    for name, row, J in zip(names, parameters.reshape(-1, 10), inertia_matrices(parameters), strict=True):
+        m, h = float(row[0]), row[1:4]
+        if m == 0 and h.any():
+            raise ArgumentError("parameters", f"no first moment of {name!r}, whose mass is 0", tuple(h.tolist()))
+        c = h / m if m else np.zeros(3)
+        inertia = J - m * (c @ c * np.eye(3) - np.outer(c, c))
+        body = MassProperties(m, read_only(c), read_only((inertia + inertia.T) / 2))
+        masses.append(body)
+        if reason := unphysical_reason(body):
+            notes.append(f"no rigid body has the inertial parameters of {name!r}: {reason}")
+    joints = masses[1:] if with_base else masses
+    return replace(
+        tree,
+        base=masses[0] if with_base else tree.base,
+        joints=tuple(replace(joint, body=body) for joint, body in zip(tree.joints, joints, strict=True)),
+        notes=tuple(notes),
+        source=None,
+        without_mass={k: link for k, link in tree.without_mass.items() if k == 0 and not with_base},
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseParameters(Frozen, Shown):
+    """The base parameters of a robot: the fewest combinations of its inertial parameters that torques depend on.
+
+    For the regressor Y of `torque_regressor` and the inertial parameters p, Y @ p = Y[..., columns] @ (matrix @ p).
+    Each combination is one inertial parameter, which gives it its name, and multiples of others, whose own columns of
+    Y are combinations of the columns kept. Matter on the axis of a hinge, for instance, is counted with the body that
+    carries the hinge (T9).
+
+    Attributes:
+        names: a name for each combination, such as "panda_link3 hx", in the order of `columns`.
+        columns: indices of the inertial parameters that name the combinations, in the order of the regressor's
+            columns; shape (B,).
+        matrix: the combinations, as rows; shape (B, 10 * bodies).
+        values: the combinations of the robot's own inertial parameters [kg, kg m, kg m^2]; shape (B,).
+        parameter_names: names of all inertial parameters; 10 * bodies of them.
+    """
+
+    names: tuple[str, ...]
+    columns: NDArray[np.intp]
+    matrix: Float64Array
+    values: Float64Array
+    parameter_names: tuple[str, ...]
+
+    def combination(self, index: int) -> str:
+        """Return one combination as text.
+
+        >>> import hingepair as hp
+        >>> base = hp.load_robot("ur5_robot").base_parameters()
+        >>> base.combination(base.names.index("wrist_1_link hz"))
+        'wrist_1_link hz + wrist_2_link hz + 0.09465 wrist_3_link m'
+        """
+        terms = []
+        for k in sorted(np.flatnonzero(self.matrix[index]).tolist(), key=lambda k: k != self.columns[index]):
+            factor, sign = abs(self.matrix[index, k]), "-" if self.matrix[index, k] < 0 else "+"
+            terms.append(f"{sign} {'' if factor == 1 else f'{factor:.4g} '}{self.parameter_names[k]}")
+        return " ".join(terms).removeprefix("+ ")
+
+    def _sheet(self) -> Sheet:
+        rows = [("base parameter", "value", "combination")]
+        for k, name in enumerate(self.names):
+            rows.append((name, cell_text(self.values[k]), self.combination(k)))
+        title = f"{len(self.names)} base parameters of {len(self.parameter_names)} inertial parameters"
+        return Sheet(title, rows)
+
+    def __str__(self) -> str:
+        title, rows, _ = self._sheet()
+        return "\n".join((title, *align_columns(rows, {1})))
+
+
+def find_base_parameters(
+    tree: Tree, with_base: bool, regressor: Callable[[NDArray[np.float64]], Any], limits: Float64Array
+) -> BaseParameters:
+    """Return the base parameters of a robot, found numerically: from the base outward, a parameter is kept if its
+    column of the regressor is no combination of those kept before.
+
+    Args:
+        tree: record of the robot.
+        with_base: whether the mass of the base counts.
+        regressor: takes q, qd, qdd at random states, shape (3, states, dof), and returns the regressor there.
+        limits: of q; shape (dof, 2).
+    """
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-1.0, 1.0, (3, _STATES, len(limits)))
+    finite = np.asarray(np.isfinite(limits).all(axis=1, keepdims=True))
+    low, high = np.where(finite, limits, np.array((-np.pi, np.pi))).T
+    states[0] = (low + high) / 2 + states[0] * (high - low) / 2
+    rows = np.asarray(regressor(states))
+    rows = np.linalg.qr(rows.reshape(-1, rows.shape[-1]), mode="r")  # which keeps what combines columns
+    lengths = np.linalg.norm(rows, axis=0)
+    bodies = rows.shape[1] // 10
+    order = [10 * body + PARAMETERS.index(name) for body in range(bodies) for name in _KEPT_FIRST]
+    kept = sorted(_independent(rows, lengths, order))
+    unit = np.where(lengths > 0, lengths, 1.0)
+    matrix = np.zeros((len(kept), rows.shape[1]))
+    if kept:
+        scaled = rows / unit
+        matrix = np.linalg.lstsq(scaled[:, kept], scaled)[0] * unit / unit[kept][:, None]
+    near = np.abs(matrix - np.rint(matrix)) < 1e-9  # rounding of lstsq
+    matrix[near] = np.rint(matrix[near])
+    matrix[:, kept] = np.eye(len(kept))
+    names = tuple(f"{body} {name}" for body in body_names(tree, with_base) for name in PARAMETERS)
+    return BaseParameters(
+        tuple(names[k] for k in kept),
+        read_only(np.array(kept, dtype=np.intp)),
+        read_only(matrix),
+        read_only(matrix @ inertial_parameters(tree, with_base)),
+        names,
+    )
+
+
+def _independent(rows: NDArray[np.float64], lengths: Float64Array, order: Sequence[int]) -> list[int]:
+    """Return the columns that are no combination of those before them in `order` (Gram-Schmidt, twice)."""
+    kinds = [name[0] for name in PARAMETERS] * (len(lengths) // 10)
+    longest = {kind: lengths[[one == kind for one in kinds]].max(initial=0.0) for kind in "mhJ"}
+    sizes = [longest[kind] for kind in kinds]
+    basis = np.empty_like(rows.T)
+    kept: list[int] = []
+    for k in order:
+        rest, before = rows[:, k], basis[: len(kept)]
+        for _ in range(2):
+            rest = rest - (before @ rest) @ before
+        length = np.linalg.norm(rest)
+        if length > _DEPENDENT * sizes[k]:
+            basis[len(kept)] = rest / length
+            kept.append(k)
+    return kept
