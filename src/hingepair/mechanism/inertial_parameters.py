@@ -149,7 +149,8 @@ def find_base_parameters(
     low, high = np.where(finite, limits, np.array((-np.pi, np.pi))).T
     states[0] = (low + high) / 2 + states[0] * (high - low) / 2
     rows = np.asarray(regressor(states))
-    rows = np.linalg.qr(rows.reshape(-1, rows.shape[-1]), mode="r")  # which keeps what combines columns
+    # R of a QR decomposition has the same combinations of columns.
+    rows = np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[-1]), "r"))
     lengths = np.linalg.norm(rows, axis=0)
     bodies = rows.shape[1] // 10
     order = [10 * body + PARAMETERS.index(name) for body in range(bodies) for name in _KEPT_FIRST]
