@@ -126,7 +126,7 @@ def test_names_that_xml_cannot_hold_are_refused():
 def test_what_urdf_has_of_a_joint_comes_back():
     text = ARM.replace("</joint>", '<dynamics damping="0.25" friction="3"/></joint>', 1)
     back = hp.Mechanism.from_urdf(hp.to_urdf(hp.Mechanism.from_urdf(text)))
-    assert (back.tree.joints[0].damping, back.tree.joints[0].friction) == (0.25, 3)
+    assert back.tree.joints[0].load == hp.HingeLoad(damping=0.25, friction=3)
 
 
 def test_a_slider_without_limits_is_not_held_by_other_readers():

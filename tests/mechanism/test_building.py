@@ -552,8 +552,8 @@ def test_damping_friction_and_equal_limits_are_kept(read):
     text = text.replace("</joint>", '<dynamics damping="0.25" friction="3"/></joint>', 1)
     model = pin.buildModelFromXML(text)
     robot = hp.Mechanism.from_urdf(text) if read == "urdf" else hp.Mechanism.from_pinocchio(model)
-    damped = [joint for joint in robot.tree.joints if joint.damping]
-    assert [(joint.damping, joint.friction) for joint in damped] == [(0.25, 3.0)]
+    damped = [joint for joint in robot.tree.joints if joint.load.damping]
+    assert [(joint.load.damping, joint.load.friction) for joint in damped] == [(0.25, 3.0)]
     assert damped[0].name == model.names[1]
     heading, first = str(robot).splitlines()[1:3]
     assert heading.split()[-2:] == ["damping", "friction"]

@@ -163,10 +163,12 @@ def hingepair_job(task: Task) -> Job:
     calls: dict[str, Any] = {
         POSE: partial(robot.forward_kinematics, frames=(tip,), outputs=("R", "S")),
         JACOBIAN: partial(robot.jacobian, frame=tip),
-        INVERSE: partial(robot.inverse_dynamics, outputs=("tau",)),
-        FORWARD: robot.forward_dynamics,
-        TORQUE_SLOPES: partial(robot.inverse_dynamics_derivatives, outputs=("tau_q", "tau_qd")),
-        ACCELERATION_SLOPES: partial(robot.forward_dynamics_derivatives, outputs=("qdd_q", "qdd_qd")),
+        INVERSE: partial(robot.inverse_dynamics, outputs=("tau",), joint_loads=False),
+        FORWARD: partial(robot.forward_dynamics, joint_loads=False),
+        TORQUE_SLOPES: partial(robot.inverse_dynamics_derivatives, outputs=("tau_q", "tau_qd"), joint_loads=False),
+        ACCELERATION_SLOPES: partial(
+            robot.forward_dynamics_derivatives, outputs=("qdd_q", "qdd_qd"), joint_loads=False
+        ),
     }
     if task.workload == GRADIENT:
         return _gradient_job(robot, task.inputs)
@@ -175,7 +177,7 @@ def hingepair_job(task: Task) -> Job:
 
 def _gradient_job(robot: Mechanism, inputs: Sequence[Array]) -> Job:
     """Return the job of the gradient of the sum of all torques, of a prepared call."""
-    pull = robot.prepare("inverse_dynamics", outputs=("tau",), backend="compiled").vjp
+    pull = robot.prepare("inverse_dynamics", outputs=("tau",), backend="compiled", joint_loads=False).vjp
     weights = {"tau": np.ones(robot.dof)}
 
     def run() -> tuple[Array, ...]:
@@ -191,8 +193,8 @@ def prepared_job(task: Task) -> Job:
     calls = {
         POSE: lambda: prepare("pose", frames=(task.tip,), outputs=("R", "S")),
         JACOBIAN: lambda: prepare("jacobian", frames=(task.tip,)),
-        INVERSE: lambda: prepare("inverse_dynamics", outputs=("tau",)),
-        FORWARD: lambda: prepare("forward_dynamics"),
+        INVERSE: lambda: prepare("inverse_dynamics", outputs=("tau",), joint_loads=False),
+        FORWARD: lambda: prepare("forward_dynamics", joint_loads=False),
     }
     return _read(calls[task.workload](), state, task.workload)
 

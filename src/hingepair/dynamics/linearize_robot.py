@@ -67,6 +67,7 @@ def linearize_robot(
     *,
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
     wrenches: Wrenches = None,
+    joint_loads: bool | None = None,
     force1: ArrayLike = 0,
     torque1: ArrayLike = 0,
     base_motion: BodyMotion | None = None,
@@ -83,6 +84,7 @@ def linearize_robot(
         tau: torques of hinges [N m] and forces of sliders [N]; by default those of `inverse_dynamics` at qdd = 0.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
         wrenches: loads on links, which keep their values in world axes, as for `inverse_dynamics`.
+        joint_loads: whether springs, dampers and dry friction of the joints act, as for `inverse_dynamics`.
         force1: force on a free base, as for `forward_dynamics`.
         torque1: torque on a free base.
         base_motion: motion of the base, as for `forward_dynamics`.
@@ -101,6 +103,7 @@ def linearize_robot(
     """
     free, zeros = robot.base == "free", np.zeros(robot.dof)
     common: dict[str, Any] = {"gravity": gravity, "wrenches": wrenches, "base_motion": base_motion}
+    common["joint_loads"] = joint_loads
     run: dict[str, Any] = {"workers": workers, "backend": backend}
     q, qd = vectors("q", q, robot.dof), zeros if qd is None else vectors("qd", qd, robot.dof)
     if tau is None:

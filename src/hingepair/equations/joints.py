@@ -1,7 +1,7 @@
 """Kinds of joints: how far each turns and shifts its body for one unit of its coordinate q.
 
 A joint turns its body about its axis by c q and shifts it along the axis by e q. These two numbers are all that the
-equations of trees (T1-T13) ask of a kind: numbers 0 and 1 fold, so that a hinge costs what a hinge costs.
+equations of trees (T1-T14) ask of a kind: numbers 0 and 1 fold, so that a hinge costs what a hinge costs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Trees of joints, T1-T13, as plain arithmetic on tuples of scalars: each body in its own axes.
+"""Trees of joints, T1-T14, as plain arithmetic on tuples of scalars: each body in its own axes.
 
 Body 0 is the base, body k >= 1 is what joint k moves, p is its parent. The z axis of body k is the axis of joint k,
 and its reference point lies on it. A joint turns its body about the axis by c q and shifts it along the axis by e q:
@@ -29,6 +29,7 @@ T11 dq'' = M^-1 (dtau - dtau(q, q', q'')), where the last change is that of inve
 T12 A_k = (P, L about the centre of mass c) of the matter beyond joint k, moved by q_k' = 1 alone; in world axes
 T13 tau_k = Y_k . (m, h, J) of the bodies beyond joint k: with the axis of joint k moved to the body, s along what it
     turns and l what its point moves, Y_k = (l . a, B^T l + a x s, sym(s alpha^T + (s x omega) omega^T))
+T14 tau + l = M q'' + bias, with the load l = -k (q - rest) - d q' - f sign(q') of a joint's spring, damper, friction
 
 T1-T3: Luh, Walker, Paul, On-line computational scheme for mechanical manipulators, 1980; T4-T6: Featherstone, Rigid
 Body Dynamics Algorithms, 2008; T9: Gautier, Khalil, Direct calculation of minimum set of inertial parameters, 1990.
@@ -72,6 +73,15 @@ class Link(NamedTuple):
     first: Vector  # h of its body
     second: Symmetric  # N of its body
     armature: Scalar  # I of its motor's rotor (T10)
+
+
+class JointLoad(NamedTuple):
+    """Spring, damper and dry friction of a joint (T14)."""
+
+    stiffness: Scalar  # k
+    rest: Scalar  # q at which the spring exerts nothing
+    damping: Scalar  # d
+    friction: Scalar  # f
 
 
 class Base(NamedTuple):
@@ -442,6 +452,11 @@ def driving_efforts(links: Sequence[Link], wrenches: Sequence[Wrench], qdd: Sequ
     return [load + link.armature * change for link, load, change in zip(links, loads, qdd, strict=True)]
 
 
+def spring_and_damper_effort(load: JointLoad, q: Scalar, qd: Scalar) -> Scalar:
+    """Return the effort of the spring and the damper of a joint at the coordinate q and the rate q' (T14)."""
+    return load.stiffness * (load.rest - q) - load.damping * qd
+
+
 def inertial_wrenches(base: Base, links: Sequence[Link], motions: Sequence[Acceleration]) -> list[Wrench]:
     """Return a list of the wrenches (force, torque) that give each body alone its motion, in the axes of the body,
     the base first (T2). `motions` is the list of the `Acceleration` of all bodies.
@@ -757,10 +772,12 @@ def accelerations_by_loads(
     placements: Sequence[Placement],
     eliminations: Sequence[JointElimination],
     loads: Sequence[Scalar],
+    friction: Callable[[int, Scalar, Scalar], Scalar] | None = None,
 ) -> tuple[list[Scalar], Wrench]:
     """Return a pair: the list of q'' that the loads, one number for each joint, cause at each joint while its parent
     is at rest, and the wrench (force, torque) that these loads transmit to the base, in base axes (T6).
-    `eliminations` is the list that `eliminate_joints` returns.
+    `eliminations` is the list that `eliminate_joints` returns. `friction` returns the effort of dry friction from the
+    index of a joint, the effort of all else, and the pivot (T14).
     """
     wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)
     qdd: list[Scalar] = [0.0] * len(links)
@@ -772,6 +789,8 @@ def accelerations_by_loads(
             wrenches[number],
         )
         rest = loads[number - 1] - link.axis.effort(force, torque)
+        if friction is not None:
+            rest = rest + friction(number - 1, rest, elimination.pivot)
         qdd[number - 1] = rest * elimination.share
         force = add(force, scale(elimination.force, qdd[number - 1]))
         torque = add(torque, scale(elimination.torque, qdd[number - 1]))

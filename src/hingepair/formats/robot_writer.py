@@ -31,8 +31,8 @@ from hingepair.rotations.euler import matrix_to_euler
 
 def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
     """Return a Mechanism as URDF text, with its links and joints. `base` is "free", or "fixed" or "floating", the
-    type of a joint that connects the robot with a link `world`. Issue a DynamicsWarning for rotor inertias, which
-    URDF cannot hold. Raise an ArgumentError if XML cannot hold a name.
+    type of a joint that connects the robot with a link `world`. Issue a DynamicsWarning for rotor inertias and
+    springs, which URDF cannot hold. Raise an ArgumentError if XML cannot hold a name.
 
     Raises:
         ArgumentError: a name holds a character that XML cannot.
@@ -40,9 +40,12 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
     tree = robot.tree
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
-    if geared := [joint.name for joint in tree.joints if joint.armature]:
-        message = f"{tree.name}: URDF has no inertias of rotors; not written are the armatures of {', '.join(geared)}"
-        warnings.warn(message, DynamicsWarning, stacklevel=3)
+    geared = [joint.name for joint in tree.joints if joint.armature]
+    sprung = [joint.name for joint in tree.joints if joint.load.stiffness]
+    for part, written, joints in (("inertias of rotors", "armatures", geared), ("springs", "springs", sprung)):
+        if joints:
+            message = f"{tree.name}: URDF has no {part}; not written are the {written} of {', '.join(joints)}"
+            warnings.warn(message, DynamicsWarning, stacklevel=3)
     return document(_UrdfWriter(tree).build(base))
 
 
@@ -153,8 +156,8 @@ class _UrdfWriter:
             if bounded or kind == "prismatic":  # without numbers, readers hold a slider at 0; infinity is the largest
                 limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
             add_element(element, "limit", **limit)
-        if joint.damping or joint.friction:
-            add_element(element, "dynamics", damping=joint.damping, friction=joint.friction)
+        if joint.load.damping or joint.load.friction:
+            add_element(element, "dynamics", damping=joint.load.damping, friction=joint.load.friction)
         if joint.mimic is not None:
             leader = self._tree.joints[joint.mimic.leader - 1].name
             add_element(element, "mimic", joint=leader, multiplier=joint.mimic.multiplier, offset=joint.mimic.offset)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.folding import fold_parts, mass_properties, unphysical_reason
 from hingepair.mechanism.kinds import KINDS
+from hingepair.mechanism.mujoco_model import parts_of_mjcf
 from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
@@ -80,6 +81,18 @@ def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] 
     chosen = model_base if base is None else base
     check_choice("base", chosen, BASE_KINDS)
     return fold_parts(model.name or "model", parts, chosen, locked), chosen
+
+
+def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
+    """Return (Tree, kind of the base) for MJCF, as `tree_of_pinocchio` does for a Pinocchio model.
+
+    Raises:
+        ArgumentError: no readable model, or one with other joints than those of trees; base or locked cannot be used.
+    """
+    name, model_base, parts = parts_of_mjcf(model)
+    chosen = model_base if base is None else base
+    check_choice("base", chosen, BASE_KINDS)
+    return fold_parts(name, parts, chosen, locked), chosen
 
 
 def pair_of(tree: Tree, joint: Joint) -> RobotJoint:

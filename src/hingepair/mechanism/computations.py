@@ -10,7 +10,13 @@ import numpy as np
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.constants import RobotConstants, frame_numbers, robot_constants, split_numbers
+from hingepair.mechanism.constants import (
+    RobotConstants,
+    frame_numbers,
+    load_numbers,
+    robot_constants,
+    split_numbers,
+)
 from hingepair.mechanism.states import MechanismDerivatives
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import read_only
@@ -141,6 +147,7 @@ class RobotComputation(Computation):
         frames: frames whose motion is computed, and frames on which wrenches act.
         loaded_frames: indices of the frames on which wrenches act.
         result: class of the result; None to return the only output as a bare array.
+        joint_loads: whether springs, dampers and dry friction act at the joints.
     """
 
     def __init__(
@@ -151,11 +158,15 @@ class RobotComputation(Computation):
         frames: tuple[Frame, ...],
         loaded_frames: tuple[int, ...],
         result: type[Results] | None,
+        joint_loads: bool = False,
     ) -> None:
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
+        if joint_loads:
+            numbers += load_numbers(constants.tree)
         folded, parameters = split_numbers(numbers)
         self.constants, self.frames, self.form = constants, frames, constants.form
-        self.request = Request(outputs, free, tuple(frame.body for frame in frames), folded, loaded_frames)
+        bodies = tuple(frame.body for frame in frames)
+        self.request = Request(outputs, free, bodies, folded, loaded_frames, joint_loads)
         self.inputs = input_shapes(self.form, self.request)
         self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
         self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUT_NAMES for name in outputs)
@@ -178,7 +189,9 @@ class RobotComputation(Computation):
         """The same outputs from constants in which each body keeps its own masses, and can change them."""
         constants = robot_constants(self.constants.tree, self.constants.free, whole=True)
         request = self.request
-        return RobotComputation(constants, self.outputs, request.free, self.frames, request.loaded, self.result)
+        return RobotComputation(
+            constants, self.outputs, request.free, self.frames, request.loaded, self.result, request.joint_loads
+        )
 
     def _request_loop(self, outputs: tuple[str, ...], _: tuple[str, ...]) -> Loop:
         return request_loop(self.form, self.request._replace(outputs=outputs))

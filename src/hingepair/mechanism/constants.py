@@ -16,7 +16,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.tree import Frame, MassProperties, Tree
+from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
 from hingepair.plans.computation import Cache
@@ -193,6 +193,11 @@ def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
     """Return position R and rotation S of a Frame, in the program's axes of its body, as a list of 12 numbers."""
     back = constants.axes[frame.body].T
     return [*_matrix_product(back, frame.R).tolist(), *_matrix_product(back, frame.S).ravel().tolist()]
+
+
+def load_numbers(tree: Tree) -> list[float]:
+    """Return stiffness, rest, damping and friction of all joints in a list."""
+    return [float(getattr(joint.load, field)) for joint in tree.joints for field in LOAD_FIELDS]
 
 
 def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], tuple[float, ...]]:

@@ -19,10 +19,11 @@ from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.shapes import body_drawing
-from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Mimic, Tree
+from hingepair.mechanism.tree import NO_LOAD, ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, finite_number, read_only
 from hingepair.numeric.blocks import versine
 from hingepair.pair.body import Body, Shape, warn_of_dynamics
+from hingepair.pair.hinge_load import HingeLoad
 from hingepair.urdf import records
 from hingepair.urdf.records import sine_and_cosine
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_inertia
@@ -50,8 +51,7 @@ class JointPart:
         effort_limit: largest torque [N m] or force [N]; None if there is none.
         rate_limit: largest rate [rad/s or m/s]; None if there is none.
         armature: inertia of the motor's rotor, referred to the joint [kg m^2 or kg].
-        damping: viscous damping [N m s/rad or N s/m].
-        friction: dry friction [N m or N].
+        load: spring, damper and dry friction.
         mimic: rule of a joint that follows another joint; else None.
         notes: sentences about assumed masses.
     """
@@ -70,8 +70,7 @@ class JointPart:
     effort_limit: float | None = None
     rate_limit: float | None = None
     armature: float = 0.0
-    damping: float = 0.0
-    friction: float = 0.0
+    load: HingeLoad = NO_LOAD
     mimic: records.MimicRecord | None = None
     pitch: float = 0.0
     notes: Sequence[str] = ()
@@ -202,15 +201,15 @@ def _body_poses(
         rule = rules[part.name]
         if isinstance(rule, float):
             body, pose = body_poses[part.parent] if body_poses else (0, IDENTITY_POSE)
-            body_poses.append((body, pose.placed(part.pose.placed(_displacement(part, rule)))))
+            body_poses.append((body, pose.placed(part.pose.placed(displaced(part, rule)))))
         else:
             body_poses.append((body_numbers[part.name], IDENTITY_POSE))
     return body_poses
 
 
-def _displacement(part: JointPart, position: float) -> FramePose:
+def displaced(part: JointPart, position: float) -> FramePose:
     """Return the FramePose of the body of a JointPart at a position [rad or m], in the axes that the body has at
-    position 0. For a fixed joint, return the identity.
+    position 0; the identity for a fixed joint.
     """
     if position == 0:
         return IDENTITY_POSE
@@ -248,8 +247,7 @@ def _tree_joint(
         rate_limit=np.inf if part.rate_limit is None else part.rate_limit,
         effort_limit=np.inf if part.effort_limit is None else part.effort_limit,
         armature=part.armature,
-        damping=part.damping,
-        friction=part.friction,
+        load=part.load,
         mimic=Mimic(body_numbers[rule.leader], *rule[1:]) if isinstance(rule, records.MimicRecord) else None,
         pitch=part.pitch,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,13 @@ from hingepair.mechanism.inertial_parameters import (
 )
 from hingepair.mechanism.methods import MechanismMethods
 from hingepair.mechanism.slider import RobotJoint
-from hingepair.mechanism.tree import Tree
+from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, one_constant, read_only
 from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.urdf import records
 
@@ -120,7 +121,8 @@ class Mechanism(MechanismMethods):
         position is computed from the joint that it follows. If that joint does not exist, the mimic joint has a
         coordinate like any other joint. A link without <inertial> has no mass. Masses and inertias are used as they
         are written, even if no rigid body can have them; a `DynamicsWarning` names such bodies at the first
-        computation that uses masses. Damping and friction of joints are kept and printed, but used by no method.
+        computation that uses masses. Damping and friction of joints are kept and printed; dynamics count them with
+        `joint_loads=True`.
 
         Args:
             path_or_text: path of a file, or the URDF itself (text that starts with "<"). Limits whose lower and
@@ -162,10 +164,10 @@ class Mechanism(MechanismMethods):
         dynamics and kinetic energy, as in Pinocchio. There is one difference: for a joint whose axis is not a
         coordinate axis, Pinocchio 4.1 omits the rotor from the kinetic energy; hingepair includes it. The attributes
         `rotorInertia` and `rotorGearRatio` of the model are not read. Position limits and the upper limits of effort
-        and velocity are copied; damping and dry friction are kept and printed, but used by no method. Lower limits of
-        effort and velocity, reference configurations and margins of limits are ignored. The model's gravity is not
-        copied: gravity is an argument of the methods. Constraints that close loops, such as those of MJCF's
-        `<equality>`, are no part of a Pinocchio model: the loops of the robot are open.
+        and velocity are copied, and so are damping and dry friction, which dynamics count with `joint_loads=True`.
+        Lower limits of effort and velocity, reference configurations and margins of limits are ignored. The model's
+        gravity is not copied: gravity is an argument of the methods. Constraints that close loops, such as those of
+        MJCF's `<equality>`, are no part of a Pinocchio model: the loops of the robot are open.
 
         Args:
             model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
@@ -190,6 +192,39 @@ class Mechanism(MechanismMethods):
         6
         """
         return _new_mechanism(cls, *building.tree_of_pinocchio(model, base, locked))
+
+    @classmethod
+    def from_mjcf(cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None) -> Mechanism:
+        """Read a robot from MJCF, the model format of MuJoCo, and return a Mechanism. MuJoCo reads the file, so that
+        defaults, included files and inertias of geoms are as there; it must be installed.
+
+        Read are bodies with their masses, hinges and slide joints with `ref`, `range`, `armature`, `damping`,
+        `frictionloss`, `stiffness`, `springref` and `actuatorfrcrange`, sites as frames, and a free joint of the only
+        body of the world that moves, which is the base. Without it, the base is the world. q is MuJoCo's qpos of the
+        joints in its order. Not read are shapes and contacts, actuators, tendons, equality constraints, gravity
+        compensation and the medium; a DynamicsWarning names those that the model has.
+
+        Args:
+            model: path of a file, its text (which starts with "<"), or a mujoco.MjModel.
+            base: "fixed" or "free", as for `from_pinocchio`.
+            locked: dict of the positions [rad or m] at which joints are held, as for `from_urdf`.
+
+        Raises:
+            ArgumentError: MuJoCo cannot read the model, or it has a ball joint, or a free joint elsewhere; the
+                message names the joint.
+            MissingDependencyError: MuJoCo is not installed.
+
+        >>> import hingepair as hp
+        >>> robot = hp.Mechanism.from_mjcf('''
+        ...   <mujoco model="door"><worldbody><body name="door"><geom size="0.4 0.02 1" type="box" mass="20"/>
+        ...     <joint name="hinge" axis="0 0 1" pos="-0.4 0 0" damping="0.5" frictionloss="0.2"/>
+        ...   </body></worldbody></mujoco>''')
+        >>> robot.joint_loads["hinge"].damping, robot.joint_loads["hinge"].friction
+        (0.5, 0.2)
+        >>> robot.forward_dynamics([0], [1], [0], joint_loads=True).qdd.round(4).tolist()
+        [-0.1641]
+        """
+        return _new_mechanism(cls, *building.tree_of_mjcf(model, base, locked))
 
     # ---- properties
 
@@ -245,8 +280,8 @@ class Mechanism(MechanismMethods):
 
         The unit is kg m^2 for hinges and kg for sliders. Each value is the inertia of the rotor times the square of
         the gear ratio. A mimic joint adds its own value, times the square of the mimic multiplier, to the value of
-        the joint that it follows. Only robots from Pinocchio models (`from_pinocchio`) have such inertias; for all
-        other robots, they are 0.
+        the joint that it follows. Only robots from Pinocchio models and from MJCF have such inertias; for all other
+        robots, they are 0.
         """
         sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
         for joint in self.tree.joints:
@@ -255,6 +290,23 @@ class Mechanism(MechanismMethods):
                 leader, ratio = self.tree.joints[joint.mimic.leader - 1].name, joint.mimic.multiplier
             sums[leader] += joint.armature * ratio * ratio
         return read_only(np.array([*sums.values()], dtype=np.float64))
+
+    @property
+    def joint_loads(self) -> dict[str, HingeLoad]:
+        """Dict of the loads of joints as the robot's file describes them, with a HingeLoad of spring, damper and dry
+        friction for each joint by its name, and with the position limits as `stops`. Joints without any of these are
+        left out. The load of a slider is in N/m, N s/m and N.
+
+        The methods of dynamics count springs, dampers and friction with `joint_loads=True`, stops never;
+        `hp.simulate(robot, ..., loads=robot.joint_loads)` counts all.
+        """
+        loads = {}
+        for joint in self.tree.joints:
+            bounded = np.isfinite(joint.position_limits).all() and joint.position_limits[0] < joint.position_limits[1]
+            load = replace(joint.load, stops=joint.position_limits) if bounded else joint.load
+            if load != NO_LOAD:
+                loads[joint.name] = load
+        return loads
 
     def _joint_values(self, field: str, *tail: int) -> Float64Array:
         """Return the values of the field named `field` of all joints that have a coordinate, as a read-only array
@@ -403,25 +455,27 @@ class Mechanism(MechanismMethods):
         return "\n".join((title, *align_columns(rows, {4, 5, 6, 7, 8, *range(10, len(rows[0]))}), *notes))
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the moving joints as a Sheet of title, rows and notes. Armature, damping and
-        friction have columns if a joint has them.
+        """Return the printed table of the moving joints as a Sheet of title, rows and notes. Armature and loads have
+        columns if a joint has them.
         """
         joints = self.tree.joints
-        extra = [
-            field for field in ("armature", "damping", "friction") if any(getattr(joint, field) for joint in joints)
-        ]
+        extra: dict[str, list[float]] = {"armature": [joint.armature for joint in joints]}
+        extra |= {name: [getattr(joint.load, name) for joint in joints] for name in LOAD_FIELDS}
+        extra = {name: values for name, values in extra.items() if any(values)}
         rows: list[tuple[str, ...]] = [(*_JOINT_HEADINGS, *extra)]
-        for joint in joints:
+        for joint, *values in zip(joints, *extra.values(), strict=True):
             rule = joint.mimic
             follows = "" if rule is None else str(records.MimicRecord(joints[rule.leader - 1].name, *rule[1:]))
             carrier = "base" if joint.parent == 0 else joints[joint.parent - 1].name
             limits = (*joint.position_limits, joint.rate_limit, joint.effort_limit)
             shown = ("" if np.isinf(limit) else cell_text(limit) for limit in limits)
             axis = " ".join(f"{round(component, 3) + 0.0:g}" for component in joint.n.tolist())
-            cells = (cell_text(getattr(joint, field)) for field in extra)
+            cells = map(cell_text, values)
             rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *cells))
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
-        return Sheet(title, rows, self.tree.notes)
+        note = loads_note(self.tree)
+        notes = (*self.tree.notes, *([f"dynamics: {note}, unless joint_loads=True"] if note else ()))
+        return Sheet(title, rows, notes)
 
 
 def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:

@@ -25,7 +25,7 @@ from hingepair.mechanism.computations import (
     read_robot_arguments,
     read_wrenches,
 )
-from hingepair.mechanism.constants import RobotConstants, robot_constants
+from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
 from hingepair.mechanism.rollout import Feedback, Rollout, rolled_out
 from hingepair.mechanism.states import (
@@ -39,7 +39,7 @@ from hingepair.mechanism.states import (
     joint_results_class,
     mechanism_state_class,
 )
-from hingepair.mechanism.tree import Frame, Tree
+from hingepair.mechanism.tree import Frame, Tree, loads_note
 from hingepair.numeric.arrays import (
     Float64Array,
     FloatArray,
@@ -582,6 +582,7 @@ class MechanismMethods(Shown):
         *,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
+        joint_loads: bool | None = None,
         base_motion: BodyMotion | None = None,
         outputs: Iterable[str] | None = None,
         out: Out = None,
@@ -599,6 +600,9 @@ class MechanismMethods(Shown):
             wrenches: further loads that act on links: a dict whose keys are names of links and whose values are pairs
                 (force, torque), in world axes [N, N m]; shape (..., 3) each, or the number 0. The force acts at the
                 origin of the link's frame. By default, there are none.
+            joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau
+                (T14). By default they do not, and the first call of a robot that has any says so in a
+                DynamicsWarning. Dry friction of a joint at rest counts as 0.
             base_motion: motion of the base; only S, omega, a and alpha are used. By default, the base is at rest, and
                 S is the identity.
             outputs: names of the outputs to compute, out of tau, force1 and torque1; by default all.
@@ -624,14 +628,14 @@ class MechanismMethods(Shown):
         >>> robot.inverse_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
         (6,)
         """
-        key = "inverse dynamics", outputs, wrenches, backend
+        key = "inverse dynamics", outputs, wrenches, backend, joint_loads
         again: MechanismForces | None = self._run_again(key, (q, qd, qdd), base_motion, out, workers, gravity)
         if again is not None:
             return again
         coordinates = {"q": q, "qd": qd, "qdd": qdd}
         names = _checked_outputs(outputs, out, _INVERSE_DYNAMICS_OUTPUT_NAMES)
         labelled_loads, frames = self._wrench_inputs(wrenches)
-        computation = self._computation(names, frames, len(labelled_loads) // 2)
+        computation = self._computation(names, frames, len(frames), self._loaded(joint_loads))
         kept = wrenches is None and isinstance(outputs, tuple | None)
         result: MechanismForces = self._run(
             computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads,
@@ -647,6 +651,7 @@ class MechanismMethods(Shown):
         *,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
+        joint_loads: bool | None = None,
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
         base_motion: BodyMotion | None = None,
@@ -666,6 +671,10 @@ class MechanismMethods(Shown):
             tau: torques of hinges [N m] and forces of sliders [N], in one of the forms of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             wrenches: further loads that act on links, as for `inverse_dynamics`.
+            joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau
+                (T14). By default they do not, and the first call of a robot that has any says so in a
+                DynamicsWarning. At a joint at rest, dry friction takes up the effort
+                of all else up to its own size; in this, the body that carries the joint is taken as at rest.
             force1: force on a free base at its reference point R1, world axes [N]; shape (..., 3). It must be 0 if
                 the base is not free.
             torque1: torque on a free base about R1, world axes [N m]; shape (..., 3). It must be 0 if the base is not
@@ -698,7 +707,7 @@ class MechanismMethods(Shown):
         coordinates = {"q": q, "qd": qd, "tau": tau}
         key = None
         if wrenches is None and type(force1) is int and type(torque1) is int and force1 == torque1 == 0:
-            key = "forward dynamics", outputs, backend
+            key = "forward dynamics", outputs, backend, joint_loads
         result: Any = None
         if key is not None:
             result = self._run_again(key, coordinates.values(), base_motion, out, workers, gravity)
@@ -706,9 +715,10 @@ class MechanismMethods(Shown):
             names = _checked_outputs(outputs, out, _ACCELERATION_OUTPUT_NAMES if self.base == "free" else ("qdd",))
             labelled_loads, frames = self._wrench_inputs(wrenches)
             labelled_loads |= self._loads_on_base(force1, torque1)
+            computation = self._computation(names, frames, len(frames), self._loaded(joint_loads))
             result = self._run(
-                self._computation(names, frames, len(frames)), coordinates, base_motion, out, workers, backend,
-                gravity, labelled_loads, key=key if isinstance(outputs, tuple | None) else None,
+                computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads,
+                key=key if isinstance(outputs, tuple | None) else None,
             )  # fmt: skip
         if self._constants.may_be_singular:
             self._warn_where_singular(result, coordinates)
@@ -803,6 +813,7 @@ class MechanismMethods(Shown):
         *,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
+        joint_loads: bool | None = None,
         base_motion: BodyMotion | None = None,
         outputs: Iterable[str] | None = None,
         out: Out = None,
@@ -822,6 +833,7 @@ class MechanismMethods(Shown):
             qdd: second time derivatives of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             wrenches: as for `inverse_dynamics`.
+            joint_loads: as for `inverse_dynamics`; derivatives of dry friction are 0.
             base_motion: as for `inverse_dynamics`.
             outputs: names of the outputs to compute, out of tau_q, tau_qd and tau_qdd; by default all.
             out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
@@ -844,7 +856,9 @@ class MechanismMethods(Shown):
         ((6, 6), True)
         """
         coordinates = {"q": q, "qd": qd, "qdd": qdd}
-        return self._derivatives("tau", coordinates, gravity, wrenches, base_motion, outputs, out, workers, backend)
+        return self._derivatives(
+            "tau", coordinates, gravity, wrenches, joint_loads, base_motion, outputs, out, workers, backend
+        )
 
     def forward_dynamics_derivatives(
         self,
@@ -854,6 +868,7 @@ class MechanismMethods(Shown):
         *,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
+        joint_loads: bool | None = None,
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
         base_motion: BodyMotion | None = None,
@@ -882,7 +897,7 @@ class MechanismMethods(Shown):
         """
         coordinates, loads = {"q": q, "qd": qd, "tau": tau}, self._loads_on_base(force1, torque1)
         return self._derivatives(
-            "qdd", coordinates, gravity, wrenches, base_motion, outputs, out, workers, backend, loads
+            "qdd", coordinates, gravity, wrenches, joint_loads, base_motion, outputs, out, workers, backend, loads
         )
 
     def _derivatives(
@@ -891,6 +906,7 @@ class MechanismMethods(Shown):
         coordinates: Mapping[str, Any],
         gravity: ArrayLike,
         wrenches: Wrenches,
+        joint_loads: bool | None,
         base_motion: BodyMotion | None,
         outputs: Iterable[str] | None,
         out: Out,
@@ -903,7 +919,9 @@ class MechanismMethods(Shown):
         names = _checked_outputs(outputs, out, accepted)
         labelled_loads, frames = self._wrench_inputs(wrenches)
         all_outputs = _INVERSE_DYNAMICS_OUTPUT_NAMES if output == "tau" else _ACCELERATION_OUTPUT_NAMES
-        computation = self._computation(all_outputs if self.base == "free" else (output,), frames, len(frames))
+        computation = self._computation(
+            all_outputs if self.base == "free" else (output,), frames, len(frames), self._loaded(joint_loads)
+        )
         size = self._constants.form.dof + 6 * (self.base == "free")
         derivative = Derivative("matrices", names, tuple((name.partition("_")[2], (size,)) for name in names))
         result: MechanismDerivatives = self._derive(
@@ -968,6 +986,7 @@ class MechanismMethods(Shown):
         effort_limits: bool | ArrayLike = False,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
+        joint_loads: bool | None = None,
         base_motion: BodyMotion | None = None,
         out: Out = None,
         workers: int = 1,
@@ -991,6 +1010,11 @@ class MechanismMethods(Shown):
             effort_limits: True clips the efforts to `robot.effort_limits`; or largest efforts in the forms of tau.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             wrenches: further loads on links, as for `inverse_dynamics`; shape (3,) or (..., steps, 3) each.
+            joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau
+                (T14). By default they do not, and the first call of a robot that has any says so in a
+                DynamicsWarning. Dry friction stops a joint within a step at most, so that
+                the joint then rests. With "semi_implicit", dampers act with the rate at the end of the step, which
+                is stable for any damping.
             base_motion: the start of a free base; its R, S, v and omega are used. Of any other base the motion as
                 given, S, omega, a and alpha: one sample; or shape (..., steps), held over each step; or for "rk4"
                 (..., 2 steps + 1), at starts, middles and ends of steps. By default at rest at the origin.
@@ -1018,13 +1042,14 @@ class MechanismMethods(Shown):
             limit = np.array([joint.effort_limit for joint in self.tree.coordinates])
         labelled_loads, frames = self._wrench_inputs(wrenches)
         self._warn_of_masses()
+        computation = self._computation(("qdd",), frames, len(frames), self._loaded(joint_loads))
         result = rolled_out(
-            self._computation(("qdd",), frames, len(frames)), q0, qd0, tau, dt, method=method, steps=steps,
-            every=every, limit=limit, gravity=_checked_gravity(gravity), labelled_loads=labelled_loads,
-            base_motion=base_motion, out=out, execution=execution_of("auto", workers),
+            computation, q0, qd0, tau, dt, method=method, steps=steps, every=every, limit=limit,
+            gravity=_checked_gravity(gravity), labelled_loads=labelled_loads, base_motion=base_motion, out=out,
+            execution=execution_of("auto", workers),
         )  # fmt: skip
         if self._constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
-            self.forward_dynamics(q0, qd0, np.zeros(len(self._constants.names)))  # which warns
+            self.forward_dynamics(q0, qd0, np.zeros(len(self._constants.names)), joint_loads=False)  # which warns
         return result
 
     def mass_matrix(
@@ -1421,6 +1446,7 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        joint_loads: bool | None = None,
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
@@ -1452,6 +1478,7 @@ class MechanismMethods(Shown):
                 of `forward_dynamics`.
                 The default for a tuple is all outputs of `forward_kinematics` for which the arguments suffice.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            joint_loads: as for `inverse_dynamics` and `forward_dynamics`; other outputs do not depend on it.
             workers: number of threads; -1 for one thread per core.
             backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling
                 fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
@@ -1485,13 +1512,14 @@ class MechanismMethods(Shown):
         framed = any(name in (*FRAME_MOTION_OUTPUT_NAMES, *_FRAMED) for name in output_names)
         chosen_frames = self._named_frames("frames", frames) if framed else {}
         self._check_one_frame(output_names, chosen_frames, frames)
-        computation = self._computation(output_names, chosen_frames)
+        depends = not {*output_names}.isdisjoint(("tau", *_ACCELERATION_OUTPUT_NAMES))
+        computation = self._computation(output_names, chosen_frames, 0, depends and self._loaded(joint_loads))
         names = checked_given(names, computation.inputs)
         if computation.needs_masses:
             self._warn_of_masses()
         remade = functools.partial(
             self.prepare, names, frames=tuple(chosen_frames) or None, outputs=output_names, gravity=gravity,
-            workers=workers, backend=backend,
+            joint_loads=computation.request.joint_loads, workers=workers, backend=backend,
         )  # fmt: skip
         solved = not {*output_names}.isdisjoint(_ACCELERATION_OUTPUT_NAMES)
         watch = self._warn_where_singular if solved and self._constants.may_be_singular else None
@@ -1647,11 +1675,15 @@ class MechanismMethods(Shown):
         return _checked_outputs(outputs, out, accepted_names, default_names)
 
     def _computation(
-        self, outputs: tuple[str, ...], frames: Mapping[str, Frame] | None = None, loaded_frame_count: int = 0
+        self,
+        outputs: tuple[str, ...],
+        frames: Mapping[str, Frame] | None = None,
+        loaded_frame_count: int = 0,
+        joint_loads: bool = False,
     ) -> RobotComputation:
         """Return the computation of outputs, which is made once; wrenches act on the first frames."""
         names = tuple(frames or ())
-        key = outputs, names, loaded_frame_count
+        key = outputs, names, loaded_frame_count, joint_loads
         computations = self._constants.cache.computations
         result: RobotComputation | None = computations.get(key)
         if result is None:
@@ -1671,17 +1703,17 @@ class MechanismMethods(Shown):
             whole = not {*outputs}.isdisjoint(_JOINT_WRENCHES)
             constants = self._whole_constants if whole else self._constants
             result = RobotComputation(
-                constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind
+                constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind, joint_loads
             )
             result.asked = key
             computations[key] = result
         return result
 
     def _computation_of(
-        self, outputs: tuple[str, ...], frames: tuple[str, ...], loaded_frame_count: int
+        self, outputs: tuple[str, ...], frames: tuple[str, ...], loaded_frame_count: int, joint_loads: bool
     ) -> RobotComputation:
         chosen = {name: self._named_frame("frames", name) for name in frames}
-        return self._computation(outputs, chosen, loaded_frame_count)
+        return self._computation(outputs, chosen, loaded_frame_count, joint_loads)
 
     def _check_needed_inputs(
         self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
@@ -1833,6 +1865,21 @@ class MechanismMethods(Shown):
             cache.warned = True
             for note in self.tree.notes:
                 warn_of_dynamics(f"{self.tree.name}: {note}")
+
+    def _loaded(self, joint_loads: bool | None) -> bool:
+        """Return whether loads of joints act; issue a DynamicsWarning the first time that a robot is computed without
+        those it has, unless this was asked for.
+        """
+        if joint_loads not in (None, False, True):
+            raise ArgumentError("joint_loads", "True or False", quoted(joint_loads))
+        cache = self._constants.cache
+        if joint_loads is None and not cache.warned_of_loads:
+            cache.warned_of_loads = True
+            if note := loads_note(self.tree):
+                warn_of_dynamics(
+                    f"{self.tree.name}: {note}; joint_loads=True counts them, joint_loads=False is silent"
+                )
+        return bool(joint_loads) and any(load_numbers(self.tree))
 
     def _warn_where_singular(self, result: Any, arguments: Mapping[str, Any]) -> None:
         """Issue a DynamicsWarning if accelerations in `result` are NaN at any sample because the mass matrix is

@@ -13,6 +13,7 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.hinge_load import HingeLoad
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, exact_quarter_turns
 
@@ -164,9 +165,15 @@ def _part_of_joint(
         effort_limit=limit_or_infinity(model.upperEffortLimit[idx_v]),
         rate_limit=limit_or_infinity(model.upperVelocityLimit[idx_v]),
         armature=armature,
-        damping=float(model.damping[idx_v]),
-        friction=float(model.upperDryFrictionLimit[idx_v]),
+        load=_load(name, float(model.damping[idx_v]), float(model.upperDryFrictionLimit[idx_v])),
     )
+
+
+def _load(name: str, damping: float, friction: float) -> HingeLoad:
+    try:
+        return HingeLoad(damping=damping, friction=friction)
+    except ArgumentError as error:
+        raise error.renamed(f"joint {name!r}, {error.name}") from None
 
 
 def _is_leader(model: Any, number: int, mimic: Any) -> bool:

@@ -15,6 +15,7 @@ from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.constants import check_single_pair
+from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
@@ -59,7 +60,7 @@ def parts_of_urdf(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"],
             continue
         axis = unit_axis(f"joint {joint.name!r}, axis", joint.axis)
         limits: dict[str, Any] = {"limits": joint.limits, "effort_limit": joint.effort, "rate_limit": joint.velocity}
-        limits |= {"damping": joint.damping, "friction": joint.friction}
+        limits["load"] = HingeLoad(damping=joint.damping, friction=joint.friction)
         mimic = joint.mimic
         if mimic is not None and mimic.leader not in names:
             message = (

@@ -30,6 +30,9 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.shapes import BodyDrawing
 from hingepair.numeric.arrays import Frozen, read_only
+from hingepair.pair.hinge_load import HingeLoad
+
+NO_LOAD = HingeLoad()
 
 
 class Mimic(NamedTuple):
@@ -71,8 +74,8 @@ ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint(Frozen):
     """Record of a joint that moves: name, kind, number of the body that carries it (`parent`), point u, attitude S,
-    axis n, MassProperties of the body that it moves (`body`), limits, armature of its motor, and a Mimic rule or
-    None.
+    axis n, MassProperties of the body that it moves (`body`), limits, armature of its motor, load, and a Mimic rule
+    or None.
 
     Attributes:
         name: name of the joint.
@@ -86,8 +89,7 @@ class Joint(Frozen):
         rate_limit: largest rate [rad/s or m/s]; infinite where there is none.
         effort_limit: largest torque or force of its motor [N m or N]; infinite where there is none.
         armature: inertia of its motor's rotor, referred to the joint by the square of the gear ratio [kg m^2 or kg].
-        damping: viscous damping [N m s/rad or N s/m], as it is written; no method uses it.
-        friction: dry friction [N m or N], as it is written; no method uses it.
+        load: spring, damper and dry friction as they are written; a slider's in N/m, N s/m and N.
         mimic: rule of a joint that follows another; None for a joint with a coordinate of its own.
     """
 
@@ -102,8 +104,7 @@ class Joint(Frozen):
     rate_limit: float = np.inf
     effort_limit: float = np.inf
     armature: float = 0.0
-    damping: float = 0.0
-    friction: float = 0.0
+    load: HingeLoad = NO_LOAD
     mimic: Mimic | None = None
     pitch: float = 0.0  # displacement for one radian of a joint that also turns [m/rad]
 
@@ -127,6 +128,10 @@ class Joint(Frozen):
         """Largest displacement along the axis within the limits [m]; 0 where there are none."""
         largest = float(np.abs(self.position_limits).max())
         return abs(self.axis.shift(largest)) if np.isfinite(largest) else 0.0
+
+
+LOAD_FIELDS = ("stiffness", "rest", "damping", "friction")
+"""What files say of the load of a joint: fields of its HingeLoad."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,3 +230,12 @@ class Tree(Frozen):
             frame_names = self.frame_names
             raise ArgumentError(argument, choices(frame_names) + nearest(str(name), frame_names), quoted(name))
         return frame
+
+
+def loads_note(tree: Tree) -> str:
+    """Return which loads of joints dynamics leave out unless they are asked for, or "" if there are none."""
+    parts = {"springs": "stiffness", "damping": "damping", "dry friction": "friction"}
+    found = [part for part, field in parts.items() if any(getattr(joint.load, field) for joint in tree.joints)]
+    count = sum(any(getattr(joint.load, field) for field in parts.values()) for joint in tree.joints)
+    listed = " and ".join((", ".join(found[:-1]), *found[-1:]) if len(found) > 1 else found)
+    return f"left out are {listed} of {count} joint{'s' * (count > 1)}" if found else ""

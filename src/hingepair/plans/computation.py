@@ -38,6 +38,7 @@ class Cache:
     calls: dict[Any, Call] = field(default_factory=dict)  # of plain calls, by what is asked and given
     others: dict[Any, Any] = field(default_factory=dict)  # extended constants
     warned: bool = False  # of masses that are assumed or impossible
+    warned_of_loads: bool = False  # of joints that are left out
 
     def again(self, key: Any, arguments: Iterable[Any], out: Any, workers: object) -> Any:
         """Return the results of a call that differs from an earlier one by its arrays alone; None if there is none,

@@ -104,8 +104,8 @@ def stage_size(form: Form, request: Request) -> int:
 def _accelerations(
     form: Form, request: Request, control: Control, v: Values, q: Any, qd: Any, base: Values
 ) -> tuple[Vector, Vector, tuple[Scalar, ...]]:
-    """Return a1 and alpha1 of a free base, and qdd."""
-    values = {**v, **base, "q": q, "qd": qd, "tau": control.efforts(v, q, qd)}
+    """Return a1 and alpha1 of a free base, and qdd. Dry friction stops a joint within the step at most."""
+    values = {**v, **base, "q": q, "qd": qd, "tau": control.efforts(v, q, qd), "step": v["h"]}
     values |= dict.fromkeys(("force1", "torque1"), ZERO_VECTOR)
     a1, alpha1, qdd = Computation(form, request, values).solved
     return a1, alpha1, qdd
@@ -124,11 +124,13 @@ def _semi_implicit(form: Form, request: Request, control: Control, v: Values) ->
     h, state, dof = v["h"], v["state"], form.dof
     q, qd = state[:dof], state[dof : 2 * dof]
     if not request.free:
-        _, _, qdd = _accelerations(form, request, control, v, q, qd, {})
+        _, _, qdd = _accelerations(form, request, control, v, q, qd, {"implicit_step": h})
         qd = _ahead(qd, qdd, h)
         return _with_parts(form, request, {"end": (*_ahead(q, qd, h), *qd)})
     R1, v1, omega1, S1 = _base(state[2 * dof :])
-    a1, alpha1, qdd = _accelerations(form, request, control, v, q, qd, {"omega1": omega1, "S1": S1})
+    a1, alpha1, qdd = _accelerations(
+        form, request, control, v, q, qd, {"omega1": omega1, "S1": S1, "implicit_step": h}
+    )
     qd, v1, omega1 = _ahead(qd, qdd, h), _ahead(v1, a1, h), _ahead(omega1, alpha1, h)
     end = (*_ahead(q, qd, h), *qd, *_ahead(R1, v1, h), *v1, *omega1, *_turned(scale(omega1, h), S1))
     return _with_parts(form, request, {"end": end})

@@ -1,4 +1,4 @@
-"""What to compute of a tree of joints: which recursions (T1-T13) lead from coordinates to the outputs asked for.
+"""What to compute of a tree of joints: which recursions (T1-T14) lead from coordinates to the outputs asked for.
 
 The constants of a robot are one vector of numbers. Those that are 0, 1 or -1 are part of the program, which folds
 them; all others are parameters, so that one program serves every robot of the same build and every payload.
@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import name_components, where_less
+from hingepair.engine.trace import name_components, square_root, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import factor_symmetric, solve_symmetric
 from hingepair.equations.joints import Axis
@@ -48,8 +48,10 @@ SHAPE_BY_JOINT_CONSTANT_NAME: Final = {
 }
 SHAPE_BY_BASE_PIVOT_NAME: Final = {"min_force_pivot": (), "min_torque_pivot": ()}
 SHAPE_BY_FRAME_CONSTANT_NAME: Final = {"R": (3,), "S": (9,)}
-"""Shapes of the constants of each frame. The vector of constants holds those of the base, then those of each joint,
-then the smallest pivots of the base, then those of each frame, in the order of these four dictionaries."""
+SHAPE_BY_LOAD_CONSTANT_NAME: Final = {"stiffness": (), "rest": (), "damping": (), "friction": ()}
+"""Shapes of the constants of the load of each joint. The vector of constants holds those of the base, then those of
+each joint, then the smallest pivots of the base, then those of each frame, then those of loads where they are asked
+for, in the order of these five dictionaries."""
 
 
 class Form(NamedTuple):
@@ -73,15 +75,16 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """A request for outputs of a robot. `known` has one element for each constant of the frames: its value if this is
-    0, 1 or -1, and otherwise None.
+    """A request for outputs of a robot. `known` has one element for each constant of the frames and loads: its value
+    if this is 0, 1 or -1, and otherwise None.
 
     Attributes:
         outputs: names out of TREE_OUTPUT_BY_NAME.
         free: whether forces move the base; otherwise its motion is given.
         frames: for each frame, the number of its body.
-        known: the constants of the frames that are 0, 1 or -1; None for all others.
+        known: the constants of the frames and loads that are 0, 1 or -1; None for all others.
         loaded: indices of the frames that belong to links on which wrenches act.
+        joint_loads: whether springs, dampers and dry friction act at the joints (T14).
     """
 
     outputs: tuple[str, ...]
@@ -89,6 +92,7 @@ class Request(NamedTuple):
     frames: tuple[int, ...] = ()
     known: tuple[float | None, ...] = ()
     loaded: tuple[int, ...] = ()
+    joint_loads: bool = False
 
 
 class TreeForm(NamedTuple):
@@ -144,6 +148,14 @@ class Computation:
         lowest = _take_numbers(parts, SHAPE_BY_BASE_PIVOT_NAME)
         self.base_min_pivots = [lowest["min_force_pivot"]] * 3 + [lowest["min_torque_pivot"]] * 3
         self.frames = [(body, _take_numbers(parts, SHAPE_BY_FRAME_CONSTANT_NAME)) for body in request.frames]
+        loaded = form.parents if request.joint_loads else ()
+        self.loads = [eq.JointLoad(**_take_numbers(parts, SHAPE_BY_LOAD_CONSTANT_NAME)) for _ in loaded]
+        if self.loads and "implicit_step" in values:
+            # A damper of the rate at the end of the step, d (q' + h q''), resists like a rotor of the inertia h d.
+            self.links = [
+                link._replace(armature=link.armature + values["implicit_step"] * load.damping)
+                for link, load in zip(self.links, self.loads, strict=True)
+            ]
 
     def outputs(self, names: Iterable[str]) -> dict[str, Any]:
         """Return outputs by name, each a scalar or a flat tuple of components."""
@@ -369,7 +381,34 @@ class Computation:
 
     def efforts(self) -> tuple[Scalar, ...]:
         """Return a tuple of the efforts tau of all coordinates (inverse dynamics)."""
-        return self.efforts_by_coordinate(eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd))
+        efforts = eq.driving_efforts(self.links, self.transmitted_wrenches, self.qdd)
+        if self.loads:
+            rates = zip(self.loads, self.qd, strict=True)
+            friction = [self._dry_friction(load.friction, 0.0, 0.0, rate) for load, rate in rates]
+            parts = zip(efforts, self.spring_and_damper_efforts, friction, strict=True)
+            efforts = [effort - smooth - dry for effort, smooth, dry in parts]
+        return self.efforts_by_coordinate(efforts)
+
+    # ---- loads of joints
+
+    @lock_free_cached_property
+    def spring_and_damper_efforts(self) -> list[Scalar]:
+        """List of the efforts of springs and dampers at all joints (T14); empty where loads are not asked for."""
+        joints = zip(self.loads, self.q, self.qd, strict=True) if self.loads else ()
+        return [eq.spring_and_damper_effort(load, q, qd) for load, q, qd in joints]
+
+    def _dry_friction(self, most: Scalar, effort: Scalar, inertia: Scalar, rate: Scalar) -> Scalar:
+        """Return the effort of dry friction, at most `most`, against a rate. Where that is 0, it takes up the effort
+        of all else; in a step of a rollout, it stops the inertia within the step at most.
+        """
+        if type(most) is float and most == 0:
+            return 0.0
+        step = self.values.get("step")
+        needed = -effort if step is None else -(effort + inertia * rate / step)
+        held = where_less(needed, -most, -most, where_less(most, needed, most, needed))
+        if step is not None:
+            return held
+        return where_less(rate, 0.0, most, where_less(0.0, rate, -most, held + rate))  # NaN stays NaN
 
     def torque_regressor(self) -> tuple[Scalar, ...]:
         """Return the regressor Y in Y p = (force1, torque1, tau), the first two of a free base only, as a flat tuple
@@ -467,9 +506,17 @@ class Computation:
 
     @lock_free_cached_property
     def motor_loads(self) -> list[Scalar]:
-        """List of the joint efforts tau less the bias forces, for robots without mimic joints."""
+        """List of the joint efforts tau, with those of springs and dampers, less the bias forces, for robots without
+        mimic joints.
+        """
         bias = eq.along_axes(self.links, self.transmitted_bias_wrenches)
+        if self.loads:
+            bias = [force - load for force, load in zip(bias, self.spring_and_damper_efforts, strict=True)]
         return [self.values["tau"][column] - force for column, force in zip(self.form.columns, bias, strict=True)]
+
+    def _friction_of_joint(self, k: int, effort: Scalar, pivot: Scalar) -> Scalar:
+        """Return the effort of dry friction at a joint; all else has this effort while the joint's parent rests."""
+        return self._dry_friction(self.loads[k].friction, effort, pivot, self.qd[k])
 
     @lock_free_cached_property
     def articulated(self) -> tuple[list[eq.JointElimination], eq.SpatialInertia]:
@@ -497,7 +544,10 @@ class Computation:
         first two are meaningless unless the base is free. All are NaN if the mass matrix M is singular.
         """
         steps, _ = self.articulated
-        left, (force, torque) = eq.accelerations_by_loads(self.links, self.placements, steps, self.motor_loads)
+        friction = self._friction_of_joint if self.loads else None
+        left, (force, torque) = eq.accelerations_by_loads(
+            self.links, self.placements, steps, self.motor_loads, friction
+        )
         a = alpha = ZERO_VECTOR
         if self.request.free:
             f, t = self.transmitted_bias_wrenches[0]
@@ -569,14 +619,28 @@ class Computation:
         M is eliminated from the tips inward, where entries between branches are zero.
         """
         values, shift = self.values, 6 * self.request.free
-        bias = self.efforts_by_coordinate(eq.along_axes(self.links, self.transmitted_bias_wrenches))
-        loads = [load - force for load, force in zip(values["tau"], bias, strict=True)]
+        bias = eq.along_axes(self.links, self.transmitted_bias_wrenches)
+        if self.loads:
+            bias = [force - load for force, load in zip(bias, self.spring_and_damper_efforts, strict=True)]
+        loads = [load - force for load, force in zip(values["tau"], self.efforts_by_coordinate(bias), strict=True)]
+        if self.loads:
+            loads = self._with_friction(loads)
         if shift:
             f, t = (rotate(values["S1"], part) for part in self.transmitted_bias_wrenches[0])
             loads = [*subtract(values["force1"], f), *subtract(values["torque1"], t), *loads]
         accelerations = solve_symmetric(self.mass_entries, tuple(loads[::-1]))[0][::-1]
         a, alpha = (accelerations[:3], accelerations[3:6]) if shift else (ZERO_VECTOR, ZERO_VECTOR)
         return self._nan_where_singular(a, alpha, accelerations[shift:])
+
+    def _with_friction(self, loads: Sequence[Scalar]) -> list[Scalar]:
+        """Return the loads of all coordinates with dry friction, which takes the other coordinates as at rest."""
+        most: list[Scalar] = [0.0] * self.form.dof
+        for column, (ratio, _), load in zip(self.form.columns, self.ratios, self.loads, strict=True):
+            size = abs(ratio) if isinstance(ratio, float) else square_root(ratio * ratio)
+            most[column] = most[column] + load.friction * size
+        inertias = [row[-1] for row in self.mass_rows[6 * self.request.free :]]
+        by_coordinate = zip(most, loads, inertias, self.values["qd"], strict=True)
+        return [load + self._dry_friction(most, load, inertia, rate) for most, load, inertia, rate in by_coordinate]
 
     @property
     def mass_entries(self) -> tuple[Scalar, ...]:

@@ -341,7 +341,7 @@ def robot_forces(
     """Return the forces that the motion of a robot requires at its instants t, as `Scene.forces` describes them."""
     _check_accelerations(motion)
     known = motion.part(slice(len(t)), ACCELERATION)
-    acting = robot.inverse_dynamics(*known.arguments(), gravity=gravity, base_motion=known.base)
+    acting = robot.inverse_dynamics(*known.arguments(), gravity=gravity, base_motion=known.base, joint_loads=False)
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
@@ -378,7 +378,9 @@ def _effort_noise(
             for order, noisy in enumerate(log.column_with_noise_added(names, values)):
                 derivatives[order][column] = noisy
     arguments = replace(middle, derivatives=tuple(map(tuple, derivatives))).arguments()
-    acting = robot.inverse_dynamics(*arguments, gravity=gravity, base_motion=middle.base, outputs=("tau",))
+    acting = robot.inverse_dynamics(
+        *arguments, gravity=gravity, base_motion=middle.base, outputs=("tau",), joint_loads=False
+    )
     half = DIFFERENCE_ORDER // 2  # what the differences at the ends reach
     noise = finite_rms((np.asarray(acting.tau, np.float64) - tau[rows])[half:-half])
     sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())

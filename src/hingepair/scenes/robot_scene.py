@@ -251,7 +251,9 @@ class RobotScene(Scene):
             state = self.mechanism.forward_kinematics(*arguments, frames=frames, outputs=of_frames, **options)
         if acting:
             arguments = known.arguments()
-            forces = self.mechanism.inverse_dynamics(*arguments, gravity=self.gravity, outputs=acting, **options)
+            forces = self.mechanism.inverse_dynamics(
+                *arguments, gravity=self.gravity, outputs=acting, joint_loads=False, **options
+            )
         first = (rows.start or 0) if isinstance(rows, slice) else 0
         t = np.asarray(read_only(self.instants[rows]))
         return RobotResult(t, state, self, known, request, first, forces)

@@ -186,22 +186,22 @@ class JointRecord:
         """Largest torque [N m] or force [N] of the joint; None if none is given. Raises a URDFError for a negative
         number.
         """
-        return self._limit_number("effort")
+        return self._number_from_0("limit", "effort")
 
     @property
     def velocity(self) -> float | None:
         """Largest rate of the joint [rad/s or m/s]; None if none is given. Raises a URDFError if it is negative."""
-        return self._limit_number("velocity")
+        return self._number_from_0("limit", "velocity")
 
     @property
     def damping(self) -> float:
-        """Viscous damping [N m s/rad or N s/m]; 0 if none is given."""
-        return float(self._number("dynamics", "damping", 0.0))
+        """Viscous damping [N m s/rad or N s/m]; 0 if none is given. Raises a URDFError if it is negative."""
+        return self._number_from_0("dynamics", "damping") or 0.0
 
     @property
     def friction(self) -> float:
-        """Static friction [N m or N]; 0 if none is given."""
-        return float(self._number("dynamics", "friction", 0.0))
+        """Dry friction [N m or N]; 0 if none is given. Raises a URDFError if it is negative."""
+        return self._number_from_0("dynamics", "friction") or 0.0
 
     @property
     def mimic(self) -> MimicRecord | None:
@@ -215,13 +215,11 @@ class JointRecord:
     def _label(self) -> str:
         return f"joint {self.name!r}"
 
-    def _limit_number(self, key: str) -> float | None:
-        """Return the number of the attribute `key` of the element <limit>; None if it is missing. Raise a URDFError
-        for a negative number.
-        """
-        number: float | None = self._number("limit", key, None)
+    def _number_from_0(self, tag: str, key: str) -> float | None:
+        """Return the number of an attribute, or None if it is missing; raise a URDFError for a negative number."""
+        number: float | None = self._number(tag, key, None)
         if number is not None and number < 0:
-            raise URDFError(f"{self._label}, limit {key}", "a number not below 0", number)
+            raise URDFError(f"{self._label}, {tag} {key}", "a number not below 0", number)
         return number
 
     def _number(self, tag: str, key: str, default: float | None) -> Any:

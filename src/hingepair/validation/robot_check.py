@@ -154,10 +154,12 @@ def _outputs_by_equations(
         outputs |= {"kinetic": (energy.kinetic, 0), "potential": (energy.potential, 0)}
         outputs |= {"linear": (momentum.linear, 1), "angular": (momentum.angular, 1)}
     if len(rates) > 1:
-        forces = robot.inverse_dynamics(q, *rates, gravity=gravity, **base)
+        forces = robot.inverse_dynamics(q, *rates, gravity=gravity, joint_loads=False, **base)
         outputs |= {name: (forces[name], 1) for name in forces.outputs}
         loads: dict[str, Any] = {name: forces[name] for name in ("force1", "torque1")} if robot.base == "free" else {}
-        accelerations = robot.forward_dynamics(q, rates[0], forces.tau, gravity=gravity, **loads, **base)
+        accelerations = robot.forward_dynamics(
+            q, rates[0], forces.tau, gravity=gravity, joint_loads=False, **loads, **base
+        )
         outputs |= {name: (accelerations[name], 1) for name in accelerations.outputs}
     return {name: samples_of(value, shape, rank) for name, (value, rank) in outputs.items()}
 
