@@ -58,7 +58,7 @@ def test_everything_exported_exists_once() -> None:
 
 
 PACKAGES_IN_IMPORT_ORDER = (
-    *("errors", "numeric", "equations", "engine", "rotations", "urdf", "plans", "inverse_kinematics", "pair"),
+    *("errors", "equations", "numeric", "engine", "rotations", "urdf", "plans", "inverse_kinematics", "pair"),
     *("mechanism", "measured", "integration", "dynamics", "symbolic", "formats", "validation", "scenes", "pictures"),
     *("sweeps", "bench", "cli"),
 )

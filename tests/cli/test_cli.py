@@ -19,8 +19,8 @@ import typer
 import hingepair as hp
 from hingepair.cli.main import COMMANDS, app
 from hingepair.engine.backend import execution_of
+from hingepair.equations.quantities import unit_of
 from hingepair.formats.robots import robot_urdf
-from hingepair.numeric.tables import unit_of
 from hingepair.pair.results import column_names
 from support.commands import refusal, run_command
 from support.summed import summed

@@ -141,8 +141,9 @@ def _formatted(derived: _PairForms, outputs: Sequence[str] | None, output_format
     """Return the formulas as text of one of the formats; repeated terms are abbreviated if `short` is True, or if it
     is None and lines are long.
     """
+    from hingepair.equations.quantities import ACCELERATION
     from hingepair.plans.arguments import check_outputs
-    from hingepair.plans.plan import ACCELERATION, PLANAR_MOTION_KIND, default_outputs
+    from hingepair.plans.plan import PLANAR_MOTION_KIND, default_outputs
 
     forms, title, named = derived
     planar = forms.kind is PLANAR_MOTION_KIND

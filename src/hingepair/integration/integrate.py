@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.backend import execution_of, execution_of_steps
+from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.signals import ConstantSignal, SampledSignal, Signal, read_position, read_signal
 from hingepair.integration.solve import Solution, SolveOptions, solve, solve_together
@@ -41,7 +42,6 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.arguments import Arguments, Outputs, check_outputs
 from hingepair.plans.plan import (
-    ACCELERATION,
     PLANAR_MOTION_KIND,
     SPATIAL_MOTION_KIND,
     MotionKind,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, FitError, MissingDependencyError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_sample
@@ -53,7 +54,7 @@ from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.numeric.suspicions import suspicions
-from hingepair.numeric.tables import Sheet, Shown, cell_text, unit_of
+from hingepair.numeric.tables import Sheet, Shown, cell_text
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_vector

@@ -15,6 +15,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.measured.resample import interpolated
 from hingepair.measured.robust import LOSSES, Loss
@@ -28,7 +29,7 @@ from hingepair.numeric.instants import (
     warn_of_measurements,
 )
 from hingepair.numeric.suspicions import suspicions
-from hingepair.numeric.tables import percent, unit_of
+from hingepair.numeric.tables import percent
 from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples, spins_about_body_axis

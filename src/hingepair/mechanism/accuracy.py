@@ -17,14 +17,13 @@ from hingepair.engine.results import Results
 from hingepair.errors import CompilationError, MissingDependencyError
 from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import frame_numbers, number_bounds, program_numbers
-from hingepair.mechanism.states import FRAME_MOTION_OUTPUT_NAMES
 from hingepair.numeric.array_libraries import is_foreign
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, result_dtype
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.bounded import UNIT_ROUNDOFF, Bounded, bounded_class, conversion_error
 from hingepair.plans.arguments import Arguments
 from hingepair.plans.derivatives import Derivative, derivative_loop
-from hingepair.plans.trees import compute_request, request_loop
+from hingepair.plans.trees import FRAME_OUTPUTS, compute_request, request_loop
 
 _ACCELERATIONS = ("a1", "alpha1", "qdd")  # outputs of forward dynamics
 _DOUBLE = np.dtype(np.float64)
@@ -129,12 +128,9 @@ def _carried_bounds(
     def block_bounds(block: Named) -> Mapping[str, Any]:
         """Return the largest bound of each output and frame."""
         results = program.run(block, groups)
-        return {
-            name: _largest_bounds(results[name], frame_count if name in FRAME_MOTION_OUTPUT_NAMES else 0)
-            for name in names
-        }
+        return {name: _largest_bounds(results[name], frame_count if name in FRAME_OUTPUTS else 0) for name in names}
 
-    shapes = {name: (frame_count,) if name in FRAME_MOTION_OUTPUT_NAMES else () for name in names}
+    shapes = {name: (frame_count,) if name in FRAME_OUTPUTS else () for name in names}
     samples = broadcast_shape(values.shapes)
     return tabulate(block_bounds, _with_conversion_errors(groups), shapes, samples, _DOUBLE)
 

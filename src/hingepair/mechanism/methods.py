@@ -29,7 +29,6 @@ from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_co
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
 from hingepair.mechanism.rollout import Feedback, Rollout, rolled_out
 from hingepair.mechanism.states import (
-    FRAME_MOTION_OUTPUT_NAMES,
     JointResults,
     JointWrenches,
     MechanismAccelerations,
@@ -55,7 +54,7 @@ from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
 from hingepair.plans.arguments import CoordinateNames, Coordinates
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
-from hingepair.plans.trees import input_shapes
+from hingepair.plans.trees import FRAME_OUTPUTS, input_shapes
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
@@ -94,7 +93,7 @@ _BARE_ARRAY_OUTPUT_NAMES: Final = (
 )
 """Outputs that are returned as bare arrays if they are the only output."""
 _OUTPUT_NAMES_WITH_ERROR_BOUNDS: Final = (
-    *FRAME_MOTION_OUTPUT_NAMES,
+    *FRAME_OUTPUTS,
     *_INVERSE_DYNAMICS_OUTPUT_NAMES,
     *_BARE_ARRAY_OUTPUT_NAMES,
     "qdd",
@@ -1509,7 +1508,7 @@ class MechanismMethods(Shown):
         if loads and self.base != "free":
             raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
         output_names = self._prepared_outputs(given, names, outputs)
-        framed = any(name in (*FRAME_MOTION_OUTPUT_NAMES, *_FRAMED) for name in output_names)
+        framed = any(name in (*FRAME_OUTPUTS, *_FRAMED) for name in output_names)
         chosen_frames = self._named_frames("frames", frames) if framed else {}
         self._check_one_frame(output_names, chosen_frames, frames)
         depends = not {*output_names}.isdisjoint(("tau", *_ACCELERATION_OUTPUT_NAMES))
@@ -1565,8 +1564,8 @@ class MechanismMethods(Shown):
         if not 1 <= len(coordinates) <= 3:
             raise ArgumentError("*coordinates", "q, or q and qd, or q, qd and qdd", f"{len(coordinates)} arguments")
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
-        names = _checked_outputs(outputs, None, (*FRAME_MOTION_OUTPUT_NAMES, *_INVERSE_DYNAMICS_OUTPUT_NAMES))
-        has_frame_outputs = any(name in FRAME_MOTION_OUTPUT_NAMES for name in names)
+        names = _checked_outputs(outputs, None, (*FRAME_OUTPUTS, *_INVERSE_DYNAMICS_OUTPUT_NAMES))
+        has_frame_outputs = any(name in FRAME_OUTPUTS for name in names)
         computation = self._computation(names, self._named_frames("frames", frames) if has_frame_outputs else None)
         self._check_needed_inputs(computation, named, names)
         values = read_robot_arguments(self._constants.names, named, base_motion, computation.inputs, {})
@@ -1604,7 +1603,7 @@ class MechanismMethods(Shown):
                 outputs,
                 None,
                 (
-                    *FRAME_MOTION_OUTPUT_NAMES,
+                    *FRAME_OUTPUTS,
                     *accepted_names,
                     *(() if isinstance(given, str) else _PREPARABLE_BARE_ARRAY_OUTPUT_NAMES),
                 ),
@@ -1663,7 +1662,7 @@ class MechanismMethods(Shown):
         outputs: Iterable[str] | None,
         level: int,
         out: Out,
-        accepted_names: tuple[str, ...] = FRAME_MOTION_OUTPUT_NAMES,
+        accepted_names: tuple[str, ...] = FRAME_OUTPUTS,
     ) -> tuple[str, ...]:
         """Check the argument `outputs`, None or an iterable of names, and return a tuple of the names to compute. For
         None, these are all outputs of motion up to `level` (0 pose, 1 velocity, 2 acceleration), and the accepted
@@ -1693,7 +1692,7 @@ class MechanismMethods(Shown):
                 of_all = base_class is JointWrenches
                 joints = tuple(joint.name for joint in self.tree.joints) if of_all else self._constants.names
                 kind = joint_results_class(base_class, joints)  # type: ignore[arg-type]
-            elif outputs[0] in FRAME_MOTION_OUTPUT_NAMES:
+            elif outputs[0] in FRAME_OUTPUTS:
                 kind = mechanism_state_class(names, self.tree.frame_names)
             elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUT_NAMES:
                 kind = None

@@ -10,34 +10,21 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from hingepair.engine.results import Results
+from hingepair.equations.quantities import attribute_texts
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import FloatArray
 from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.results import column_names, import_data_package
+from hingepair.plans.trees import FRAME_OUTPUTS
 
-# Docstrings of the outputs of motion, by name.
-_DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME = {
-    "R": "Position of the frame's origin; (..., 3) m.",
-    "S": "Rotation matrix from frame axes to world axes; (..., 3, 3).",
-    "d": "Vector from the base's R1 to R, accurate even if the base is far from the world's origin; (..., 3) m.",
-    "v": "Velocity of the frame's origin; (..., 3) m/s.",
-    "omega": "Angular velocity; (..., 3) rad/s.",
-    "a": "Acceleration of the frame's origin, the second time derivative of R; (..., 3) m/s^2.",
-    "alpha": "Angular acceleration; (..., 3) rad/s^2.",
-}
-FRAME_MOTION_OUTPUT_NAMES: Final = tuple(_DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME)
-"""Outputs of the motion of a frame: pose, displacement from the base, velocities and accelerations."""
 _PER_COORDINATE_OUTPUT_NAMES: Final = ("tau", "qdd")
 """Outputs with a component for each coordinate."""
 
 
 class FrameState(Results):
-    """Motion of one frame at every sample in world axes and SI units: position R of the origin, rotation matrix S
-    from frame axes to world axes, vector d from the base's reference point to R, velocity v and acceleration a of the
-    origin, angular velocity omega, and angular acceleration alpha. Outputs that were not computed are None.
-    """
+    """Motion of one frame at every sample, world axes; None where an output was not computed."""
 
-    __slots__ = _DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME
+    __slots__ = attribute_texts(FRAME_OUTPUTS)
 
     R: FloatArray
     S: FloatArray
@@ -49,22 +36,14 @@ class FrameState(Results):
 
 
 class MechanismState(Results):
-    """Motion of some frames of a robot at every sample in world axes and SI units: position R of the origin, rotation
-    matrix S from frame axes to world axes, vector d from the base's reference point to R, velocity v and acceleration
-    a of the origin, angular velocity omega, and angular acceleration alpha. Outputs that were not computed are None.
-
-    The axis of the frames follows the axes of the samples: for F frames, S has shape (..., F, 3, 3), and the other
-    outputs have shape (..., F, 3). For a MechanismState `state`, `state["hand"]` is the motion of the frame "hand", a
-    FrameState without the axis of the frames, whatever the frame is called: if a robot has a frame "R", `state["R"]`
-    is that frame, and `state.R` the positions. Only hingepair calls the constructor.
+    """Motion of some frames of a robot at every sample, world axes; None where an output was not computed.
+    `state["hand"]` is the FrameState of one frame. Only hingepair calls the constructor.
 
     Attributes:
         frames: names of the frames, in the order of the axis of the frames.
     """
 
-    __slots__ = {
-        name: text.replace("(...,", "(..., frames,") for name, text in _DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME.items()
-    }
+    __slots__ = attribute_texts(FRAME_OUTPUTS, leading="..., frames")
 
     frames: ClassVar[tuple[str, ...]] = ()
     _robot_frames: ClassVar[tuple[str, ...]] = ()
@@ -79,8 +58,7 @@ class MechanismState(Results):
     alpha: FloatArray
 
     def __getitem__(self, name: str) -> Any:
-        """Return the motion of a frame by the frame's name; if the robot has no such frame, return an output by its
-        name.
+        """Return the FrameState of a frame by its name.
 
         Raises:
             ArgumentError: the frame is not among those that were computed.
@@ -95,11 +73,7 @@ class MechanismState(Results):
                 expected += nearest(str(name), self._robot_frames)
             raise ArgumentError("frame", expected, quoted(name))
         place, axis = self.frames.index(name), len(self.shape)
-        moving = {
-            output: array
-            for output, array in self.arrays().items()
-            if output in _DOCSTRING_BY_FRAME_MOTION_OUTPUT_NAME
-        }
+        moving = {output: array for output, array in self.arrays().items() if output in FRAME_OUTPUTS}
         arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
         return FrameState(arrays, self.shape)
 
@@ -217,17 +191,11 @@ def _rebuild_joint_results(
 
 
 class MechanismForces(JointResults):
-    """Forces and torques that a motion of a robot requires. tau are the torques of hinges [N m] and the forces of
-    sliders [N] in the order of q, shape (..., dof). force1 is the force [N] on the base at the base's reference point
-    R1, and torque1 is the torque [N m] on the base about R1, in world axes, shape (..., 3) each. Outputs that were
-    not computed are None. Only hingepair calls the constructor.
+    """Forces and torques that a motion of a robot requires; body 1 is the base. Only hingepair calls the
+    constructor.
     """
 
-    __slots__ = {  # noqa: RUF023 (the order of the documentation)
-        "tau": "Torque of every hinge [N m] and force of every slider [N], in the order of `q`; (..., dof).",
-        "force1": "Force that must act on the base at R1, world axes; a support may exert it; (..., 3) N.",
-        "torque1": "Torque that must act on the base about R1, world axes; a support may exert it; (..., 3) N m.",
-    }
+    __slots__ = attribute_texts(("tau", "force1", "torque1"))
 
     tau: FloatArray
     force1: FloatArray
@@ -253,10 +221,7 @@ class JointWrenches(JointResults):
         names: names of the joints, those that follow others included.
     """
 
-    __slots__ = {
-        "force": "Force of the carrying body on the body of each joint; (..., joints, 3) N.",
-        "torque": "Torque about the joint's point; (..., joints, 3) N m.",
-    }
+    __slots__ = attribute_texts(("force", "torque"))
 
     force: FloatArray
     torque: FloatArray
@@ -284,18 +249,11 @@ class JointWrenches(JointResults):
 
 
 class MechanismAccelerations(JointResults):
-    """Accelerations of a robot under given torques and forces. qdd are the second time derivatives of q, shape
-    (..., dof) [rad/s^2 for hinges, m/s^2 for sliders]. For a free base, a1 is the acceleration of the base's
-    reference point [m/s^2], and alpha1 is the angular acceleration of the base [rad/s^2], in world axes, shape
-    (..., 3) each. Outputs that were not computed are None, and so are a1 and alpha1 if the base is not free. Only
-    hingepair calls the constructor.
+    """Accelerations of a robot under given torques and forces; body 1 is a free base, and a1 and alpha1 are None for
+    any other. Only hingepair calls the constructor.
     """
 
-    __slots__ = {  # noqa: RUF023 (the order of the documentation)
-        "qdd": "Second time derivatives of q; (..., dof) [rad/s^2 for hinges, m/s^2 for sliders].",
-        "a1": "Classical acceleration of a free base's reference point, world axes; (..., 3) m/s^2.",
-        "alpha1": "Angular acceleration of a free base, world axes; (..., 3) rad/s^2.",
-    }
+    __slots__ = attribute_texts(("qdd", "a1", "alpha1"))
 
     qdd: FloatArray
     a1: FloatArray

@@ -1,4 +1,4 @@
-"""Tables in plain text and in notebooks, units, and numbers that JSON has words for."""
+"""Tables in plain text and in notebooks, and numbers that JSON has words for."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from hingepair.equations.quantities import unit_of
 from hingepair.errors import printable
 
 
@@ -150,19 +151,6 @@ def _json_values(value: Any) -> Any:
     return finite_or_none(value) if isinstance(value, float) else value
 
 
-_UNITS = {  # by the names of outputs without the number of the body and the component
-    "t": "s",
-    **dict.fromkeys(("R", "d", "u", "x", "y", "z", "gap"), "m"),
-    **dict.fromkeys(("phi", "psi", "tilt", "limits"), "rad"),
-    **dict.fromkeys(("v",), "m/s"),
-    **dict.fromkeys(("a",), "m/s^2"),
-    **dict.fromkeys(("omega", "phid", "psid", "rate_limit"), "rad/s"),
-    **dict.fromkeys(("alpha", "phidd", "psidd"), "rad/s^2"),
-    **dict.fromkeys(("force", "hinge_force"), "N"),
-    **dict.fromkeys(("torque", "hinge_torque", "bearing_torque", "torque_limit"), "N m"),
-    **dict.fromkeys(("motor_torque", "spring_torque", "damper_torque", "friction_torque", "stop_torque"), "N m"),
-    "mass": "kg",
-}
 _MAX_CELL = 9  # numbers of a cell; of more only the count or the shape is shown
 
 
@@ -221,13 +209,3 @@ def cell_text(value: Any) -> str:
     if len(items) > _MAX_CELL:
         return f"{len(items)} numbers"
     return ("; " if shape is not None and len(shape) > 1 else ", ").join(cell_text(item) for item in items)
-
-
-def unit_of(name: str) -> str:
-    """Return the unit of an output, or of one of its components; "1" if it has none.
-
-    >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
-    ('rad/s', 'm', '1', 'N m')
-    """
-    vector = name.rpartition("_")[0]
-    return _UNITS.get(name.rstrip("12")) or _UNITS.get(vector.rstrip("12"), "1")

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.results import missing_attribute_error
+from hingepair.equations.quantities import QUANTITIES, unit_of
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.column_file import csv_line, write_npz
 from hingepair.numeric.names import Names
-from hingepair.numeric.tables import Sheet, Shown, unit_of
+from hingepair.numeric.tables import Sheet, Shown
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.states import PairState, PlanarState
 
 RESULT_ROWS_PER_BLOCK: Final = 131072
 """Rows that are computed and written at a time. A row group of a .parquet file has at most this number of
@@ -29,8 +29,6 @@ MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY: Final = 10_000_000
 block by block, or refused."""
 
 _COMPONENT_LETTERS = "xyz"  # last letters of the names of components
-# Descriptions of the outputs, for files that contain them.
-_DESCRIPTION_BY_STATE_OUTPUT: Final[dict[str, str]] = {**PlanarState.__slots__, **PairState.__slots__}
 _CSV_ROWS_PER_WRITE = 8192  # rows of a .csv that are turned into text at a time
 
 RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
@@ -143,7 +141,7 @@ class Result(Shown):
             letters |= {dim: list(axes) for dim in dims[len(leading) :]}
             facts = {
                 "units": self.unit(name),
-                "long_name": _DESCRIPTION_BY_STATE_OUTPUT.get(name, "").partition(";")[0],
+                "long_name": QUANTITIES[name].text if name in QUANTITIES else "",
             }
             facts |= {"axes": "world"} if array.ndim > len(leading) else {}
             variables[names[name]] = dims, array, {key: text for key, text in facts.items() if text}

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import is_table, real_array
-from hingepair.numeric.tables import unit_of
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import check_drawable

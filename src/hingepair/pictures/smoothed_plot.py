@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, choices
 from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import unit_of
 from hingepair.pictures.curves import (
     XYZ_COLOURS,
     CurveCollector,

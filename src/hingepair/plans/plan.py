@@ -15,6 +15,7 @@ from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
+from hingepair.equations.quantities import QUANTITIES, sample_shape
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.plans.dynamics_steps import (
     KNOWN_MOTION_DYNAMICS_STEPS,
@@ -47,44 +48,28 @@ from hingepair.rotations.sequences import find_sequence
 
 TrigFunctions: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
 
-POSE, VELOCITY, ACCELERATION = 0, 1, 2
-
-# Shapes of one sample of everything that can be given or computed in space, by name.
-_SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME: Final[dict[str, ArrayShape]] = {
-    **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1", "R2", "v2", "omega2", "a2", "alpha2", "d"), (3,)),
-    **dict.fromkeys(("phi", "phid", "phidd", "u1", "u2", "n", "lever_fixed", "lever_cos", "lever_sin"), (3,)),
+_VELOCITIES: Final = 7  # v1, omega1 and psi'
+_INNER_SHAPES: Final[dict[str, ArrayShape]] = {  # of constants, and of what steps alone know
+    **dict.fromkeys(("lever_fixed", "lever_cos", "lever_sin"), (3,)),
     **dict.fromkeys(("e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"), (3,)),
-    **dict.fromkeys(("psi", "psid", "psidd", "phi1", "phi1d", "phi1dd", "psid_given"), ()),
-    **dict.fromkeys(("S1", "S2"), (3, 3)),
-    **dict.fromkeys(("quat_xyzw", "quat_wxyz"), (4,)),
-    **dict.fromkeys(("q", "qd", "qdd"), (7,)),
-    **dict.fromkeys(("jacobian", "coordinate_jacobian", "coordinate_jacobian_rate"), (6, 7)),
-    "acceleration_bias": (6,),
-    **dict.fromkeys(("d_by_u1", "d_by_u2", "d_by_n", "S2_by_psi"), (3, 3)),
-    **dict.fromkeys(("v2_by_u1", "v2_by_u2", "v2_by_n", "omega2_by_n"), (3, 3)),
-    **dict.fromkeys(("d_by_psi", "v2_by_psi"), (3,)),
-    "S2_by_n": (3, 3, 3),
-    **dict.fromkeys(("gap", "gap_rate", "gap_acceleration", "slip"), (3,)),
-    **dict.fromkeys(("tilt", "tilt_rate", "tilt_acceleration"), (2,)),
-    "tilt_angle": (),
-    "constraint_jacobian": (5, 12),
-    "constraint_bias": (5,),
-    **dict.fromkeys(("hinge_torque", "kinetic", "potential"), ()),
-    **dict.fromkeys(("gravity", "force1", "torque1", "force2", "torque2", "arm2"), (3,)),
-    **dict.fromkeys(("hinge_force", "hinge_moment", "bearing_torque", "linear", "angular"), (3,)),
-    "home": (9,),
+    **dict.fromkeys(("phi1", "phi1d", "phi1dd", "psid_given"), ()),
+    **dict.fromkeys(("m1", "m2"), ()),
+    **dict.fromkeys(("c1", "c2", "arm2"), (3,)),
+    **dict.fromkeys(("I1", "I2", "home"), (9,)),
     "tree": (32,),
     "whole_body2": (22,),
     "pivots": (7,),
-    **dict.fromkeys(("m1", "m2"), ()),
-    **dict.fromkeys(("c1", "c2"), (3,)),
-    **dict.fromkeys(("I1", "I2"), (9,)),
-    "mass_matrix": (7, 7),
-    **dict.fromkeys(("S1_check", "S2_check", "quat_xyzw_check", "quat_wxyz_check"), ()),
     **dict.fromkeys(("state", "state_rates"), (14,)),
     **dict.fromkeys(("point", "offset_velocity", "initial_angular_momentum"), (3,)),
     "S0": (9,),
 }
+
+
+def _sample_shapes(coordinates: int) -> dict[str, ArrayShape]:
+    """Return the shape of a sample of all that can be given or computed of a pair in space."""
+    sizes = {"coordinates": coordinates, "velocities": _VELOCITIES, "joints": 1, "parameters": 20}
+    shapes = {name: sample_shape(name, sizes) for name in QUANTITIES}
+    return {**shapes, **_INNER_SHAPES}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,29 +85,29 @@ class MotionKind:
         return "SPATIAL_MOTION_KIND" if len(self.coordinates) == 7 else "PLANAR_MOTION_KIND"
 
 
-# The level at which an output of body 2 is a default output.
-_MIN_DEFAULT_LEVEL_BY_BODY2_OUTPUT_NAME = {
-    **dict.fromkeys(("R2", "S2", "d"), POSE),
-    **dict.fromkeys(("v2", "omega2"), VELOCITY),
-    **dict.fromkeys(("a2", "alpha2"), ACCELERATION),
-}
+_BODY1: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")
+
+
+def _levels(*of_body2: str) -> dict[str, int | None]:
+    return {name: QUANTITIES[name].order for name in of_body2}
+
+
 SPATIAL_MOTION_KIND: Final = MotionKind(
     SPATIAL_COORDINATE_NAMES,
     SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
-    _SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME,
-    {**_MIN_DEFAULT_LEVEL_BY_BODY2_OUTPUT_NAME, **dict.fromkeys(("R1", "S1", "v1", "omega1", "a1", "alpha1"))},
+    _sample_shapes(7),
+    {**_levels("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"), **dict.fromkeys(_BODY1)},
 )
 """Motion in space."""
 PLANAR_MOTION_KIND: Final = MotionKind(
     PLANAR_COORDINATE_NAMES,
     PLANAR_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
     {
-        **_SPATIAL_SAMPLE_SHAPE_BY_QUANTITY_NAME,
+        **_sample_shapes(4),
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
         **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
-        **dict.fromkeys(("q", "qd", "qdd"), (4,)),
     },
-    {{"S2": "phi2"}.get(name, name): level for name, level in _MIN_DEFAULT_LEVEL_BY_BODY2_OUTPUT_NAME.items()},
+    _levels("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"),
 )
 """Motion in two coordinates (E11)."""
 

@@ -17,6 +17,7 @@ from hingepair.engine.trace import name_components, square_root, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import factor_symmetric, solve_symmetric
 from hingepair.equations.joints import Axis
+from hingepair.equations.quantities import sample_shape
 from hingepair.equations.spatial import (
     ZERO_VECTOR,
     Matrix,
@@ -79,7 +80,7 @@ class Request(NamedTuple):
     if this is 0, 1 or -1, and otherwise None.
 
     Attributes:
-        outputs: names out of TREE_OUTPUT_BY_NAME.
+        outputs: names out of OUTPUTS.
         free: whether forces move the base; otherwise its motion is given.
         frames: for each frame, the number of its body.
         known: the constants of the frames and loads that are 0, 1 or -1; None for all others.
@@ -103,17 +104,10 @@ class TreeForm(NamedTuple):
 
 
 class Output(NamedTuple):
-    """An output that can be computed for a robot.
+    """How an output of a robot is computed."""
 
-    Attributes:
-        shape_function: function of (form, request) that returns the shape of one sample.
-        input_names: names of the inputs that it depends on, the constants apart.
-        compute: function of a `Computation` that returns a scalar or a flat tuple of components.
-    """
-
-    shape_function: Callable[[Form, Request], ArrayShape]
-    input_names: tuple[str, ...]
-    compute: Callable[[Computation], Any]
+    inputs: tuple[str, ...]  # names of the inputs that it depends on, the constants apart
+    compute: Callable[[Computation], Any]  # returns a scalar or a flat tuple of components
 
 
 def velocity_count(form: Form, request: Request) -> int:
@@ -159,7 +153,7 @@ class Computation:
 
     def outputs(self, names: Iterable[str]) -> dict[str, Any]:
         """Return outputs by name, each a scalar or a flat tuple of components."""
-        return {name: TREE_OUTPUT_BY_NAME[name].compute(self) for name in names}
+        return {name: OUTPUTS[name].compute(self) for name in names}
 
     # ---- coordinates of joints, and what acts along them
 
@@ -793,142 +787,69 @@ def _matrix_rows(columns: Sequence[Sequence[Scalar]]) -> tuple[Scalar, ...]:
     return _chain_vectors(zip(*columns, strict=True))
 
 
-def _frames_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
-    """Return a function of (form, request) that returns the shape of an output with one vector or matrix for each
-    frame: the number of frames, then the lengths that are given as positional arguments.
-    """
-    return lambda _, request: (len(request.frames), *lengths)
+def output_shape(name: str, form: Form, request: Request) -> ArrayShape:
+    """Return the shape of one sample of an output."""
+    sizes = {"coordinates": form.dof, "velocities": velocity_count(form, request), "joints": len(form.parents)}
+    sizes["parameters"] = 10 * len(request.frames)  # of the torque regressor, which has a frame for each body
+    shape = sample_shape(name, sizes)
+    of_frames = name in FRAME_OUTPUTS or (name in JACOBIANS and len(request.frames) != 1)
+    return (len(request.frames), *shape) if of_frames else shape
 
 
-def _fixed_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
-    """Return a function of (form, request) that always returns the same shape: the tuple of the positional
-    arguments.
-    """
-    return lambda *_: lengths
+FRAME_OUTPUTS: Final = ("R", "S", "d", "v", "omega", "a", "alpha")
+"""Motion of frames, with an axis of frames."""
+JACOBIANS: Final = ("jacobian", "jacobian_in_frame")
+"""Jacobians of frames; that of a single one has no axis of frames."""
+_PLACED: Final = ("q", "S1")
+_MOVING: Final = (*_PLACED, "qd", "omega1")
+_MOVED_BASE: Final = ("a1", "alpha1")  # accelerations of a base that moves as given
+_ACCELERATED: Final = (*_MOVING, "qdd", "alpha1")
+_DRIVEN: Final = (*_ACCELERATED, "a1", "gravity")
+_PUSHED: Final = (*_MOVING, *_MOVED_BASE, "tau", "gravity", "force1", "torque1")
 
-
-def _dof_shape(form: Form, _: Request) -> ArrayShape:
-    """Return the shape of a vector with one component for each coordinate."""
-    return (form.dof,)
-
-
-def _joints_shape(form: Form, _: Request) -> ArrayShape:
-    """Return the shape of an output with a vector for each joint, those that follow others included."""
-    return (len(form.parents), 3)
-
-
-def _velocities_shape(*lengths: int) -> Callable[[Form, Request], ArrayShape]:
-    """Return a function of (form, request) that returns a shape: the lengths that are given as positional arguments,
-    then the number of velocities of the robot.
-    """
-    return lambda form, request: (*lengths, velocity_count(form, request))
-
-
-def _jacobian_shape(form: Form, request: Request) -> ArrayShape:
-    """Return the shape of the Jacobians of all frames, of which a single one has no axis of frames."""
-    frames = () if len(request.frames) == 1 else (len(request.frames),)
-    return (*frames, 6, velocity_count(form, request))
-
-
-_POSE_INPUT_NAMES = ("q", "S1")  # of poses
-_VELOCITY_INPUT_NAMES = ("q", "qd", "S1", "omega1")  # of velocities
-_ACCELERATION_INPUT_NAMES = ("q", "qd", "qdd", "S1", "omega1", "alpha1")  # of accelerations
-_INVERSE_DYNAMICS_INPUT_NAMES = (*_ACCELERATION_INPUT_NAMES, "a1", "gravity")  # of inverse dynamics
-_FORWARD_DYNAMICS_INPUT_NAMES = (
-    "q",
-    "qd",
-    "tau",
-    "S1",
-    "omega1",
-    "a1",
-    "alpha1",
-    "gravity",
-    "force1",
-    "torque1",
-)  # of forward dynamics
-_BIAS_FORCE_INPUT_NAMES = ("q", "qd", "S1", "omega1", "a1", "alpha1", "gravity")  # of bias forces
-
-TREE_OUTPUT_BY_NAME: Final[Mapping[str, Output]] = {
-    "R": Output(_frames_shape(3), ("q", "R1", "S1"), Computation.frame_positions),
-    "S": Output(_frames_shape(3, 3), _POSE_INPUT_NAMES, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
-    "d": Output(_frames_shape(3), _POSE_INPUT_NAMES, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
-    "v": Output(
-        _frames_shape(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_velocities)
-    ),
-    "omega": Output(
-        _frames_shape(3), _VELOCITY_INPUT_NAMES, lambda c: _chain_vectors(omega for _, omega in c.frame_velocities)
-    ),
-    "a": Output(
-        _frames_shape(3),
-        (*_ACCELERATION_INPUT_NAMES, "a1"),
-        lambda c: _chain_vectors(a for a, _ in c.frame_accelerations),
-    ),
-    "alpha": Output(
-        _frames_shape(3),
-        _ACCELERATION_INPUT_NAMES,
-        lambda c: _chain_vectors(alpha for _, alpha in c.frame_accelerations),
-    ),
-    "jacobian": Output(_jacobian_shape, _POSE_INPUT_NAMES, lambda c: c.jacobian(False)),
-    "jacobian_in_frame": Output(_jacobian_shape, _POSE_INPUT_NAMES, lambda c: c.jacobian(True)),
-    "acceleration_bias": Output(
-        _fixed_shape(6), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.acceleration_bias
-    ),
-    "tau": Output(_dof_shape, _INVERSE_DYNAMICS_INPUT_NAMES, Computation.efforts),
-    "force1": Output(_fixed_shape(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(0)),
-    "torque1": Output(_fixed_shape(3), _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: c.base_wrench(1)),
-    "force": Output(
-        _joints_shape, _INVERSE_DYNAMICS_INPUT_NAMES, lambda c: _chain_vectors(force for force, _ in c.joint_wrenches)
-    ),
-    "torque": Output(
-        _joints_shape,
-        _INVERSE_DYNAMICS_INPUT_NAMES,
-        lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches),
-    ),
-    "torque_regressor": Output(
-        lambda form, request: (velocity_count(form, request), 10 * len(request.frames)),
-        _INVERSE_DYNAMICS_INPUT_NAMES,
-        Computation.torque_regressor,
-    ),
-    "mass_matrix": Output(
-        lambda form, request: (velocity_count(form, request),) * 2, _POSE_INPUT_NAMES, Computation.mass_matrix
-    ),
-    "bias_forces": Output(_velocities_shape(), _BIAS_FORCE_INPUT_NAMES, lambda c: c.bias_forces(True)),
-    "gravity_forces": Output(_velocities_shape(), ("q", "S1", "gravity"), lambda c: c.bias_forces(False)),
-    "qdd": Output(_dof_shape, _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[2]),
-    "a1": Output(_fixed_shape(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[0]),
-    "alpha1": Output(_fixed_shape(3), _FORWARD_DYNAMICS_INPUT_NAMES, lambda c: c.solved[1]),
-    "pivots": Output(_dof_shape, _POSE_INPUT_NAMES, lambda c: c.pivots),
-    "base_pivots": Output(_fixed_shape(6), _POSE_INPUT_NAMES, lambda c: c.base_pivots),
-    "centre_of_mass": Output(_fixed_shape(3), ("q", "R1", "S1"), Computation.centre_of_mass),
-    "centre_of_mass_jacobian": Output(_velocities_shape(3), _POSE_INPUT_NAMES, Computation.centre_of_mass_jacobian),
-    "centre_of_mass_bias": Output(
-        _fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "a1", "alpha1"), Computation.centre_of_mass_bias
-    ),
-    "S1_check": Output(
-        _fixed_shape(), ("S1",), lambda c: ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME["S1"][0].function(c.values["S1"])
-    ),
-    "centroidal_momentum_matrix": Output(
-        _velocities_shape(6), _POSE_INPUT_NAMES, Computation.centroidal_momentum_matrix
-    ),
-    "kinetic": Output(_fixed_shape(), (*_VELOCITY_INPUT_NAMES, "v1"), Computation.kinetic),
-    "potential": Output(_fixed_shape(), ("q", "R1", "S1", "gravity"), Computation.potential),
-    "linear": Output(_fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "v1"), lambda c: c.momentum[0]),
-    "angular_about_origin": Output(
-        _fixed_shape(3), (*_VELOCITY_INPUT_NAMES, "v1", "R1"), lambda c: c.angular_momentum_about(c.values["R1"])
-    ),
+OUTPUTS: Final[Mapping[str, Output]] = {
+    "R": Output((*_PLACED, "R1"), Computation.frame_positions),
+    "S": Output(_PLACED, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
+    "d": Output(_PLACED, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
+    "v": Output((*_MOVING, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_velocities)),
+    "omega": Output(_MOVING, lambda c: _chain_vectors(omega for _, omega in c.frame_velocities)),
+    "a": Output((*_ACCELERATED, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_accelerations)),
+    "alpha": Output(_ACCELERATED, lambda c: _chain_vectors(alpha for _, alpha in c.frame_accelerations)),
+    "jacobian": Output(_PLACED, lambda c: c.jacobian(False)),
+    "jacobian_in_frame": Output(_PLACED, lambda c: c.jacobian(True)),
+    "acceleration_bias": Output((*_MOVING, *_MOVED_BASE), Computation.acceleration_bias),
+    "tau": Output(_DRIVEN, Computation.efforts),
+    "force1": Output(_DRIVEN, lambda c: c.base_wrench(0)),
+    "torque1": Output(_DRIVEN, lambda c: c.base_wrench(1)),
+    "force": Output(_DRIVEN, lambda c: _chain_vectors(force for force, _ in c.joint_wrenches)),
+    "torque": Output(_DRIVEN, lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches)),
+    "torque_regressor": Output(_DRIVEN, Computation.torque_regressor),
+    "mass_matrix": Output(_PLACED, Computation.mass_matrix),
+    "bias_forces": Output((*_MOVING, *_MOVED_BASE, "gravity"), lambda c: c.bias_forces(True)),
+    "gravity_forces": Output((*_PLACED, "gravity"), lambda c: c.bias_forces(False)),
+    "qdd": Output(_PUSHED, lambda c: c.solved[2]),
+    "a1": Output(_PUSHED, lambda c: c.solved[0]),
+    "alpha1": Output(_PUSHED, lambda c: c.solved[1]),
+    "pivots": Output(_PLACED, lambda c: c.pivots),
+    "base_pivots": Output(_PLACED, lambda c: c.base_pivots),
+    "centre_of_mass": Output((*_PLACED, "R1"), Computation.centre_of_mass),
+    "centre_of_mass_jacobian": Output(_PLACED, Computation.centre_of_mass_jacobian),
+    "centre_of_mass_bias": Output((*_MOVING, *_MOVED_BASE), Computation.centre_of_mass_bias),
+    "centroidal_momentum_matrix": Output(_PLACED, Computation.centroidal_momentum_matrix),
+    "kinetic": Output((*_MOVING, "v1"), Computation.kinetic),
+    "potential": Output((*_PLACED, "R1", "gravity"), Computation.potential),
+    "linear": Output((*_MOVING, "v1"), lambda c: c.momentum[0]),
+    "angular_about_origin": Output((*_MOVING, "v1", "R1"), lambda c: c.angular_momentum_about(c.values["R1"])),
     "angular_about_centre": Output(
-        _fixed_shape(3),
-        (*_VELOCITY_INPUT_NAMES, "v1"),
-        lambda c: c.angular_momentum_about(scale(c.centre_from_base, -1.0)),
+        (*_MOVING, "v1"), lambda c: c.angular_momentum_about(scale(c.centre_from_base, -1.0))
     ),
+    "S1_check": Output(("S1",), lambda c: ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME["S1"][0].function(c.values["S1"])),
 }
 """All that can be computed of a tree, by name."""
 
-# Shapes of the inputs that are no coordinates.
-_SAMPLE_SHAPE_BY_BASE_OR_GRAVITY_INPUT_NAME: Final[Mapping[str, ArrayShape]] = {
-    **dict.fromkeys(("gravity", "R1", "v1", "omega1", "a1", "alpha1", "force1", "torque1"), (3,)),
-    "S1": (3, 3),
-}
+COORDINATES: Final = ("q", "qd", "qdd", "tau")  # inputs with a component for each coordinate
+BASE_MOTION: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")
+BASE_LOADS: Final = ("force1", "torque1")
 
 
 @functools.lru_cache(maxsize=512)
@@ -938,15 +859,13 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
     """
     names = set()
     for output in request.outputs:
-        input_names = TREE_OUTPUT_BY_NAME[output].input_names
+        inputs = OUTPUTS[output].inputs
         # A free base accelerates as forces have it, unless the accelerations of the joints are given, too.
-        unknown = ("a1", "alpha1") if request.free and "qdd" not in input_names else ()
-        names |= {name for name in input_names if name not in unknown}
+        names |= {*inputs} - {*(_MOVED_BASE if request.free and "qdd" not in inputs else ())}
     shapes: dict[str, ArrayShape] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
-    for name in ("q", "qd", "qdd", "tau"):
+    for name in (*COORDINATES, "gravity", *BASE_MOTION, *BASE_LOADS):
         if name in names:
-            shapes[name] = (form.dof,)
-    shapes |= {name: shape for name, shape in _SAMPLE_SHAPE_BY_BASE_OR_GRAVITY_INPUT_NAME.items() if name in names}
+            shapes[name] = output_shape(name, form, request)
     return shapes | {f"{kind}_{k}": (3,) for k in range(len(request.loaded)) for kind in ("force", "torque")}
 
 
@@ -994,10 +913,9 @@ def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> 
 @functools.lru_cache(maxsize=512)
 def request_loop(form: Form, request: Request) -> Loop:
     """Return the `Loop` that computes a request over samples, cached by form and request."""
-    outputs = {name: TREE_OUTPUT_BY_NAME[name].shape_function(form, request) for name in request.outputs}
+    outputs = {name: output_shape(name, form, request) for name in request.outputs}
     labels = {
-        name: tuple(f"{name}_{form.names[form.columns.index(k)]}" for k in range(form.dof))
-        for name in ("q", "qd", "qdd", "tau")
+        name: tuple(f"{name}_{form.names[form.columns.index(k)]}" for k in range(form.dof)) for name in COORDINATES
     }
     inputs = input_shapes(form, request)
     function = functools.partial(compute_request, form, request)

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
+from hingepair.equations.quantities import ACCELERATION, unit_of
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Joint
 from hingepair.numeric.arrays import Float64Array, one_constant
-from hingepair.numeric.tables import Sheet, cell_text, instant_text, number_texts, unit_of
+from hingepair.numeric.tables import Sheet, cell_text, instant_text, number_texts
 from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record, column_names
-from hingepair.plans.plan import ACCELERATION
 from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointMotion, KnownJointMotion
 from hingepair.scenes.motions.known import KnownMotion, MotionByBody1
 from hingepair.scenes.motions.logs import DIFFERENCE_ORDER

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.simulate import describe_stop_overrun
 from hingepair.engine.results import missing_attribute_error
+from hingepair.equations.quantities import ACCELERATION, QUANTITIES, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.tables import unit_of
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.computations import compute_arrays
 from hingepair.pair.constants import with_hinge_frames
@@ -23,14 +23,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import check_outputs
-from hingepair.plans.plan import (
-    ACCELERATION,
-    PLANAR_MOTION_KIND,
-    POSE,
-    SPATIAL_MOTION_KIND,
-    VELOCITY,
-    MotionKind,
-)
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.forces import SceneForces, pair_forces
 from hingepair.scenes.instants import Rows
@@ -53,10 +46,7 @@ PAIR_FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1",
 
 def _level(output: str) -> int:
     """Return the derivative order that an output needs."""
-    quantity = output.rstrip("12")
-    if quantity in {"v", "omega", "qd", "psid"}:
-        return VELOCITY
-    return ACCELERATION if quantity in {"a", "alpha", "qdd", "psidd"} else POSE
+    return QUANTITIES[_ATTITUDES.get(output, output)].order
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.results import missing_attribute_error
+from hingepair.equations.quantities import QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only
-from hingepair.numeric.tables import unit_of
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import Energy, Momentum
-from hingepair.plans.plan import ACCELERATION, POSE, VELOCITY
+from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.explain import RobotPlan
 from hingepair.scenes.forces import SceneForces, robot_forces
@@ -29,17 +29,16 @@ from hingepair.scenes.scene import Scene, SceneResult
 if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
-# Derivatives that the quantities of frames need; quat is the quaternion (x, y, z, w) of S, w >= 0.
-_FRAME_LEVELS: Final = {
-    **dict.fromkeys(("R", "S", "quat", "d"), POSE),
-    **dict.fromkeys(("v", "omega"), VELOCITY),
-    **dict.fromkeys(("a", "alpha"), ACCELERATION),
-}
+_OF_FRAMES: Final = (*FRAME_OUTPUTS, "quat")  # quat is the quaternion (x, y, z, w) of S, w >= 0
 _FRAME_DEFAULTS: Final = ("R", "S", "v", "omega", "a", "alpha")
 _COORDINATES: Final = ("q", "qd", "qdd")
-_JOINT_LEVELS: Final = {"q": POSE, "qd": VELOCITY, "qdd": ACCELERATION, "tau": ACCELERATION}
-_FORCE_LEVELS: Final = dict.fromkeys(("force1", "torque1"), ACCELERATION)  # of the load on the base
-_LEVELS: Final = {**_FRAME_LEVELS, **_JOINT_LEVELS, **_FORCE_LEVELS}
+_OF_JOINTS: Final = (*_COORDINATES, "tau")
+_OF_BASE: Final = ("force1", "torque1")  # its load
+_QUANTITIES: Final = (*_OF_FRAMES, *_OF_JOINTS, *_OF_BASE)
+
+
+def _order(quantity: str) -> int:
+    return QUANTITIES[quantity].order
 
 
 class RobotOutput(NamedTuple):
@@ -82,7 +81,7 @@ class RobotResult(SceneResult):
                 else:
                     order = _COORDINATES.index(quantity)
                     arrays[joint + RATE_SUFFIXES[order]] = self.known.column(order, columns[joint])
-            if quantity in _FORCE_LEVELS:
+            if quantity in _OF_BASE:
                 arrays[quantity] = getattr(self, quantity)
         return arrays
 
@@ -140,7 +139,7 @@ class RobotResult(SceneResult):
         if name in _COORDINATES:
             order = _COORDINATES.index(name)
             return self.known.array(order) if order <= self.known.level else None
-        if name in {"tau", *_FORCE_LEVELS}:
+        if name in {"tau", *_OF_BASE}:
             return None if self.forces is None else getattr(self.forces, name)
         if name in MechanismState.__slots__:
             return None if self.state is None else getattr(self.state, name)
@@ -150,7 +149,7 @@ class RobotResult(SceneResult):
         return f"frames: {', '.join(self.state.frames) if self.state is not None else 'none'}"
 
     def _available_names(self) -> Iterable[str]:
-        names = (*_COORDINATES, "tau", *_FORCE_LEVELS, *MechanismState.__slots__)
+        names = (*_COORDINATES, "tau", *_OF_BASE, *MechanismState.__slots__)
         return (*(name for name in names if getattr(self, name) is not None), "energy", "momentum")
 
 
@@ -203,50 +202,50 @@ class RobotScene(Scene):
         level = self.motion.level
         names = self.outputs if outputs is None else outputs
         if names is None:
-            of_frames = [RobotOutput(name, self.frames) for name in _FRAME_DEFAULTS if _LEVELS[name] <= level]
+            of_frames = [RobotOutput(name, self.frames) for name in _FRAME_DEFAULTS if _order(name) <= level]
             moving = self.motion.moving
-            of_joints = [RobotOutput(name, (), moving) for name in _COORDINATES if _LEVELS[name] <= level]
+            of_joints = [RobotOutput(name, (), moving) for name in _COORDINATES if _order(name) <= level]
             return (*of_frames, *of_joints)
         try:
             requested = [] if isinstance(names, str) else list(names)
         except TypeError:
             requested = []
         if not requested:
-            raise ArgumentError("outputs", f"names out of {', '.join(_LEVELS)}, or of frames", quoted(names))
+            raise ArgumentError("outputs", f"names out of {', '.join(_QUANTITIES)}, or of frames", quoted(names))
         return tuple(output for name in requested for output in self._parse_output(name))
 
     def _parse_output(self, name: object) -> Iterator[RobotOutput]:
         """Yield what one name requests: a quantity such as R or tau, a frame, or both such as R_tool."""
         quantity, _, owner = name.partition("_") if isinstance(name, str) else ("", "", "")
         level, robot = self.motion.level, self.mechanism
-        if name in _FRAME_LEVELS:
+        if name in _OF_FRAMES:
             requested = [RobotOutput(str(name), self.frames)]
-        elif name in _LEVELS:
-            requested = [RobotOutput(str(name), (), robot.names if name in _JOINT_LEVELS else ())]
+        elif name in _QUANTITIES:
+            requested = [RobotOutput(str(name), (), robot.names if name in _OF_JOINTS else ())]
         elif isinstance(name, str) and robot.tree.frame(name) is not None:
-            requested = [RobotOutput(kind, (name,)) for kind in _FRAME_DEFAULTS if _LEVELS[kind] <= level]
-        elif quantity in _FRAME_LEVELS and robot.tree.frame(owner) is not None:
+            requested = [RobotOutput(kind, (name,)) for kind in _FRAME_DEFAULTS if _order(kind) <= level]
+        elif quantity in _OF_FRAMES and robot.tree.frame(owner) is not None:
             requested = [RobotOutput(quantity, (owner,))]
         elif quantity == "tau" and owner in robot.names:
             requested = [RobotOutput(quantity, (), (owner,))]
         else:
-            known = (*_LEVELS, *robot.links, *robot.tree.frames)
+            known = (*_QUANTITIES, *robot.links, *robot.tree.frames)
             close = nearest(str(name), (*known, *(f"tau_{joint}" for joint in robot.names)))
             several = f", or both such as R_{self.frames[0]}" if self.frames else ""
             raise ArgumentError("outputs", choices(known) + several + close, quoted(name))
         for output in requested:
-            if _LEVELS[output.quantity] > level:
-                possible = choices([kind for kind, needed in _LEVELS.items() if needed <= level])
+            if _order(output.quantity) > level:
+                possible = choices([kind for kind in _QUANTITIES if _order(kind) <= level])
                 raise ArgumentError("outputs", possible + self.motion.hint, quoted(name))
         yield from requested
 
     def _evaluated(self, rows: Rows, request: tuple[RobotOutput, ...], min_order: int = 0) -> RobotResult:
-        known = self.known(rows, max([*(_LEVELS[output.quantity] for output in request), min_order]))
+        known = self.known(rows, max([*(_order(output.quantity) for output in request), min_order]))
         options: dict[str, Any] = {"base_motion": known.base, "backend": self.backend}
         frames, of_frames, acting = _needed_quantities(request)
         state = forces = None
         if frames:
-            order = max(_FRAME_LEVELS[name] for name in of_frames)
+            order = max(_order(name) for name in of_frames)
             arguments = known.arguments()[: order + 1]
             state = self.mechanism.forward_kinematics(*arguments, frames=frames, outputs=of_frames, **options)
         if acting:
@@ -265,12 +264,12 @@ class RobotScene(Scene):
             outputs: as for `evaluate`.
         """
         request = self.request(outputs)
-        order = max(_LEVELS[output.quantity] for output in request)
+        order = max(_order(output.quantity) for output in request)
         known = self.known(np.zeros(2, dtype=np.intp), order)  # a single sample would be a known constant
         frames, of_frames, acting = _needed_quantities(request)
         counted = {}
         if frames:
-            arguments = known.arguments()[: 1 + max(_FRAME_LEVELS[name] for name in of_frames)]
+            arguments = known.arguments()[: 1 + max(_order(name) for name in of_frames)]
             how: dict[str, Any] = {"outputs": of_frames, "frames": frames, "base_motion": known.base}
             of_what = f"{', '.join(of_frames)} of {', '.join(frames)}"
             counted[of_what] = self.mechanism.count_operations(*arguments, **how)
@@ -362,5 +361,5 @@ def _needed_quantities(
     """
     frames = tuple(dict.fromkeys(frame for output in outputs for frame in output.frames))
     named = {"S" if output.quantity == "quat" else output.quantity for output in outputs}
-    of_frames = tuple(name for name in _FRAME_LEVELS if name in named)
-    return frames, of_frames, tuple(name for name in ("tau", *_FORCE_LEVELS) if name in named)
+    of_frames = tuple(name for name in _OF_FRAMES if name in named)
+    return frames, of_frames, tuple(name for name in ("tau", *_OF_BASE) if name in named)

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.equations.quantities import VELOCITY, unit_of
 from hingepair.errors import ArgumentError
 from hingepair.integration.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
-from hingepair.numeric.tables import Sheet, Shown, cell_text, instant_text, unit_of
+from hingepair.numeric.tables import Sheet, Shown, cell_text, instant_text
 from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY, RESULT_ROWS_PER_BLOCK, Result
-from hingepair.plans.plan import VELOCITY
 from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.instants import Instants, Rows

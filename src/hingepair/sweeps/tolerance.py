@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.equations.quantities import POSE
 from hingepair.errors import MissingDependencyError, SceneError
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.numeric.suspicions import DEGREES_IN_SCENES, suspicions
 from hingepair.numeric.tables import Sheet, Shown, instant_text, json_text
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.tolerances import STANDARD_DEVIATION_ARGUMENT_NAMES, sample_pairs
-from hingepair.plans.plan import POSE
 from hingepair.rotations.matrices import rotation_log
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.scene import Scene

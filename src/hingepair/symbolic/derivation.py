@@ -8,8 +8,8 @@ from collections.abc import Iterable
 
 import sympy
 
+from hingepair.equations.quantities import unit_of
 from hingepair.numeric.names import Names
-from hingepair.numeric.tables import unit_of
 from hingepair.symbolic.closed_forms import ClosedForms, SumTerms
 from hingepair.symbolic.jets import time_symbol
 from hingepair.symbolic.kinks import Expr, SideOfZero, real_symbol

@@ -13,10 +13,10 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError
 from hingepair.integration.signals import CallableSignal as Signal
 from hingepair.numeric.arrays import Float64Array
-from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants, read_instants_array

@@ -18,6 +18,7 @@ from hingepair.dynamics.simulate import (
     SimulationError,
     simulate,
 )
+from hingepair.equations.quantities import ACCELERATION
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import DynamicsWarning
@@ -25,7 +26,6 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.plans.plan import ACCELERATION
 from hingepair.plans.steps import PLANAR_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.instants import read_instants_array

@@ -1,0 +1,185 @@
+"""The quantities of pairs and robots: what a name stands for, its unit, the shape of a sample, and its order.
+
+A digit names a body: R1 is the R of body 1, of a robot that of its base. Names without a digit are those of frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple, TypeAlias
+
+POSE, VELOCITY, ACCELERATION = 0, 1, 2  # orders of derivatives
+
+Shape: TypeAlias = tuple[int | str, ...]
+
+
+class Quantity(NamedTuple):
+    """What one name stands for."""
+
+    text: str
+    unit: str = "1"
+    # Of one sample, of one frame, in space. Words are numbers of a robot: coordinates, velocities (six more of a free
+    # base), joints, and inertial parameters.
+    shape: Shape = ()
+    order: int = POSE  # highest time derivative of the coordinates that it needs
+
+
+_V: Final[Shape] = (3,)
+_COORDINATES: Final[Shape] = ("coordinates",)
+
+
+def _of_body(k: int) -> dict[str, Quantity]:
+    point = f"body {k}'s reference point"
+    return {
+        f"R{k}": Quantity(f"Reference point of body {k}", "m", _V),
+        f"S{k}": Quantity(f"Rotation of body {k}, body to world", "1", (3, 3)),
+        f"v{k}": Quantity(f"Velocity of {point}", "m/s", _V, VELOCITY),
+        f"omega{k}": Quantity(f"Angular velocity of body {k}", "rad/s", _V, VELOCITY),
+        f"a{k}": Quantity(f"Classical acceleration of {point}", "m/s^2", _V, ACCELERATION),
+        f"alpha{k}": Quantity(f"Angular acceleration of body {k}", "rad/s^2", _V, ACCELERATION),
+        f"u{k}": Quantity(f"Hinge point from {point}, body axes", "m", _V),
+        f"force{k}": Quantity(f"Force on body {k} at its reference point", "N", _V, ACCELERATION),
+        f"torque{k}": Quantity(f"Torque on body {k} about its reference point", "N m", _V, ACCELERATION),
+    }
+
+
+QUANTITIES: Final[dict[str, Quantity]] = {
+    "t": Quantity("Time", "s"),
+    # ---- coordinates
+    "q": Quantity("Coordinates", "1", _COORDINATES),
+    "qd": Quantity("Time derivatives of q", "1", _COORDINATES, VELOCITY),
+    "qdd": Quantity("Second time derivatives of q", "1", _COORDINATES, ACCELERATION),
+    **dict.fromkeys(("x", "y", "z"), Quantity("Coordinate of R1", "m")),
+    "phi": Quantity("Euler angles of body 1", "rad", _V),
+    "phid": Quantity("Time derivatives of phi", "rad/s", _V, VELOCITY),
+    "phidd": Quantity("Second time derivatives of phi", "rad/s^2", _V, ACCELERATION),
+    "phi2": Quantity("Angle of body 2, phi + psi", "rad"),
+    "psi": Quantity("Hinge angle", "rad"),
+    "psid": Quantity("Hinge rate", "rad/s", (), VELOCITY),
+    "psidd": Quantity("Acceleration of the hinge angle", "rad/s^2", (), ACCELERATION),
+    "quat_xyzw": Quantity("Quaternion of S1, scalar last", "1", (4,)),
+    "quat_wxyz": Quantity("Quaternion of S1, scalar first", "1", (4,)),
+    **{
+        f"{name}_check": Quantity(f"How far {name} is from an attitude")
+        for name in ("S1", "S2", "quat_xyzw", "quat_wxyz")
+    },
+    # ---- bodies of a pair
+    **_of_body(2),
+    "d": Quantity("Vector from R1 to R2, or to R of a frame; a large R1 does not reduce its accuracy", "m", _V),
+    **_of_body(1),
+    "n": Quantity("Hinge axis, body-1 axes", "1", _V),
+    "limits": Quantity("Smallest and largest hinge angle", "rad"),
+    "rate_limit": Quantity("Largest hinge rate", "rad/s"),
+    "torque_limit": Quantity("Largest torque of the motor", "N m"),
+    "mass": Quantity("Mass", "kg"),
+    # ---- constraints of the hinge
+    "gap": Quantity("R1 + S1 u1 - (R2 + S2 u2)", "m", _V),
+    "gap_rate": Quantity("Time derivative of gap", "m/s", _V, VELOCITY),
+    "gap_acceleration": Quantity("Second time derivative of gap", "m/s^2", _V, ACCELERATION),
+    "tilt": Quantity("Cross product of the hinge axes of both bodies", "rad", (2,)),
+    "tilt_angle": Quantity("Angle between the hinge axes of both bodies", "rad"),
+    "tilt_rate": Quantity("Time derivative of tilt", "rad/s", (2,), VELOCITY),
+    "tilt_acceleration": Quantity("Second time derivative of tilt", "rad/s^2", (2,), ACCELERATION),
+    "slip": Quantity("omega2 - omega1 - S2 n psi'", "rad/s", _V, VELOCITY),
+    "constraint_jacobian": Quantity("Jacobian of gap and tilt by (v1, omega1, v2, omega2)", "1", (5, 12)),
+    "constraint_bias": Quantity("Part of gap'' and tilt'' that velocities cause", "1", (5,), VELOCITY),
+    # ---- derivatives of a pair
+    "coordinate_jacobian": Quantity("Jacobian of (v2, omega2) with respect to qd", "1", (6, 7)),
+    "coordinate_jacobian_rate": Quantity("Time derivative of coordinate_jacobian", "1", (6, 7), VELOCITY),
+    **{f"d_by_{x}": Quantity(f"Derivative of d by {x}", "1", (3, 3)) for x in ("u1", "u2", "n")},
+    "d_by_psi": Quantity("Derivative of d by psi", "1", _V),
+    "S2_by_n": Quantity("Derivative of S2 by n", "1", (3, 3, 3)),
+    "S2_by_psi": Quantity("Derivative of S2 by psi", "1", (3, 3)),
+    **{f"v2_by_{x}": Quantity(f"Derivative of v2 by {x}", "1", (3, 3), VELOCITY) for x in ("u1", "u2", "n")},
+    "v2_by_psi": Quantity("Derivative of v2 by psi", "1", _V, VELOCITY),
+    "omega2_by_n": Quantity("Derivative of omega2 by n", "1", (3, 3), VELOCITY),
+    # ---- forces of a pair
+    "hinge_torque": Quantity("Torque of body 1 on body 2 about the hinge axis", "N m", (), ACCELERATION),
+    "hinge_force": Quantity("Force of body 1 on body 2 at the hinge point", "N", _V, ACCELERATION),
+    "hinge_moment": Quantity("Torque of body 1 on body 2 about the hinge point", "N m", _V, ACCELERATION),
+    "bearing_torque": Quantity("Torque across the hinge axis, which the bearing carries", "N m", _V, ACCELERATION),
+    **{
+        f"{part}_torque": Quantity(f"Part of hinge_torque: {part}", "N m", (), ACCELERATION)
+        for part in ("motor", "spring", "damper", "friction", "stop")
+    },
+    # ---- pairs and robots, whose base is body 1
+    "gravity": Quantity("Acceleration of free fall", "m/s^2", _V),
+    "jacobian": Quantity("Jacobian of velocity and angular velocity", "1", (6, "velocities")),
+    "jacobian_in_frame": Quantity("Jacobian in the axes of the frame", "1", (6, "velocities")),
+    "acceleration_bias": Quantity("Acceleration and angular acceleration that velocities cause", "1", (6,), VELOCITY),
+    "mass_matrix": Quantity("Mass matrix", "1", ("velocities", "velocities")),
+    "kinetic": Quantity("Kinetic energy", "J", (), VELOCITY),
+    "potential": Quantity("Potential energy in uniform gravity", "J"),
+    "linear": Quantity("Linear momentum", "kg m/s", _V, VELOCITY),
+    "angular": Quantity("Angular momentum about the world's origin", "kg m^2/s", _V, VELOCITY),
+    # ---- frames of a robot
+    "R": Quantity("Position of the frame's origin", "m", _V),
+    "S": Quantity("Rotation matrix from frame axes to world axes", "1", (3, 3)),
+    "quat": Quantity("Quaternion of S, scalar last", "1", (4,)),
+    "v": Quantity("Velocity of the frame's origin", "m/s", _V, VELOCITY),
+    "omega": Quantity("Angular velocity", "rad/s", _V, VELOCITY),
+    "a": Quantity("Acceleration of the frame's origin, the second time derivative of R", "m/s^2", _V, ACCELERATION),
+    "alpha": Quantity("Angular acceleration", "rad/s^2", _V, ACCELERATION),
+    # ---- joints and dynamics of a robot
+    "tau": Quantity(
+        "Torque of every hinge [N m] and force of every slider [N], in the order of q",
+        "1",
+        _COORDINATES,
+        ACCELERATION,
+    ),
+    "force": Quantity("Force of the carrying body on the body of each joint", "N", ("joints", 3), ACCELERATION),
+    "torque": Quantity("Torque about the joint's point", "N m", ("joints", 3), ACCELERATION),
+    "torque_regressor": Quantity("Regressor of tau", "1", ("velocities", "parameters"), ACCELERATION),
+    "bias_forces": Quantity("Forces at zero acceleration", "1", ("velocities",), VELOCITY),
+    "gravity_forces": Quantity("Forces that hold the robot at rest", "1", ("velocities",)),
+    "pivots": Quantity("Pivots of the factored mass matrix", "1", _COORDINATES),
+    "base_pivots": Quantity("Pivots of a free base", "1", (6,)),
+    "centre_of_mass": Quantity("Centre of mass", "m", _V),
+    "centre_of_mass_jacobian": Quantity("Jacobian of the centre of mass", "1", (3, "velocities")),
+    "centre_of_mass_bias": Quantity("Part of its acceleration that velocities cause", "m/s^2", _V, VELOCITY),
+    "centroidal_momentum_matrix": Quantity("Matrix of the momentum about the centre of mass", "1", (6, "velocities")),
+    "angular_about_origin": Quantity("Angular momentum about the world's origin", "kg m^2/s", _V, VELOCITY),
+    "angular_about_centre": Quantity("Angular momentum about the centre of mass", "kg m^2/s", _V, VELOCITY),
+}
+
+
+def sample_shape(name: str, sizes: Mapping[str, int]) -> tuple[int, ...]:
+    """Return the shape of one sample of a quantity, for the numbers that a robot has."""
+    return tuple(part if isinstance(part, int) else sizes[part] for part in QUANTITIES[name].shape)
+
+
+def unit_of(name: str) -> str:
+    """Return the unit of a quantity, or of one of its components; "1" if it has none.
+
+    >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
+    ('rad/s', 'm', '1', 'N m')
+    """
+    for known in (name, name.rpartition("_")[0]):
+        quantity = QUANTITIES.get(known) or QUANTITIES.get(known.rstrip("12"))
+        if quantity is not None:
+            return quantity.unit
+    return "1"
+
+
+def attribute_texts(
+    names: Iterable[str], shapes: Mapping[str, Shape] | None = None, leading: str = "..."
+) -> dict[str, str]:
+    """Return descriptions of a result's attributes, with shape and unit.
+
+    Args:
+        names: names of quantities.
+        shapes: shapes of a sample, where they are not those in space.
+        leading: the leading axes.
+
+    >>> attribute_texts(("v2",))
+    {'v2': "Velocity of body 2's reference point; (..., 3) m/s."}
+    """
+    texts = {}
+    for name in names:
+        text, unit, shape, _ = QUANTITIES[name]
+        sizes = [
+            "dof" if part == "coordinates" else str(part) for part in (shape if shapes is None else shapes[name])
+        ]
+        inner = ", ".join((leading, *sizes)) if sizes else f"{leading},"
+        texts[name] = f"{text}; ({inner}){'' if unit == '1' else f' {unit}'}."
+    return texts
