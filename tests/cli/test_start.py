@@ -15,3 +15,13 @@ def test_the_command_line_starts_without_the_libraries_that_only_some_commands_n
     assert "numpy" in loaded
     heavy = {"sympy", "scipy", "llvmlite", "matplotlib", "pandas", "pyarrow", "dask", "distributed", "pinocchio"}
     assert not heavy & {*loaded}
+
+
+@pytest.mark.slow
+def test_a_scene_of_expressions_is_evaluated_without_sympy() -> None:
+    code = """if True:
+        import sys, hingepair as hp
+        hp.load_scene("models/landing_gear.toml").evaluate()
+        print("sympy" in sys.modules)"""
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert shown == "False\n"

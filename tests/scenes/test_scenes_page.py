@@ -16,7 +16,7 @@ from hingepair.scenes.motions.simulated import DYNAMICS_KEYS
 from hingepair.scenes.motions.waypoints import PROFILES
 from hingepair.scenes.pair_table import PAIR_TABLE_KEYS
 from hingepair.scenes.robot_table import JOINT_TABLE_KEYS, MECHANISM_KEYS
-from hingepair.symbolic.expressions import BUILTIN_SYMPY_CONSTANT_BY_NAME, FUNCTION_SIGNATURE_BY_NAME
+from hingepair.symbolic.expressions import BUILTIN_CONSTANTS, CALLS
 from support.sparse import sparse
 
 ROOT = Path(__file__).parents[2]
@@ -85,8 +85,8 @@ def test_there_are_examples_of_every_kind():
 
 
 WORDS = (
-    *FUNCTION_SIGNATURE_BY_NAME,
-    *BUILTIN_SYMPY_CONSTANT_BY_NAME,
+    *CALLS,
+    *BUILTIN_CONSTANTS,
     *PROFILES,
     *PAIR_TABLE_KEYS,
     *LOG_ARRAYS,

@@ -151,7 +151,7 @@ def use_expression(rng, _):
     text = expression(rng)
     yield text
     part = parse_expression("motion.psi", text, {"k": 0.5})
-    TimeFunctions((part,)).derivatives(np.array([-1.0, 0.0, 1e-9, 0.5, 1e6]))
+    TimeFunctions([part]).derivatives(np.array([-1.0, 0.0, 1e-9, 0.5, 1e6]))
 
 
 def use_scene(rng, folder):

@@ -395,7 +395,7 @@ def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
     with pytest.raises(hp.ArgumentError, match="at most 100 symbols"):
         _ = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(1, 1, 0))).a2
     found = scene(tmp_path, phi_x='"sin(sin(sin(t)))"')
-    monkeypatch.setattr("hingepair.symbolic.closed_forms.MAX_SYMBOLS_PER_COORDINATE_DERIVATIVE", 5)
+    monkeypatch.setattr("hingepair.symbolic.exact_expressions.MAX_DERIVATIVE_SYMBOLS", 5)
     with pytest.raises(hp.ArgumentError, match="phi_x"):
         hp.derive(found)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable
-from typing import overload
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, overload
 
 import numpy as np
 
@@ -14,11 +14,13 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.load import load_pair, load_tables
 from hingepair.scenes.pair_scene import PairScene
-from hingepair.scenes.pair_table import pair_expressions
 from hingepair.scenes.robot_scene import RobotScene
 from hingepair.scenes.tables import Table
 from hingepair.symbolic.closed_forms import PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS
 from hingepair.symbolic.derivation import Derivation
+from hingepair.symbolic.exact_constants import axis_rotation, exact_unit_axis, roll_pitch_yaw_rotation
+from hingepair.symbolic.exact_expressions import SYMPY_ERRORS, to_sympy
+from hingepair.symbolic.expressions import Expression
 from hingepair.symbolic.frame_forms import FrameForms
 from hingepair.symbolic.kinks import Expr, constant_value
 
@@ -158,7 +160,40 @@ def _exact_pair_values(
     numbers = pair.constants.values  # of a scene whose pair was replaced, not those of the file
     same = {
         key
-        for key, exprs in pair_expressions(table, planar).items()
+        for key, exprs in _pair_expressions(table, planar).items()
         if key in numbers and np.allclose([constant_value(c) for c in exprs], numbers[key], rtol=1e-14, atol=1e-15)
     }
-    return {key: exprs for key, exprs in pair_expressions(table, planar, symbolic_constants).items() if key in same}
+    return {key: exprs for key, exprs in _pair_expressions(table, planar, symbolic_constants).items() if key in same}
+
+
+def _pair_expressions(
+    table: Table, planar: bool, symbolic_constants: Collection[str] = ()
+) -> dict[str, tuple[Expr, ...]]:
+    """Return u1, u2, n (scaled to length 1) and home of the table [pair], as far as it has them; not an axis n in
+    plain numbers, nor what a robot's hinge says.
+    """
+
+    def exact(key: str, *shape: int) -> tuple[Expr, ...]:
+        return _in_sympy(key, table.expressions(key, *shape, symbolic_constants=symbolic_constants))
+
+    written: dict[str, tuple[Expr, ...]] = {}
+    written |= {key: exact(key, 2 if planar else 3) for key in ("u1", "u2") if key in table.values}
+    if any(isinstance(component, str) for component in table.values.get("n", ())):
+        written["n"] = exact_unit_axis(exact("n", 3))
+    if isinstance(table.values.get("home"), list):
+        written["home"] = tuple(entry for row in exact("home", 3, 3) for entry in row)
+    elif "home" in table.values:
+        axis, angles = table.turns("home", symbolic_constants)
+        turns = _in_sympy("home", angles)
+        try:
+            written["home"] = (
+                axis_rotation(_in_sympy("axis", axis), *turns) if axis else roll_pitch_yaw_rotation(turns)
+            )
+        except SYMPY_ERRORS:
+            table.fail("home", "a rotation that SymPy can work with")
+    return written
+
+
+def _in_sympy(key: str, written: Sequence[Any]) -> tuple[Any, ...]:
+    """Return Expressions, nested in lists or not, in SymPy."""
+    return tuple(to_sympy(key, x) if isinstance(x, Expression) else _in_sympy(key, x) for x in written)

@@ -17,6 +17,7 @@ from hingepair.scenes.pair_table import read_pair
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.suspicions import file_suspicions
 from hingepair.scenes.tables import Table, read_tables
+from hingepair.symbolic.expressions import constant_name_fault, parse_constant
 
 if TYPE_CHECKING:
     from hingepair.mechanism.mechanism import Mechanism
@@ -168,8 +169,6 @@ def with_constants_evaluated(tables: Table) -> Table:
         constants = motion.table("constants")
     values: dict[str, Any] = {}
     for key, value in constants.values.items():
-        from hingepair.symbolic.expressions import constant_name_fault, parse_constant
-
         fault = constant_name_fault(key)
         if fault:
             constants.refuse(key, fault, quoted(key))

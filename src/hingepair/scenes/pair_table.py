@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -131,30 +131,6 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
         construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_KEYS}),
         **values,
     )
-
-
-def pair_expressions(
-    table: Table, planar: bool, symbolic_constants: Collection[str] = ()
-) -> dict[str, tuple[Any, ...]]:
-    """Return u1, u2, n (scaled to length 1) and home of the Table [pair] as a dict of tuples of exact SymPy
-    expressions. If `planar` is True, u1 and u2 have two components. Leave out keys that the table lacks, and an axis
-    n in plain numbers. The constants named in `symbolic_constants` stay symbols.
-
-    A table that names a robot's hinge has none of these keys.
-    """
-    from hingepair.symbolic.exact_constants import exact_unit_axis
-
-    size = 2 if planar else 3
-    written: dict[str, tuple[Any, ...]] = {
-        key: tuple(table.expressions(key, size, symbolic_constants=symbolic_constants))
-        for key in ("u1", "u2")
-        if key in table.values
-    }
-    if any(isinstance(component, str) for component in table.values.get("n", ())):
-        written["n"] = exact_unit_axis(table.expressions("n", 3, symbolic_constants=symbolic_constants))
-    if "home" in table.values:
-        written["home"] = table.exact_rotation("home", symbolic_constants)
-    return written
 
 
 def construct_from_table(table: Table, factory: Callable[..., Made], arguments: Mapping[str, Any]) -> Made:

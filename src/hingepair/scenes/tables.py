@@ -15,6 +15,9 @@ from hingepair.errors import ArgumentError, SceneError, choices, line_with_caret
 from hingepair.numeric.arrays import check_choice, finite_number
 from hingepair.numeric.unit_vectors import finite_axis
 from hingepair.pair.results import RESULT_FILE_SUFFIXES
+from hingepair.symbolic.constants import roll_pitch_yaw_matrix, rotation_matrix
+from hingepair.symbolic.expressions import Expression, Number, in_radians, parse_constant
+from hingepair.symbolic.expressions import number as exact_number
 
 MAX_BYTES: Final = 1_000_000
 """Largest size of a file of tables that is read [bytes]."""
@@ -80,8 +83,8 @@ class Table(NamedSource):
 
     #: values by key, as the TOML parser returns them
     values: dict[str, Any]
-    #: values by name of the constants that expressions may use: numbers, or SymPy expressions of numbers
-    constants: Mapping[str, Any]
+    #: values by name of the constants that expressions may use
+    constants: Mapping[str, Number]
 
     def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
         """Return a dict of the values of the keys in `reader_by_key` that the table has or that are in `required`.
@@ -163,23 +166,22 @@ class Table(NamedSource):
         return numbers
 
     def expressions(self, key: str, *shape: int, symbolic_constants: Collection[str] = ()) -> Any:
-        """Return the number or constant expression under a key of the table as an exact SymPy expression, or nested
-        lists of them if further arguments give a shape, such as 3, 3. The key must be present. The constants named in
+        """Return the number or constant expression under a key of the table as an Expression, or nested lists of them
+        if further arguments give a shape, such as 3, 3. The key must be present. The constants named in
         `symbolic_constants` stay symbols.
         """
-        from hingepair.symbolic.exact_constants import exact
 
-        def to_exact(value: Any, number: Any) -> Any:
-            """Return a string or a number as an exact SymPy expression, or nested lists of them as nested lists of
-            expressions.
-            """
+        def read(value: Any) -> Any:
             if isinstance(value, list):
-                return [to_exact(*both) for both in zip(value, number, strict=True)]
+                return [read(part) for part in value]
             return (
-                self._constant_expression(key, value, symbolic_constants) if isinstance(value, str) else exact(number)
+                self._constant_expression(key, value, symbolic_constants)
+                if isinstance(value, str)
+                else exact_number(self._number(key, value))
             )
 
-        return to_exact(self.values[key], self.numbers(key, *shape) if shape else self.number(key))
+        _ = self.numbers(key, *shape) if shape else self.number(key)  # refuses other shapes
+        return read(self.values[key])
 
     def rotation(self, key: str) -> list[list[float]]:
         """Return the rotation matrix under a key as three lists of three floats; exact entries are rounded once. The
@@ -187,21 +189,22 @@ class Table(NamedSource):
         """
         if isinstance(self.values.get(key), list):
             return self.numbers(key, 3, 3)
-        from hingepair.symbolic.kinks import constant_value
+        axis, angles = self.turns(key)
+        numbers = [angle.constant for angle in angles if angle.constant]
+        if axis:
+            entries = rotation_matrix([c.constant for c in axis if c.constant], numbers[0])
+        else:
+            entries = roll_pitch_yaw_matrix(numbers)
+        return [list(entries[:3]), list(entries[3:6]), list(entries[6:])]
 
-        entries = [constant_value(entry) for entry in self.exact_rotation(key)]
-        return [entries[:3], entries[3:6], entries[6:]]
-
-    def exact_rotation(self, key: str, symbolic_constants: Collection[str] = ()) -> tuple[Any, ...]:
-        """Return the nine entries, row by row, of the rotation matrix under a key as a tuple of exact SymPy
-        expressions. Only the shape of a matrix in the file is checked. The constants named in `symbolic_constants`
+    def turns(
+        self, key: str, symbolic_constants: Collection[str] = ()
+    ) -> tuple[list[Expression] | None, list[Expression]]:
+        """Return (axis, angles) of the rotation { axis, deg | rad } or { rpy_deg | rpy } under a key: one angle [rad]
+        about the axis, or roll, pitch and yaw, where the axis is None. The constants named in `symbolic_constants`
         stay symbols.
         """
         value = self.values.get(key)
-        if isinstance(value, list):
-            return tuple(
-                entry for row in self.expressions(key, 3, 3, symbolic_constants=symbolic_constants) for entry in row
-            )
         if not isinstance(value, dict):
             self.fail(key, "3 lists of 3 finite numbers, { axis = [...], deg = ... } or { rpy_deg = [...] }")
         table = self.table(key)
@@ -211,28 +214,16 @@ class Table(NamedSource):
             self.refuse(key, forms, f"a table with {', '.join(map(repr, value)) or 'nothing'}")
         (turn,) = turns
         table.check_keys(("axis", turn))
-        from sympy import pi
-
-        from hingepair.symbolic.exact_constants import axis_rotation, roll_pitch_yaw_rotation
-        from hingepair.symbolic.jets import SYMPY_ERROR_TYPES
-
-        unit = pi / 180 if turn.endswith("deg") else 1
-        try:
-            if turn.startswith("rpy"):
-                return roll_pitch_yaw_rotation(
-                    [unit * angle for angle in table.expressions(turn, 3, symbolic_constants=symbolic_constants)]
-                )
-            with table.naming("axis"):
-                finite_axis("axis", table.numbers("axis", 3))
-            axis, angle = (
-                table.expressions("axis", 3, symbolic_constants=symbolic_constants),
-                table.expressions(turn, symbolic_constants=symbolic_constants),
-            )
-            return axis_rotation(axis, unit * angle)
-        except SceneError:
-            raise
-        except SYMPY_ERROR_TYPES:
-            self.fail(key, "a rotation that SymPy can work with")
+        shape = (3,) if turn.startswith("rpy") else ()
+        written = table.expressions(turn, *shape, symbolic_constants=symbolic_constants)
+        angles = written if shape else [written]
+        if turn.endswith("deg"):
+            angles = [in_radians(angle) for angle in angles]
+        if shape:
+            return None, angles
+        with table.naming("axis"):
+            finite_axis("axis", table.numbers("axis", 3))
+        return table.expressions("axis", 3, symbolic_constants=symbolic_constants), angles
 
     def _nested(self, key: str, value: Any) -> Any:
         return [self._nested(key, part) for part in value] if isinstance(value, list) else self._number(key, value)
@@ -240,18 +231,13 @@ class Table(NamedSource):
     def _number(self, key: str, value: Any) -> float:
         """Return `value`, a number or a string that is an expression in the scene's constants, as a finite float."""
         if isinstance(value, str):
-            from hingepair.symbolic.kinks import constant_value
-
-            return constant_value(self._constant_expression(key, value))
+            return float(self._constant_expression(key, value))
         try:
             return finite_number(key, value)
         except ArgumentError:
             self.fail(key, "a finite number")
 
-    def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Any:
-        """Parse a string in which t does not occur, and return it as a SymPy expression."""
-        from hingepair.symbolic.expressions import parse_constant
-
+    def _constant_expression(self, key: str, text: str, symbolic_constants: Collection[str] = ()) -> Expression:
         with self.naming(key):
             return parse_constant(key, text, self.constants, symbolic_constants)
 

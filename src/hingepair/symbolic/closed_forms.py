@@ -24,7 +24,7 @@ from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, make_plan
 from hingepair.symbolic.exact_constants import MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT, exact
-from hingepair.symbolic.jets import SYMPY_ERROR_TYPES, DerivativeProgram, ValueAndDerivatives, time_symbol
+from hingepair.symbolic.exact_expressions import derivatives, time_symbol
 from hingepair.symbolic.kinks import Expr, real_symbol
 from hingepair.symbolic.printers import count_symbols, latex_name, sorted_terms
 from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
@@ -34,8 +34,6 @@ SumTerms: TypeAlias = tuple[Expr, ...]
 
 MAX_SYMBOLS_PER_OUTPUT_COMPONENT: Final = 5_000
 """Largest number of symbols in a component, counted with repetition; a longer one is not readable."""
-MAX_SYMBOLS_PER_COORDINATE_DERIVATIVE: Final = 2_000
-"""Largest number of symbols in a derivative of a coordinate, counted with repetition."""
 PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
 PAIR_CONSTANT_NAMES: Final = ("u1", "u2", "n", "home")
@@ -78,7 +76,7 @@ class ClosedForms:
         written = {key: tuple(map(sympy.sympify, exprs)) for key, exprs in (exact_values or {}).items()}
         renamed = self._distinct_constants([*given.values(), *sum(written.values(), ())], given, symbolic)
         coordinates = [
-            _coordinate_with_derivatives(name, given[name].xreplace(renamed) if name in given else None)
+            derivatives(name, given[name].xreplace(renamed)) if name in given else _unknown_function(name)
             for name in self.kind.coordinates
         ]
         written = {key: tuple(expr.xreplace(renamed) for expr in exprs) for key, exprs in written.items()}
@@ -194,29 +192,11 @@ class ClosedForms:
         return as_sum if gain > 0 else expr, as_sum if gain >= 0 else expr
 
 
-def _coordinate_with_derivatives(name: str, expr: Expr | None) -> ValueAndDerivatives:
-    """Return a tuple of the coordinate called `name`, an expression in t, and its first and second derivatives with
-    respect to t. If `expr` is None, the coordinate is an unknown function of t. Raise an ArgumentError if a
-    derivative is too long or does not exist.
-    """
-    if expr is None:
-        t = time_symbol()
-        function = sympy.Function(name, real=True)(t)
-        return function, function.diff(t), function.diff(t, 2)
-    expected = f"an expression whose derivatives have at most {MAX_SYMBOLS_PER_COORDINATE_DERIVATIVE} symbols"
-    program = DerivativeProgram()
-    steps: dict[Expr, Expr] = {}
-    try:
-        derivatives = program.value_and_derivatives(expr)
-        for symbol, step in program.steps_for([part for part in derivatives if part.is_Symbol]):
-            expanded = steps[symbol] = step.xreplace(steps)
-            if count_symbols(expanded) > MAX_SYMBOLS_PER_COORDINATE_DERIVATIVE:
-                raise ArgumentError(name, expected, f"{count_symbols(expanded)}")
-        return expr, derivatives[1].xreplace(steps), derivatives[2].xreplace(steps)
-    except ArgumentError:
-        raise
-    except SYMPY_ERROR_TYPES:
-        raise ArgumentError(name, expected, "one that SymPy cannot differentiate") from None
+def _unknown_function(name: str) -> tuple[Expr, Expr, Expr]:
+    """Return a coordinate as a function of t that is not known, with its derivatives."""
+    t = time_symbol()
+    function = sympy.Function(name, real=True)(t)
+    return function, function.diff(t), function.diff(t, 2)
 
 
 def constant_inputs(

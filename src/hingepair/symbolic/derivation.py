@@ -11,7 +11,7 @@ import sympy
 from hingepair.equations.quantities import unit_of
 from hingepair.numeric.names import Names
 from hingepair.symbolic.closed_forms import ClosedForms, SumTerms
-from hingepair.symbolic.jets import time_symbol
+from hingepair.symbolic.exact_expressions import time_symbol
 from hingepair.symbolic.kinks import Expr, SideOfZero, real_symbol
 from hingepair.symbolic.layout import align_environment, latex_lines, shape_text, title_suffix, wrap_equation
 from hingepair.symbolic.printers import (

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,10 +25,11 @@ from hingepair.scenes.motions.known import MotionByCoordinates
 from hingepair.scenes.motions.motion import PairMotion, euler_axes_phrase
 from hingepair.scenes.motions.waypoints import MAX_WAY_POINTS, PROFILES, WayPoints, interpolate_way_points
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.expressions import parse_expression
-from hingepair.symbolic.kinks import Expr
+from hingepair.symbolic.expressions import Expression, number, parse_expression
 from hingepair.symbolic.time_functions import TimeDerivatives, TimeFunctions
+
+if TYPE_CHECKING:
+    from hingepair.symbolic.kinks import Expr
 
 _TOL: Final = 1e-12
 """Largest error of integrated angles that is aimed at unless `tol` is given [rad]; what is left is reported."""
@@ -40,8 +41,7 @@ class FunctionsOfTime:
 
     #: the keys of the table that they came from
     names: tuple[str, ...]
-    #: SymPy expressions or way points
-    functions: tuple[Expr | WayPoints, ...]
+    functions: tuple[Expression | WayPoints, ...]
     #: where they were written
     table: Table
 
@@ -54,7 +54,7 @@ class FunctionsOfTime:
         """Return (values, first derivatives, ...) at the instants t up to `order`. The entry of each order is a tuple
         with one array or float per function. At a kink, return the derivatives from the right.
         """
-        rows = iter(zip(*self.compiled().derivatives(t, order), strict=True))
+        rows = iter(zip(*self._of_expressions().derivatives(t, order), strict=True))
         columns = [f.derivatives(t, order) if isinstance(f, WayPoints) else next(rows) for f in self.functions]
         return tuple(zip(*columns, strict=True))
 
@@ -72,30 +72,35 @@ class FunctionsOfTime:
         shape (N,), whether a function has a kink or a jump in the interval.
         """
         points = (function.switches(t) for function in self.functions if isinstance(function, WayPoints))
-        return functools.reduce(np.logical_or, points, self.compiled().switches(t))
+        return functools.reduce(np.logical_or, points, self._of_expressions().switches(t))
 
     def expressions(self, symbolic_constants: Sequence[str] = ()) -> dict[str, Expr | None]:
         """Return the functions as a dict of SymPy expressions by name, parsed again so that the constants named in
         `symbolic_constants` stay symbols. The value of a function by way points is None.
         """
-        expression_by_name: dict[str, Expr | None] = {}
+        from hingepair.symbolic.exact_expressions import to_sympy
+
+        found: dict[str, Expr | None] = {}
         for name, function in zip(self.names, self.functions, strict=True):
-            written = self.table.values[name]
-            if isinstance(written, str):
-                expression_by_name[name] = parse_expression(name, written, self.table.constants, symbolic_constants)
-            else:
-                expression_by_name[name] = None if isinstance(function, WayPoints) else function
-        return expression_by_name
+            if isinstance(function, WayPoints):
+                found[name] = None
+                continue
+            text = self.table.values[name]
+            with self.table.naming(name):
+                found[name] = to_sympy(
+                    name,
+                    parse_expression(name, text, self.table.constants, symbolic_constants)
+                    if isinstance(text, str)
+                    else function,
+                )
+        return found
 
-    def compiled(self) -> TimeFunctions:
-        """Return the TimeFunctions of all functions except way points, compiled and cached."""
-        kept = {name: f for name, f in zip(self.names, self.functions, strict=True) if not isinstance(f, WayPoints)}
-        return _time_functions(tuple(kept.values()), tuple(kept))
+    def _of_expressions(self) -> TimeFunctions:
+        """Return all functions except way points."""
+        return _time_functions(tuple(f for f in self.functions if isinstance(f, Expression)))
 
 
-@functools.lru_cache(maxsize=16)
-def _time_functions(expressions: tuple[Expr, ...], names: tuple[str, ...]) -> TimeFunctions:
-    return TimeFunctions(expressions, names)
+_time_functions = functools.lru_cache(maxsize=16)(TimeFunctions)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,16 +176,11 @@ def _signal(name: str, functions: FunctionsOfTime) -> Signal:
 
 def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
     """Return the keys `names` of a table as FunctionsOfTime."""
-    functions = FunctionsOfTime(names, tuple(_read_coordinate(table, key) for key in names), table)
-    with table.naming():
-        functions.compiled()
-    return functions
+    return FunctionsOfTime(names, tuple(_read_coordinate(table, key) for key in names), table)
 
 
-def _read_coordinate(table: Table, key: str) -> Expr | WayPoints:
-    """Return the function of t that a key of a Table defines: a SymPy expression, an exact SymPy number or
-    WayPoints.
-    """
+def _read_coordinate(table: Table, key: str) -> Expression | WayPoints:
+    """Return the function of t that a key of a Table defines."""
     match table.values.get(key):
         case str() as text:
             with table.naming(key):
@@ -189,7 +189,7 @@ def _read_coordinate(table: Table, key: str) -> Expr | WayPoints:
             return _read_way_points(table.table(key))
         case bool() | None | list():
             table.fail(key, "a finite number, an expression in t, or way points { t = [...], value = [...] }")
-    return exact(table.number(key))
+    return number(table.number(key))
 
 
 def _read_way_points(table: Table) -> WayPoints:

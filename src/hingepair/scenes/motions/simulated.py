@@ -33,9 +33,7 @@ from hingepair.scenes.motions.functions import read_coordinate_functions
 from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
 from hingepair.scenes.motions.motion import PRESCRIBED, PairMotion
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
-from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.expressions import parse_expression
-from hingepair.symbolic.kinks import constant_value
+from hingepair.symbolic.expressions import number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions
 
 _HINGE_NAMES: Final = ("psi", "psid")
@@ -67,12 +65,11 @@ def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
             expressions.append(
                 parse_expression(key, value, constants, _HINGE_NAMES)
                 if isinstance(value, str)
-                else exact(table.number(key))
+                else number(table.number(key))
             )
-    with table.naming():
-        if any(expression.free_symbols for expression in expressions):
-            return TimeFunctions(expressions, keys, _HINGE_NAMES).values
-        return [constant_value(expression) for expression in expressions]
+    if any(expression.names for expression in expressions):
+        return TimeFunctions(expressions, _HINGE_NAMES).values
+    return [float(expression) for expression in expressions]
 
 
 def _read_hinge_torque(table: Table, key: str) -> Any:
