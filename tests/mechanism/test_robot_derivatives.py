@@ -360,6 +360,22 @@ def test_only_what_is_asked_for_is_computed(ur5, states):
         ur5.inverse_dynamics_derivatives(*states, outputs=("tau",))
 
 
+def test_a_second_call_heeds_all_that_differs_from_the_first(ur5, torques, states):
+    q, qd, qdd = states
+    first = ur5.inverse_dynamics_derivatives(q, qd, qdd)
+    turned = hp.BodyMotion(R=np.zeros(3), S=hp.rotation_exp(np.array([0.3, -1.1, 0.7])))
+    for changed in ({"gravity": (1.0, 2.0, 3.0)}, {"base_motion": turned}):
+        found = ur5.inverse_dynamics_derivatives(q, qd, qdd, **changed)
+        same = ur5.inverse_dynamics_derivatives(q, qd, qdd, backend="numpy", **changed)
+        np.testing.assert_allclose(found.tau_q, same.tau_q, atol=1e-12)
+        assert abs(found.tau_q - first.tau_q).max() > 1
+    again = ur5.inverse_dynamics_derivatives(2 * q, qd, qdd, outputs=("tau_qd",))
+    np.testing.assert_allclose(again.tau_qd, torques.jacobian((2 * q, qd, qdd))["tau"]["qd"], atol=1e-12)
+    by_list, by_one = torques.jacobian((q, qd, qdd), ["qd", "q"]), torques.jacobian((q, qd, qdd), "q")
+    np.testing.assert_allclose(by_list["tau"]["q"], by_one["tau"]["q"], atol=1e-12)
+    assert list(by_one["tau"]) == ["q"]
+
+
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_derivatives_are_nan_where_nothing_resists(backend):
     body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))

@@ -163,10 +163,18 @@ def make_rows(case: Case, seconds: Mapping[str, Sequence[float]]) -> list[Row]:
 
 
 def time_interleaved(jobs: Mapping[str, Job], repeats: int) -> dict[str, list[float]]:
-    """Call all jobs in turn, `repeats` times, so that disturbances meet all alike; return times of a call [s]."""
-    for job in jobs.values():
-        job()
-    once = {}
+    """Call all jobs in turn, `repeats` times, so that disturbances meet all alike; return times of a call [s]. A job
+    that fails, as for want of memory, is reported and left out.
+    """
+    able = {}
+    for name, job in jobs.items():
+        try:
+            job()
+        except Exception as error:
+            print_progress(f"left out: {name} ({type(error).__name__}: {str(error).partition(chr(10))[0]})")
+        else:
+            able[name] = job
+    jobs, once = able, {}
     for name, job in jobs.items():
         wait_for_other_threads()
         once[name] = timeit(job, number=1)

@@ -53,7 +53,11 @@ Array: TypeAlias = NDArray[Any]
 
 LOCKED = {"panda": {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}}  # positions [m], by robot
 SLOPES = (TORQUE_SLOPES, ACCELERATION_SLOPES, GRADIENT)
+REUSED = f"{HINGEPAIR}, out="  # results into arrays of the call before
 WORKLOADS = (POSE, JACOBIAN, INVERSE, FORWARD, *SLOPES)  # in the order of the table
+FRAX = "frax (JAX, one batch)"
+MAX_FRAX_SLOPES = 1_000  # states whose derivatives frax computes at a time: it needs 0.3 MB for each
+MAX_FRAX_JOINTS = 8  # of more, JAX compiles the derivatives for minutes
 CHECKED = 4  # states whose results are compared with the exact ones; of derivatives one
 
 
@@ -87,6 +91,8 @@ def bench_robots(names: Sequence[str], sizes: Sequence[int], repeats: int, with_
         "time divided by the time of the first row.",
         f"error: largest difference from {DIGITS}-digit arithmetic at {CHECKED} random states, relative to the "
         "largest component of the result (the unit roundoff of a double is 1.1e-16).",
+        f"{HINGEPAIR} returns new arrays, whose memory is that of an earlier result where there is one; {REUSED} and "
+        "the loops write into the same arrays each time.",
         "pose, Jacobian: of the joint that is furthest from the base. hingepair, prepared: the result of "
         "robot.prepare, called with one state. Pinocchio, its own batches: rneaInParallel, abaInParallel. Python "
         f"loops compute at most {engines.MAX_IN_PYTHON:,} states.",
@@ -99,6 +105,10 @@ def robot_cases(name: str, methods: Sequence[Method], sizes: Sequence[int]) -> I
     robot, model = load_models(name)
     for workload in WORKLOADS:
         able = [method for method in methods if workload in _ONLY.get(method.name, WORKLOADS)]
+        if workload in SLOPES:
+            able = [one._replace(max_samples=MAX_FRAX_SLOPES) if one.name == FRAX else one for one in able]
+            if robot.dof > MAX_FRAX_JOINTS:
+                able = [one for one in able if one.name != FRAX]
         make = cache(partial(make_task, robot, model, workload))
         print_progress(f"{name}, {workload}: {DIGITS} digits")
         checked = 1 if workload in SLOPES else CHECKED
@@ -173,6 +183,17 @@ def hingepair_job(task: Task) -> Job:
     if task.workload == GRADIENT:
         return _gradient_job(robot, task.inputs)
     return _read(partial(calls[task.workload], backend="compiled"), task.inputs, task.workload)
+
+
+def reused_job(task: Task) -> Job:
+    """Return the job of derivatives that are written into the same arrays each time."""
+    names = ("tau_q", "tau_qd") if task.workload == TORQUE_SLOPES else ("qdd_q", "qdd_qd")
+    robot, size = task.robot, task.robot.dof
+    out = {name: np.empty((len(task.inputs[0]), size, size)) for name in names}
+    method = (
+        robot.inverse_dynamics_derivatives if task.workload == TORQUE_SLOPES else robot.forward_dynamics_derivatives
+    )
+    return _read(partial(method, outputs=names, out=out, backend="compiled"), task.inputs, task.workload)
 
 
 def _gradient_job(robot: Mechanism, inputs: Sequence[Array]) -> Job:
@@ -261,11 +282,13 @@ METHODS = (
         max_samples=engines.MAX_IN_PYTHON,
         package="mujoco",
     ),
-    Method("frax (JAX, one batch)", frax_job, min_samples=2, package="frax"),
+    Method(FRAX, frax_job, min_samples=2, package="frax"),
+    Method(REUSED, reused_job, min_samples=2),
 )
 # The workloads of methods that do not compute all of them.
 _ONLY: dict[str, tuple[str, ...]] = dict.fromkeys((METHODS[3].name, engines.MUJOCO), (INVERSE, FORWARD))
-_ONLY |= {METHODS[6].name: (INVERSE, FORWARD, TORQUE_SLOPES), PREPARED: (POSE, JACOBIAN, INVERSE, FORWARD)}
+_ONLY |= {FRAX: (INVERSE, FORWARD, TORQUE_SLOPES), PREPARED: (POSE, JACOBIAN, INVERSE, FORWARD)}
+_ONLY[REUSED] = (TORQUE_SLOPES, ACCELERATION_SLOPES)
 
 
 def _cold_codes(name: str) -> dict[str, tuple[str, str]]:

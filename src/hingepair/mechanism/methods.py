@@ -914,22 +914,29 @@ class MechanismMethods(Shown):
         loads: Mapping[str, tuple[Any, str]] | None = None,
     ) -> MechanismDerivatives:
         """Compute the derivatives of the output "tau" or "qdd", and of those of a free base, by coordinates."""
-        accepted = tuple(f"{output}_{name}" for name in coordinates)
-        names = _checked_outputs(outputs, out, accepted)
-        labelled_loads, frames = self._wrench_inputs(wrenches)
-        all_outputs = _INVERSE_DYNAMICS_OUTPUT_NAMES if output == "tau" else _ACCELERATION_OUTPUT_NAMES
-        computation = self._computation(
-            all_outputs if self.base == "free" else (output,), frames, len(frames), self._loaded(joint_loads)
-        )
-        size = self._constants.form.dof + 6 * (self.base == "free")
-        derivative = Derivative("matrices", names, tuple((name.partition("_")[2], (size,)) for name in names))
-        result: MechanismDerivatives = self._derive(
-            computation, derivative, coordinates, base_motion, out, workers, backend, gravity, wrenches,
-            labelled_loads | dict(loads or {}),
-        )  # fmt: skip
+        key, result = None, None
+        if wrenches is None and not loads and isinstance(outputs, tuple | None):
+            key = "derivatives", output, outputs, backend, joint_loads
+            result = self._run_again(key, coordinates.values(), base_motion, out, workers, gravity)
+        if result is None:
+            accepted = tuple(f"{output}_{name}" for name in coordinates)
+            names = _checked_outputs(outputs, out, accepted)
+            labelled_loads, frames = self._wrench_inputs(wrenches)
+            all_outputs = _INVERSE_DYNAMICS_OUTPUT_NAMES if output == "tau" else _ACCELERATION_OUTPUT_NAMES
+            computation = self._computation(
+                all_outputs if self.base == "free" else (output,), frames, len(frames), self._loaded(joint_loads)
+            )
+            size = self._constants.form.dof + 6 * (self.base == "free")
+            derivative = Derivative("matrices", names, tuple((name.partition("_")[2], (size,)) for name in names))
+            result = self._derive(
+                computation, derivative, coordinates, base_motion, out, workers, backend, gravity, wrenches,
+                labelled_loads | dict(loads or {}), key,
+            )  # fmt: skip
         if output == "qdd" and self._constants.may_be_singular:  # where one derivative is NaN, all are
-            self._warn_where_singular(Results({"qdd": result[names[0]][..., 0]}, result.shape), coordinates)
-        return result
+            first = result[result.outputs[0]][..., 0]
+            self._warn_where_singular(Results({"qdd": first}, result.shape), coordinates)
+        found: MechanismDerivatives = result
+        return found
 
     def _derive(
         self,
@@ -943,12 +950,15 @@ class MechanismMethods(Shown):
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         wrenches: Wrenches = None,
         loads: Mapping[str, tuple[Any, str]] | None = None,
+        key: tuple[Any, ...] | None = None,
     ) -> Any:
-        """Compute a derivative of a RobotComputation."""
+        """Compute a derivative of a RobotComputation, which `_run_again` finds by `key`."""
         if holds_dask(coordinates, base_motion, wrenches):
             raise ArgumentError("q", "arrays in memory, to compute derivatives", "a Dask array among the arguments")
         computation.check_differentiable(derivative, tuple(coordinates))
-        return self._run(computation, coordinates, base_motion, out, workers, backend, gravity, loads, derivative)
+        return self._run(
+            computation, coordinates, base_motion, out, workers, backend, gravity, loads, derivative, key
+        )
 
     def _rate(
         self,
@@ -962,13 +972,18 @@ class MechanismMethods(Shown):
     ) -> FloatArray:
         """Return the time derivative of an output that depends on q and the attitude of the base alone."""
         arrays = None if out is None else {f"rate_{output}": out}
-        computation, derivative = self._computation((output,), frames), Derivative("rate", (output,), ())
-        try:
-            found = self._derive(computation, derivative, coordinates, base_motion, arrays, workers, backend)
-        except ArgumentError as error:
-            if error.name != f"out['rate_{output}']":
-                raise
-            raise error.renamed("out") from None
+        key = "rate", output, tuple(frames), backend
+        found = self._run_again(key, coordinates.values(), base_motion, arrays, workers)
+        if found is None:
+            computation, derivative = self._computation((output,), frames), Derivative("rate", (output,), ())
+            try:
+                found = self._derive(
+                    computation, derivative, coordinates, base_motion, arrays, workers, backend, key=key
+                )
+            except ArgumentError as error:
+                if error.name != f"out['rate_{output}']":
+                    raise
+                raise error.renamed("out") from None
         rate: FloatArray = writable_arrays(found)[f"rate_{output}"]
         return rate
 

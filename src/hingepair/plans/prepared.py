@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,16 @@ from hingepair.numeric.arrays import FloatArray
 from hingepair.plans.arguments import Arguments, check_out, read_arguments
 from hingepair.plans.computation import Computation
 from hingepair.plans.derivatives import Derivative
+
+
+class _Derived(NamedTuple):
+    """A derivative of a prepared call, and what computes it."""
+
+    names: tuple[str, ...]  # of the arguments by which it is taken
+    further: tuple[str, ...]  # outputs that have weights, or arguments that change
+    derivative: Derivative
+    computation: Computation
+    call: Call
 
 
 class Prepared:
@@ -41,6 +51,7 @@ class Prepared:
         self._factory, self._watch = factory, watch  # how it is made anew; what looks at results
         self._call: Call = computation.call(given, execution.backend, gravity, prepared=True)
         self._plain = execution.workers == 1 and watch is None
+        self._derivatives: dict[Any, _Derived] = {}
         if execution.backend == "auto":
             self._call.compile()
 
@@ -168,20 +179,20 @@ class Prepared:
         >>> f.jacobian((q, qd, qdd), wrt=("q", "qd"))["tau"]["q"].shape
         (6, 6)
         """
-        names = self._wrt(wrt)
-        places = {f"{one}_{name}": (one, name) for one in self.outputs for name in names}
-        flat = None
+        derived = self._derived("jacobian", None, wrt)
+        names, flat = derived.names, None
         if out is not None:
             form = {one: [*names] for one in self.outputs}
             if not isinstance(out, dict) or {one: [*part] for one, part in out.items()} != form:
                 raise ArgumentError("out", f"a dict of dicts of arrays, with the names {form}", quoted(out))
-            flat = {key: out[one][name] for key, (one, name) in places.items()}
+            flat = {f"{one}_{name}": array for one, part in out.items() for name, array in part.items()}
         try:
-            arrays = writable_arrays(self._derive("jacobian", self.outputs, names, given, {}, {}, flat))
+            arrays = writable_arrays(self._derive(derived, given, (), flat))
         except ArgumentError as error:
-            labels = {f"out[{key!r}]": f"out[{one!r}][{name!r}]" for key, (one, name) in places.items()}
-            if error.name in labels:
-                raise error.renamed(labels[error.name]) from None
+            for one in self.outputs:
+                for name in names:
+                    if error.name == f"out['{one}_{name}']":
+                        raise error.renamed(f"out[{one!r}][{name!r}]") from None
             raise
         return {one: {name: arrays[f"{one}_{name}"] for name in names} for one in self.outputs}
 
@@ -210,11 +221,10 @@ class Prepared:
         >>> value.tau.shape, gradient["q"].shape
         ((6,), (6,))
         """
-        outputs, names = self._names("cotangents", cotangents, self.outputs), self._wrt(wrt)
-        weights = {f"weight_{name}": cotangents[name] for name in outputs}
-        labels = {f"weight_{name}": f"cotangents[{name!r}]" for name in outputs}
-        found = self._derive("vjp", outputs, names, given, weights, labels)
-        return self._value(found), {name: writable_arrays(found)[f"gradient_{name}"] for name in names}
+        derived = self._derived("vjp", cotangents, wrt)
+        found = self._derive(derived, given, [cotangents[name] for name in derived.further])
+        arrays = writable_arrays(found)
+        return self._value(arrays, found), {name: arrays[f"gradient_{name}"] for name in derived.names}
 
     def jvp(self, given: Sequence[Any], tangents: Mapping[str, Any]) -> tuple[Any, dict[str, FloatArray]]:
         """Compute the results of the call, and their rates of change for given rates of change of arguments.
@@ -238,47 +248,58 @@ class Prepared:
         >>> value.S.shape, tangent["S"].shape
         ((1, 3, 3), (1, 3))
         """
-        names = self._names("tangents", tangents, (*self.given, *self._computation.constant_shapes))
-        changes = {f"change_{name}": tangents[name] for name in names}
-        labels = {f"change_{name}": f"tangents[{name!r}]" for name in names}
-        found = self._derive("jvp", self.outputs, names, given, changes, labels)
-        return self._value(found), {name: writable_arrays(found)[f"rate_{name}"] for name in self.outputs}
+        derived = self._derived("jvp", tangents, None)
+        found = self._derive(derived, given, [tangents[name] for name in derived.further])
+        arrays = writable_arrays(found)
+        return self._value(arrays, found), {name: arrays[f"rate_{name}"] for name in self.outputs}
 
-    def _derive(
-        self,
-        kind: str,
-        outputs: tuple[str, ...],
-        names: tuple[str, ...],
-        given: Sequence[Any],
-        further: Mapping[str, Any],
-        labels: Mapping[str, str],
-        out: Mapping[str, Any] | None = None,
-    ) -> Results:
-        """Compute a derivative of these outputs by the arguments with these names; `further` are its weights or
-        changes.
-        """
-        if not isinstance(given, tuple | list) or len(given) != len(self.given):
-            raise ArgumentError("given", f"a tuple of {', '.join(self.given)}", quoted(given))
-        by_constants = not {*names} <= {*self.given}
-        computation = self._computation.by_constants if by_constants else self._computation
+    def _derived(self, kind: str, weighted: Any, wrt: Any) -> _Derived:
+        """Return a derivative: `weighted` are the cotangents or tangents, by name. It is made at the first call."""
+        if isinstance(wrt, Iterable) and not isinstance(wrt, str):
+            wrt = tuple(wrt)
+        key = kind, tuple(weighted) if isinstance(weighted, Mapping) else None, wrt
+        try:
+            return self._derivatives[key]
+        except (KeyError, TypeError):  # a new one, or what is no name
+            pass
+        accepted = (*self.given, *self._computation.constant_shapes)
+        outputs, prefix, further = self.outputs, "", ()
+        if kind == "jvp":
+            names = further = self._names("tangents", weighted, accepted)
+            prefix = "change"
+        else:
+            chosen = self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt
+            if kind == "vjp":
+                outputs = further = self._names("cotangents", weighted, self.outputs)
+                prefix = "weight"
+            names = self._names("wrt", chosen, accepted)
+        computation = self._computation if {*names} <= {*self.given} else self._computation.by_constants
         shapes = {**self._call.argument_shapes, **computation.constant_shapes}
         derivative = Derivative(kind, outputs, tuple((name, shapes[name]) for name in names))
         computation.check_differentiable(derivative, self.given)
-        arguments = {**dict(zip(self.given, given, strict=True)), **further}
+        arguments = (*self.given, *(f"{prefix}_{name}" for name in further))
         call = computation.call(
-            tuple(arguments), self._execution.backend, self._gravity, prepared=True, derivative=derivative
+            arguments, self._execution.backend, self._gravity, prepared=True, derivative=derivative
         )
-        result: Results | None = call.rows(*arguments.values(), out=out, workers=self._execution.workers)
+        derived = self._derivatives[key] = _Derived(names, further, derivative, computation, call)
+        return derived
+
+    def _derive(
+        self, derived: _Derived, given: Sequence[Any], further: Sequence[Any], out: Mapping[str, Any] | None = None
+    ) -> Results:
+        """Compute a derivative; `further` are its weights or changes."""
+        if not isinstance(given, tuple | list) or len(given) != len(self.given):
+            raise ArgumentError("given", f"a tuple of {', '.join(self.given)}", quoted(given))
+        result: Results | None = derived.call.rows(*given, *further, out=out, workers=self._execution.workers)
         if result is None:
-            values = self._read(call, arguments, labels)
-            result = computation.run(
-                values, self._execution, self._gravity, out, prepared=True, derivative=derivative
+            names = tuple(derived.call.argument_shapes)
+            argument = "cotangents" if derived.derivative.kind == "vjp" else "tangents"
+            labels = dict(zip(names[len(given) :], (f"{argument}[{one!r}]" for one in derived.further), strict=True))
+            values = self._read(derived.call, dict(zip(names, (*given, *further), strict=True)), labels)
+            result = derived.computation.run(
+                values, self._execution, self._gravity, out, prepared=True, derivative=derived.derivative
             )
         return result
-
-    def _wrt(self, wrt: str | Iterable[str] | None) -> tuple[str, ...]:
-        chosen = self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt
-        return self._names("wrt", chosen, (*self.given, *self._computation.constant_shapes))
 
     def _names(self, argument: str, names: Iterable[Any], accepted: tuple[str, ...]) -> tuple[str, ...]:
         """Check names of arguments or outputs, and return them in the order of the call."""
@@ -292,8 +313,9 @@ class Prepared:
             raise ArgumentError(argument, f"at least one of {', '.join(accepted)}", quoted(names))
         return tuple(name for name in accepted if name in chosen)
 
-    def _value(self, found: Results) -> Any:
-        """Return the results of the call itself out of those of a derivative."""
-        arrays = {name: one for name, one in writable_arrays(found).items() if name in self.outputs}
+    def _value(self, arrays: Mapping[str, FloatArray], found: Results) -> Any:
+        """Return the results of the call itself out of the arrays of a derivative."""
         kind = self._computation.result
-        return arrays[self.outputs[0]] if kind is None else kind(arrays, found.shape)
+        if kind is None:
+            return arrays[self.outputs[0]]
+        return kind({name: arrays[name] for name in self.outputs}, found.shape)
