@@ -263,7 +263,8 @@ class Prepared:
         except (KeyError, TypeError):  # a new one, or what is no name
             pass
         accepted = (*self.given, *self._computation.constant_shapes)
-        outputs, prefix, further = self.outputs, "", ()
+        outputs, prefix = self.outputs, ""
+        further: tuple[str, ...] = ()
         if kind == "jvp":
             names = further = self._names("tangents", weighted, accepted)
             prefix = "change"
