@@ -209,7 +209,7 @@ def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
     neutral = [slider["neutral"] for slider in sliders]
     np.testing.assert_array_equal(neutral, np.clip(0, *robot.position_limits.T))
     assert {frame["name"] for frame in content["frames"]} == {*robot.links, *robot.tree.frames}
-    assert content["frame"] in robot.tips
+    assert content["frame"] == "panda_hand_tcp"
 
 
 def following_robot():
@@ -243,7 +243,7 @@ def test_joints_without_limits_have_a_range_that_is_said():
 
 
 def test_joints_are_grouped_by_limb():
-    content = content_of(hp.view(hp.load_robot("talos_reduced")))
+    content = content_of(hp.view(hp.load_robot("talos_reduced"), meshes=0))
     groups = {}
     for slider in content["coordinates"]:
         groups.setdefault(content["chains"][slider["chain"]]["name"], []).append(slider["name"])
@@ -381,7 +381,7 @@ def test_the_page_computes_the_poses_that_the_mechanism_has(name, tmp_path):
     rng = np.random.default_rng(3)
     q = np.concatenate([rng.uniform(-3, 3, (6, robot.dof)), np.zeros((1, robot.dof)), 1e4 * np.ones((1, robot.dof))])
     script = POSES.replace("NAMES", json.dumps(robot.links)).replace("Q.map", json.dumps(q.tolist()) + ".map")
-    poses = asked(hp.view(robot), tmp_path, script)
+    poses = asked(hp.view(robot, meshes=0), tmp_path, script)
     state = robot.forward_kinematics(q, frames=robot.links, outputs=("R", "S"))
     scale = max(1.0, np.abs(state.R).max())
     for sample, found in enumerate(poses):
@@ -389,6 +389,39 @@ def test_the_page_computes_the_poses_that_the_mechanism_has(name, tmp_path):
             S = np.reshape(found[link]["S"], (3, 3))
             np.testing.assert_allclose(found[link]["R"], state[link].R[sample], rtol=0, atol=400 * U * scale)
             np.testing.assert_allclose(S, state[link].S[sample], rtol=0, atol=400 * U)
+
+
+RATES = """
+const { show, content, bodyPoses, bodyRates, baseAt } = window.hingepair;
+show(7);
+const q = content.q[7], rates = bodyRates(bodyPoses(baseAt(7), q), 7);
+return { rates, text: document.getElementById("position").textContent,
+  effort: document.querySelector(".joint small:last-child").textContent,
+  bar: document.querySelector(".bar div").style.width,
+  ticks: [...document.querySelectorAll(".tick")].map((one) => one.textContent),
+  events: [...document.querySelectorAll(".event")].map((one) => one.title) };
+"""
+
+
+@in_a_browser
+@pytest.mark.slow
+def test_the_page_shows_velocities_efforts_and_what_is_beyond_its_limits(tmp_path):
+    arm = hp.Body(mass=2, center_of_mass=(0.5, 0, 0), inertia=(1, 1, 1))
+    turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="turn", limits=(-0.5, 0.9), torque_limit=8)
+    tip = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="tip", body2=arm)
+    (tmp_path / "crane.urdf").write_text(hp.to_urdf(hp.Mechanism([turn, tip])))
+    (tmp_path / "crane.toml").write_text(SCENE)
+    scene = hp.load_scene(tmp_path / "crane.toml")
+    found = asked(hp.view(scene), tmp_path, RATES)
+    state = scene.evaluate(("v_tip", "omega_tip", "v_hook", "tau"))
+    np.testing.assert_allclose(found["rates"][2]["v"], state["tip"].v[7], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found["rates"][2]["omega"], state["tip"].omega[7], rtol=0, atol=1e-14)
+    shown = next(line for line in found["text"].splitlines() if line.startswith("v "))
+    np.testing.assert_allclose([float(x) for x in shown.split()[1:4]], state["hook"].v[7], atol=1e-4)
+    assert found["effort"] == f"{float(f'{state.tau[7, 0]:.4g}'):g} of 8 N m"
+    np.testing.assert_allclose(float(found["bar"][:-1]), 100 * abs(state.tau[7, 0]) / 8, atol=0.01)
+    assert found["ticks"] == ["0", "0.5", "1", "1.5", "2"]
+    assert found["events"][0].startswith("turn beyond its limits from 1.2 s to 2 s")
 
 
 MOVED = """
@@ -418,7 +451,7 @@ def test_sliders_move_the_robot_and_reset_brings_it_back(tmp_path):
     robot = hp.load_robot("panda")
     lower, upper = robot.position_limits.T
     q = lower + (upper - lower) * np.linspace(0.1, 0.9, 8)
-    found = asked(hp.view(robot), tmp_path, MOVED.replace("VALUES", json.dumps(q.tolist())))
+    found = asked(hp.view(robot, meshes=0), tmp_path, MOVED.replace("VALUES", json.dumps(q.tolist())))
     np.testing.assert_allclose(found["values"], q, rtol=1e-14)  # a browser's slider keeps fifteen digits
     for matrices, values in (("neutral", np.clip(0, lower, upper)), ("moved", found["values"])):
         joints = [joint.name for joint in robot.tree.joints]
@@ -501,7 +534,7 @@ return { most, lowest, floor: grid.position.z, shown: grid.visible };
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["talos_reduced", "go1"])
 def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path):
-    found = asked(hp.view(hp.load_robot(name)), tmp_path, FRAMED)
+    found = asked(hp.view(hp.load_robot(name), meshes=0), tmp_path, FRAMED)
     assert 0.3 < found["most"] < 1
     assert found["shown"]
     assert found["floor"] <= 1e-12
@@ -512,7 +545,7 @@ def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path
 @pytest.mark.slow
 def test_the_floor_is_the_world_s_where_a_robot_stands_above_it(tmp_path):
     """The base stands 1.083 m above the plane z = 0, and what is drawn has its origin at the base."""
-    page = hp.view(hp.load_scene(MODELS / "talos_lift.toml"))
+    page = hp.view(hp.load_scene(MODELS / "talos_lift.toml"), meshes=0)
     assert len(content_of(page)["placements"]) == 1
     limbs = "[...document.querySelectorAll('details')].filter((one) => one.open).map((one) => one.textContent)"
     found = asked(page, tmp_path, FRAMED.replace("shown: grid", f"open: {limbs}, shown: grid"))

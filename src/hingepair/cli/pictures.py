@@ -69,6 +69,10 @@ def view_command(
     body1_frame: Body1FrameOption = None,
     body2_frame: Body2FrameOption = None,
     out: Annotated[Path | None, out_option(f"Write the page to FILE (.html); {_DEFAULT_OUT}")] = None,
+    meshes: Annotated[
+        float,
+        typer.Option(metavar="MB", help="Size of the meshes of a robot on the page; 0 draws simple shapes instead."),
+    ] = 4.0,
 ) -> None:
     """Write a web page that shows a pair or a robot in motion.
 
@@ -82,15 +86,19 @@ def view_command(
     frames = (body1_frame, body2_frame)
     robot = None if joint is not None or any(frames) else load_named_robot(source)
     if robot is not None:
-        page = make_page(robot)
+        page = make_page(robot, meshes=meshes)
     elif has_motion(source, joint, *frames):
-        page = make_page(load_scene(source))
+        page = make_page(load_scene(source), meshes=meshes)
     else:
         page = make_page(to_spatial(load_named_pair(source, joint, *frames)))
     path = page.save(out, input_files(source))
     content = page.shown if page.frames else page.joints
     unit = "instants" if page.frames else "joint" if page.joints == 1 else "joints"
-    print(f"written: {path} ({content} {unit}; open it in a browser)")
+    print(
+        *(f"note: {note}" for note in page.notes),
+        f"written: {path} ({content} {unit}; open it in a browser)",
+        sep="\n",
+    )
 
 
 def _check_new_file(name: str) -> Path:

@@ -186,4 +186,6 @@ def _link_shapes(robot: RobotRecord, poses: Mapping[str, FramePose]) -> tuple[Sh
     to FramePoses in the axes in which the shapes are returned. The tuple is empty if a link is drawn by anything
     else.
     """
-    return body_drawing((link_shapes(robot.links[link][0], "visual"), pose) for link, pose in poses.items()).shapes
+    return body_drawing(
+        (link_shapes(robot.links[link][0], "visual"), (), pose) for link, pose in poses.items()
+    ).shapes

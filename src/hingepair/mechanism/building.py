@@ -143,10 +143,9 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
-    shapes, is_complete = drawings[frame.body]
-    drawings[frame.body] = BodyDrawing(
-        (*shapes, *placed_shapes(body.shapes, FramePose(frame.S, frame.R))), is_complete
-    )
+    shapes, is_complete, visuals = drawings[frame.body]
+    added = placed_shapes(body.shapes, FramePose(frame.S, frame.R))
+    drawings[frame.body] = BodyDrawing((*shapes, *added), is_complete, (*visuals, *added))
     without_mass = {number: name for number, name in tree.without_mass.items() if number != frame.body}
     tree = replace(tree, notes=notes, drawings=tuple(drawings), source=None, without_mass=without_mass)
     if frame.body == 0:

@@ -18,7 +18,7 @@ import numpy as np
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.kinds import KINDS, JointKind
-from hingepair.mechanism.shapes import body_drawing
+from hingepair.mechanism.shapes import Mesh, body_drawing
 from hingepair.mechanism.tree import NO_LOAD, ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Mimic, Tree
 from hingepair.numeric.arrays import Float64Array, finite_number, read_only
 from hingepair.numeric.blocks import versine
@@ -47,6 +47,7 @@ class JointPart:
         frames: poses of further frames, by name.
         inertias: mass properties by the link that has them.
         shapes: shapes by which the body is drawn; None where it is drawn by others, such as meshes.
+        visuals: shapes and meshes, as a URDF draws the body.
         limits: lower and upper position limit [rad or m]; None if there are none.
         effort_limit: largest torque [N m] or force [N]; None if there is none.
         rate_limit: largest rate [rad/s or m/s]; None if there is none.
@@ -66,6 +67,7 @@ class JointPart:
     frames: Mapping[str, FramePose] = field(default_factory=dict)
     inertias: Mapping[str, Inertia] = field(default_factory=dict)
     shapes: tuple[Shape, ...] | None = ()
+    visuals: tuple[Shape | Mesh, ...] = ()
     limits: tuple[float, float] | None = None
     effort_limit: float | None = None
     rate_limit: float | None = None
@@ -118,7 +120,7 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
         base_masses = mass_properties(inertias[0])
         drawings = tuple(
             body_drawing(
-                (part.shapes, pose)
+                (part.shapes, part.visuals, pose)
                 for part, (body_number, pose) in zip(parts, body_poses, strict=True)
                 if body_number == body
             )

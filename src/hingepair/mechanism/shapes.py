@@ -1,9 +1,10 @@
-"""The boxes, cylinders and spheres by which the bodies of a robot are drawn."""
+"""The boxes, cylinders, spheres and meshes by which the bodies of a robot are drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
@@ -11,32 +12,49 @@ from hingepair.urdf.records import DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND
 from hingepair.urdf.rigid import FramePose
 
 
-class BodyDrawing(NamedTuple):
-    """Drawing of a body of a robot. A drawing without shapes, or of a body that a URDF draws by meshes, is not
-    complete.
+class Mesh(NamedTuple):
+    """Mesh in a file, as a URDF names it."""
 
-    Attributes:
-        shapes: shapes in the axes of the body, from its reference point.
-        is_complete: whether the shapes show all of the body; False if there are none, or if a URDF has meshes.
-    """
+    file: str  # as written: a path, or package://...
+    folder: Path | None  # of the URDF file
+    scale: tuple[float, ...]
+    pose: FramePose
+    colour: tuple[float, ...] | None  # red, green, blue, opacity from 0 to 1; None: the colours of the file
+
+    def placed(self, pose: FramePose) -> Mesh:
+        """Return the mesh rotated and then shifted by `pose`."""
+        return self._replace(pose=pose.placed(self.pose))
+
+
+class BodyDrawing(NamedTuple):
+    """Drawing of a body of a robot, in the axes of the body, from its reference point."""
 
     shapes: tuple[Shape, ...] = ()
-    is_complete: bool = False
+    is_complete: bool = (
+        False  # whether the shapes show all of the body; False if there are none, or if meshes draw it
+    )
+    visuals: tuple[Shape | Mesh, ...] = ()  # shapes and meshes, as the URDF draws the body
 
 
-def body_drawing(shapes_and_poses: Iterable[tuple[tuple[Shape, ...] | None, FramePose]]) -> BodyDrawing:
-    """Return the BodyDrawing of a body from pairs (shapes, FramePose), one for each part that belongs to the body.
-    The drawing is empty if the shapes of a part are None, since meshes draw it, or if a position overflows.
+def body_drawing(
+    parts: Iterable[tuple[tuple[Shape, ...] | None, tuple[Shape | Mesh, ...], FramePose]],
+) -> BodyDrawing:
+    """Return the drawing of a body from (shapes, visuals, pose) of each part that belongs to it. It has no shapes if
+    those of a part are None, since meshes draw it, and is empty if a position overflows.
     """
     placed: list[Shape] = []
-    for shapes, pose in shapes_and_poses:
-        if shapes is None:
-            return BodyDrawing()
+    visuals: list[Shape | Mesh] = []
+    is_complete = True
+    for shapes, drawn, pose in parts:
         try:
-            placed += placed_shapes(shapes, pose)
+            placed += placed_shapes(shapes or (), pose)
+            visuals += placed_shapes(drawn, pose)
         except ArgumentError:  # a position overflows; the drawing does not matter to motion
             return BodyDrawing()
-    return BodyDrawing(tuple(placed), bool(placed))
+        is_complete &= shapes is not None
+    if not is_complete:
+        placed = []
+    return BodyDrawing(tuple(placed), bool(placed), tuple(visuals))
 
 
 def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
@@ -59,18 +77,37 @@ def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
     return None if drawn else ()
 
 
-def placed_shapes(shapes: Iterable[Shape], pose: FramePose) -> list[Shape]:
-    """Return a list of copies of shapes that are rotated and then shifted by the FramePose `pose`."""
-    placed: list[Shape] = []
-    for shape in shapes:
-        center = pose.origin + pose.rotation @ shape.center
-        if isinstance(shape, Box):
-            placed.append(Box(shape.size, center, pose.rotation @ shape.axes))
-        elif isinstance(shape, Cylinder):
-            placed.append(Cylinder(shape.radius, shape.length, center, pose.rotation @ shape.axis))
-        else:
-            placed.append(Sphere(shape.radius, center))
-    return placed
+def link_visuals(link: LinkRecord, folder: Path | None) -> tuple[Shape | Mesh, ...]:
+    """Return what a URDF draws a link by, in the axes of the link; nothing where its elements cannot be read."""
+    try:
+        return tuple(
+            Mesh(visual.file, folder, visual.scale, visual.pose, visual.colour)
+            if visual.kind == "mesh"
+            else _shape_of_visual(visual)
+            for visual in link.visuals()
+            if visual.file or (visual.sizes and min(visual.sizes) > 0)
+        )
+    except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
+        return ()
+
+
+_S = TypeVar("_S", bound="Shape | Mesh")
+
+
+def placed_shapes(shapes: Iterable[_S], pose: FramePose) -> list[_S]:
+    """Return copies of shapes that are rotated and then shifted by `pose`."""
+    return [_placed(shape, pose) for shape in shapes]
+
+
+def _placed(shape: Any, pose: FramePose) -> Any:
+    if isinstance(shape, Mesh):
+        return shape.placed(pose)
+    center = pose.origin + pose.rotation @ shape.center
+    if isinstance(shape, Box):
+        return Box(shape.size, center, pose.rotation @ shape.axes)
+    if isinstance(shape, Cylinder):
+        return Cylinder(shape.radius, shape.length, center, pose.rotation @ shape.axis)
+    return Sphere(shape.radius, center)
 
 
 def _shape_of_visual(visual: Visual) -> Shape:

@@ -10,7 +10,7 @@ import numpy as np
 from hingepair.errors import ArgumentError, URDFError, quoted
 from hingepair.mechanism.folding import JointPart
 from hingepair.mechanism.kinds import JointKind
-from hingepair.mechanism.shapes import link_shapes, placed_shapes
+from hingepair.mechanism.shapes import link_shapes, link_visuals, placed_shapes
 from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import Body, warn_of_dynamics
@@ -80,11 +80,13 @@ def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> 
     """
     link = robot.links[link_name][0]
     leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
+    visuals = link_visuals(link, robot.folder)
     return {
         "links": {link_name: IDENTITY_POSE},
         "leaves": leaves,
         "inertias": {link_name: link.inertia()},
         "shapes": shapes,
+        "visuals": visuals,
     }
 
 
@@ -239,7 +241,7 @@ def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_l
     if body is None:
         return content | {"without_mass": (link_name,)}
     content["inertias"] = {link_name: body_inertia(body).placed(frame_pose)}
-    content["shapes"] = tuple(placed_shapes(body.shapes, frame_pose))
+    content["shapes"] = content["visuals"] = tuple(placed_shapes(body.shapes, frame_pose))
     return content | {"notes": tuple(f"{link_name}: {sentence}" for sentence in body.assumed)}
 
 

@@ -41,6 +41,28 @@ function bodyPoses(base, q) {  // poses of all bodies, the base first; NaN behin
   }
   return poses;
 }
+function cross(a, b) {
+  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+function bodyRates(poses, k) {  // v and omega of all bodies at an instant, in world axes
+  const [v, omega] = ["v", "omega"].map((name) => content.base_rates[name][baseRests ? 0 : k]);
+  const rates = [{ v, omega }];
+  content.joints.forEach((joint, i) => {
+    const rate = joint.multiplier * content.qd[k][joint.coordinate], [turns, shifts] = joint.axis;
+    const carrier = rates[joint.parent], own = poses[i + 1], n = rotate(own.S, joint.n);
+    const arm = own.R.map((x, j) => x - poses[joint.parent].R[j]), swung = cross(carrier.omega, arm);
+    rates.push({
+      v: carrier.v.map((x, j) => x + swung[j] + shifts * rate * n[j]),
+      omega: carrier.omega.map((x, j) => x + turns * rate * n[j]),
+    });
+  });
+  return rates;
+}
+function quaternion(S) {  // qx, qy, qz, qw
+  const turn = new THREE.Quaternion().setFromRotationMatrix(
+    new THREE.Matrix4().set(S[0], S[1], S[2], 0, S[3], S[4], S[5], 0, S[6], S[7], S[8], 0, 0, 0, 0, 1));
+  return turn.toArray();
+}
 function baseAt(k) {
   const m = content.placements[baseRests ? 0 : k];
   const unknown = Array(9).fill(NaN);
@@ -90,15 +112,48 @@ for (const [place, strength] of [[[3, -4, 5], 0.35], [[-4, 1, 2], 0.15]]) {
   light.position.set(...place);
   viewer.scene.add(light);
 }
+function decode(text, Kind) {
+  return new Kind(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
+}
+function creasedNormals(points, faces) {  // of each corner: the mean of the faces around it that turn by less than 30 degrees
+  const count = faces.length / 3, normals = new Float32Array(3 * faces.length);
+  const areas = new Float32Array(3 * count), around = Array.from({ length: points.length / 3 }, () => []);
+  const a = new THREE.Vector3(), b = new THREE.Vector3(), c = new THREE.Vector3(), sum = new THREE.Vector3();
+  for (let k = 0; k < count; k++) {
+    [a, b, c].forEach((corner, i) => corner.fromArray(points, 3 * faces[3 * k + i]));
+    b.sub(a).cross(c.sub(a)).toArray(areas, 3 * k);
+    for (let i = 0; i < 3; i++) around[faces[3 * k + i]].push(k);
+  }
+  for (let corner = 0; corner < faces.length; corner++) {
+    a.fromArray(areas, 3 * Math.floor(corner / 3));
+    sum.set(0, 0, 0);
+    for (const k of around[faces[corner]])
+      if (b.fromArray(areas, 3 * k).dot(a) >= 0.866 * b.length() * a.length()) sum.add(b);
+    sum.normalize().toArray(normals, 3 * corner);
+  }
+  return normals;
+}
+function meshGeometry(shape) {
+  const points = decode(shape.vertices, Float32Array), faces = decode(shape.faces, Uint32Array);
+  const corners = new Float32Array(3 * faces.length);
+  faces.forEach((vertex, corner) => {
+    for (let i = 0; i < 3; i++) corners[3 * corner + i] = points[3 * vertex + i];
+  });
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(corners, 3));
+  geometry.setAttribute("normal", new THREE.BufferAttribute(creasedNormals(points, faces), 3));
+  return geometry;
+}
 function mesh(shape) {
   let geometry;
-  if (shape.kind === "box") geometry = new THREE.BoxGeometry(...shape.size);
+  if (shape.kind === "mesh") geometry = meshGeometry(shape);
+  else if (shape.kind === "box") geometry = new THREE.BoxGeometry(...shape.size);
   else if (shape.kind === "sphere") geometry = new THREE.SphereGeometry(shape.radius, 32, 24);
   else geometry = new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, 32);
   const { opacity } = content;
   const made = new THREE.Mesh(geometry, new THREE.MeshPhongMaterial(
     { color: shape.colour, transparent: opacity < 1, opacity, specular: 0x222222 }));
-  made.applyMatrix4(new THREE.Matrix4().set(...shape.placement));
+  if (shape.placement) made.applyMatrix4(new THREE.Matrix4().set(...shape.placement));
   return made;
 }
 function poseGroup(name) {
@@ -179,6 +234,26 @@ function formatReadings() {
   return rows.map(([name, values, unit]) =>
     name.padEnd(7) + [values].flat().map((x) => formatNumber(x)).join("") + " " + unit).join("\n");
 }
+function formatFrame(poses, shown) {  // pose and, of an instant of the motion, velocity of the selected frame
+  const rows = [["R", shown.R.map((x, i) => x + content.origin[i]), "m"]];
+  if (content.coordinates.length) rows.push(["xyzw", isKnown(shown) ? quaternion(shown.S) : Array(4).fill(null), ""]);
+  if (content.qd && content.base_rates) {
+    const { v, omega } = isManual ? {} : bodyRates(poses, frame)[selectedFrame.body];
+    const arm = shown.R.map((x, i) => x - poses[selectedFrame.body].R[i]);
+    rows.push(["v", isManual ? [null, null, null] : add(v, cross(omega, arm)), "m/s"]);
+    rows.push(["omega", isManual ? [null, null, null] : omega, "rad/s"]);
+  }
+  return rows.map(([name, values, unit]) => name.padEnd(5) + values.map(formatNumber).join("") + " " + unit).join("\n");
+}
+function showEffort(i) {  // a bar of the torque or force of a joint against its limit
+  if (!content.tau) return;
+  const { bar, effort } = sliders[i], { effort_unit: unit, effort_limit: limit } = content.coordinates[i];
+  const value = isManual ? null : content.tau[frame][i], share = value === null || !limit ? 0 : Math.abs(value) / limit;
+  effort.textContent = `${value === null ? "-" : Number(value.toPrecision(4))}${limit === null ? "" : ` of ${Number(limit.toPrecision(4))}`} ${unit}`;
+  bar.firstChild.style.width = `${100 * Math.min(1, share)}%`;
+  bar.className = share > 1 ? "bar beyond" : "bar";
+  bar.hidden = limit === null;
+}
 function formatPosition(unit, x) {
   if (x === null) return "-";
   const [scale, places, sign] = unit === "rad" ? [180 / Math.PI, 1, "\u00b0"] : [1, 4, " m"];
@@ -202,10 +277,10 @@ function draw() {
     line.geometry.setDrawRange(0, frame + 1);
   }
   byId("numbers").textContent = formatReadings();
-  byId("position").textContent =
-    `R ${shown.R.map((x, i) => formatNumber(x + content.origin[i])).join("")} m`;
+  byId("position").textContent = formatFrame(poses, shown);
   content.coordinates.forEach(({ unit, limits: [lower, upper] }, i) => {
     const { input, output } = sliders[i], text = formatPosition(unit, q[i]);
+    showEffort(i);
     input.disabled = q[i] === null;
     if (q[i] !== null) input.value = q[i];
     input.setAttribute("aria-valuetext", text);
@@ -255,7 +330,13 @@ const sliders = content.coordinates.map(({ name, unit, first, last, limits }, i)
   row.onmouseenter = input.onfocus = () => light(true);
   row.onmouseleave = input.onblur = () => light(false);
   row.append(label, output, input);
-  return { row, input, output };
+  const bar = document.createElement("div"), effort = document.createElement("small");
+  if (content.tau) {
+    bar.append(document.createElement("div"));
+    effort.title = "torque or force of the joint, and its limit";
+    row.append(bar, effort);
+  }
+  return { row, input, output, bar, effort };
 });
 const variesInMotion = content.coordinates.map((_, i) => content.q.some((values) => values[i] !== content.q[0][i]));
 content.chains.forEach(({ name, colour }, chain) => {
@@ -294,6 +375,38 @@ function frameAt(time) {
   }
   return low;
 }
+function markTime() {  // ticks under the time line, and marks where a coordinate or a torque is beyond its limits
+  const first = content.t[0], span = content.t[count - 1] - first;
+  if (!(span > 0)) return;
+  const wanted = span / 8, unit = 10 ** Math.floor(Math.log10(wanted));
+  const step = unit * [1, 2, 5, 10].find((factor) => factor * unit >= wanted);
+  const shortTime = (k) => `${Number(content.t[k].toPrecision(6))} s`;
+  const mark = (kind, k, width, text) => {
+    const made = document.createElement("span");
+    made.className = kind;
+    made.style.left = `${100 * k / (count - 1)}%`;
+    if (width !== null) made.style.width = `${100 * width / (count - 1)}%`;
+    if (kind === "tick") made.textContent = text; else made.title = text;
+    byId("ticks").append(made);
+  };
+  for (let n = Math.ceil(first / step); n * step <= content.t[count - 1]; n++)
+    mark("tick", frameAt(n * step), null, `${Number((n * step).toPrecision(12))}`);
+  content.coordinates.forEach(({ name, limits: [lower, upper], effort_limit: most }, i) => {
+    const beyond = {
+      "its limits": (k) => (lower !== null && content.q[k][i] < lower) || (upper !== null && content.q[k][i] > upper),
+      "its torque": (k) => content.tau && most !== null && Math.abs(content.tau[k][i]) > most,
+    };
+    for (const [what, test] of Object.entries(beyond))
+      for (let k = 0, from = null; k <= count; k++) {
+        const is = k < count && test(k);
+        if (is && from === null) from = k;
+        if (!is && from !== null) {
+          mark("event", from, k - 1 - from, `${name} beyond ${what} from ${shortTime(from)} to ${shortTime(k - 1)}`);
+          from = null;
+        }
+      }
+  });
+}
 let last = null;
 function tick(now) {
   if (playing) {
@@ -312,6 +425,7 @@ function play(on) {
   byId("play").textContent = playing ? "pause" : "play";
 }
 byId("time").max = count - 1;
+if (count > 1) markTime();
 byId("time").oninput = () => { play(false); show(Number(byId("time").value)); };
 byId("play").onclick = () => play(!playing);
 byId("follow").onchange = byId("trails").onchange = () => { aimCamera(); draw(); };
@@ -402,6 +516,6 @@ viewer.resize();
 aimCamera();
 selectFrame();
 show(0);
-window.hingepair = { viewer, bodies, show, showManual, content, bodyPoses, framePose, baseAt, frames };
+window.hingepair = { viewer, bodies, show, showManual, content, bodyPoses, bodyRates, framePose, baseAt, frames };
 if (count > 1) play(true);
 requestAnimationFrame(tick);

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.equations.quantities import unit_of
+from hingepair.equations.quantities import ACCELERATION, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.numeric.arrays import is_table, real_array
+from hingepair.numeric.arrays import is_table, number_not_below_0, real_array
 from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import check_drawable
@@ -46,11 +46,12 @@ def view(
     q: ArrayLike | None = None,
     t: ArrayLike | None = None,
     base_motion: BodyMotion | None = None,
+    meshes: float = 4.0,
 ) -> Page:
     """Return an HTML page on which a pair, a robot, a scene or a trajectory moves, with a slider for each joint.
 
-    A body is drawn with the boxes, cylinders and spheres that the URDF file or the pair defines for it. A body
-    without such shapes is drawn with simple shapes: rods from joint to joint, a drum at a hinge, a prism at a
+    A body is drawn with the meshes, boxes, cylinders and spheres that the URDF file or the pair defines for it. A
+    body without them is drawn with simple shapes: rods from joint to joint, a drum at a hinge, a prism at a
     prismatic joint. For a motion, the page also has a time slider and shows the path of the coordinate frame that is
     selected on the page. For the motion of a pair, it also shows the paths of both reference points and of the hinge
     point.
@@ -66,6 +67,8 @@ def view(
         t: instants of q [s]; shape (T,), not decreasing; by default 30 per second.
         base_motion: BodyMotion with the position R and the attitude S of a robot's base, at one instant or at the T
             instants of q. By default the base rests at the origin.
+        meshes: size [MB] that the meshes of a robot may take on the page; larger ones are simplified. 0: no meshes.
+            They need trimesh, which the extra `robots` installs; what is not drawn is in `page.notes`.
 
     Returns:
         A Page. Its attribute `html` is the text of the page, and its method `save(path)` writes it. A notebook
@@ -83,14 +86,20 @@ def view(
     Page(panda, joints=8)
     """
     if isinstance(source, Mechanism):
-        model, motion = robot_model(source, source.name), _read_robot_motion(source, q, t, base_motion)
+        megabytes = number_not_below_0("meshes", meshes)
+        motion = _read_robot_motion(source, q, t, base_motion)
+        model = robot_model(source, source.name, megabytes=megabytes)
     else:
         for name, value in (("q", q), ("t", t), ("base_motion", base_motion)):
             if value is not None:
                 raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
         source = source.scene if isinstance(source, PairResult | RobotResult) else source
-        model, motion = _robot_content(source) if isinstance(source, RobotScene) else _pair_content(source)
-    page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], _page_html(model, motion))
+        if isinstance(source, RobotScene):
+            model, motion = _robot_content(source, number_not_below_0("meshes", meshes))
+        else:
+            model, motion = _pair_content(source)
+    html = _page_html(model, motion)
+    page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], html, tuple(model.notes))
     if path is not None:
         page.save(path, source.files if isinstance(source, PairScene | RobotScene) else ())
     return page
@@ -110,6 +119,8 @@ class Page:
     joints: int
     #: text of the file
     html: str
+    #: sentences about meshes that are not drawn
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Page({self.title}, {f'frames={self.shown}' if self.frames else f'joints={self.joints}'})"
@@ -157,6 +168,9 @@ class _PageMotion(NamedTuple):
     S: Array  # attitude of the base; shape (N, 3, 3), or (1, 3, 3)
     q: Array  # coordinates [rad or m]; shape (N, dof)
     readings: dict[str, Array]  # outputs whose numbers are shown, by name; shape (N, 3)
+    qd: Array | None = None  # rates of the coordinates; shape (N, dof)
+    base_rates: dict[str, Array] | None = None  # v and omega of the base; shape (N, 3), or (1, 3)
+    tau: Array | None = None  # torques and forces of the joints [N m or N]; shape (N, dof)
 
 
 def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
@@ -172,16 +186,21 @@ def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
     return pair_model(samples.pair, samples.title), motion
 
 
-def _robot_content(scene: RobotScene) -> tuple[PageModel, _PageMotion]:
+def _robot_content(scene: RobotScene, megabytes: float) -> tuple[PageModel, _PageMotion]:
     """Return a tuple of the page model and a _PageMotion of the scene of a mechanism, with at most MAX_SHOWN samples
     of the motion.
     """
-    robot, rows = scene.mechanism, scene.spread(MAX_SHOWN)
-    known = scene.known(rows, 0)
-    t, q = np.asarray(scene.instants[rows]), known.array(0)
-    motion = _PageMotion(t, scene.samples, *_base_poses(known.base, len(t)), q, {})
-    named = () if scene.frames == robot.tips else scene.frames
-    return robot_model(robot, scene.title, *named[:1]), motion
+    robot = scene.mechanism
+    part = scene.sampled(MAX_SHOWN, ("q", "qd", "tau")[: scene.motion.level + 1])
+    base, t = part.known.base, part.t
+    motion = _PageMotion(
+        *(t, scene.samples, *_base_poses(base, len(t)), part.q, {}),
+        qd=part.qd if scene.motion.level >= VELOCITY else None,
+        base_rates=_base_rates(base, len(t)),
+        tau=part.tau if scene.motion.level >= ACCELERATION else None,
+    )
+    frame = None if scene.frames == robot.tips else next(iter(scene.frames), None)
+    return robot_model(robot, scene.title, frame, megabytes), motion
 
 
 def _read_robot_motion(
@@ -221,6 +240,15 @@ def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Arra
     return np.broadcast_to(R, (places, 3)), np.broadcast_to(S, (places, 3, 3))
 
 
+def _base_rates(base: BodyMotion | None, count: int) -> dict[str, Array] | None:
+    """Return v and omega of a base at one or `count` instants; None where they are not known."""
+    if base is None:
+        return dict.fromkeys(("v", "omega"), np.zeros((1, 3)))
+    if base.v is None or base.omega is None:
+        return None
+    return {name: np.broadcast_to(getattr(base, name), (count, 3)) for name in ("v", "omega")}
+
+
 def _page_html(model: PageModel, motion: _PageMotion) -> str:
     """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script."""
     check_drawable("R", motion.R)
@@ -235,6 +263,11 @@ def _page_html(model: PageModel, motion: _PageMotion) -> str:
         "q": _finite_numbers_json(motion.q),
         "placements": placements(motion.R[places] - origin, motion.S[places]),
         "origin": origin.tolist(),
+        "qd": None if motion.qd is None else _finite_numbers_json(motion.qd),
+        "base_rates": None
+        if motion.base_rates is None
+        else {name: _finite_numbers_json(rate[places]) for name, rate in motion.base_rates.items()},
+        "tau": None if motion.tau is None else _finite_numbers_json(motion.tau),
         "readings": [
             {"name": name, "unit": unit_of(name), "values": _finite_numbers_json(values)}
             for name, values in motion.readings.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -11,11 +12,12 @@ import numpy as np
 
 from hingepair.formats.model_writers import drawn_shapes
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.shapes import placed_shapes
+from hingepair.mechanism.shapes import BodyDrawing, Mesh, placed_shapes
 from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Frame, Joint, Tree
 from hingepair.pair.body import Box, Shape, Sphere
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pictures.curves import check_drawable
+from hingepair.pictures.meshes import MeshPiece, read_meshes
 from hingepair.pictures.simple_bodies import (
     SimpleBody,
     axes_along,
@@ -34,13 +36,11 @@ _CHAIN_COLOURS: Final = ("#4477aa", "#ee7733", "#228833", "#aa3377", "#ccaa22", 
 
 
 class DrawnBody(NamedTuple):
-    """A body on a page: its name, its colour (#rrggbb), and a list of pairs (colour, shape), with the shapes in the
-    body's axes.
-    """
+    """A body on a page."""
 
     name: str
-    colour: str
-    shapes: list[tuple[str, Shape]]
+    colour: str  # #rrggbb
+    shapes: list[tuple[str, Shape | MeshPiece]]  # with their colours, in the body's axes
 
 
 class PageModel(NamedTuple):
@@ -72,6 +72,8 @@ class PageModel(NamedTuple):
     axes_length: float
     #: opacity of the bodies; 1 is opaque
     opacity: float
+    #: sentences about what is not drawn
+    notes: Sequence[str] = ()
 
 
 def pair_model(pair: HingePair, title: str) -> PageModel:
@@ -114,16 +116,20 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
     )
 
 
-def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageModel:
-    """Return the page model of a robot. Its bodies have the shapes of the URDF or of the pairs, and simple shapes are
-    added to a body that these do not draw completely.
+def robot_model(robot: Mechanism, title: str, frame: str | None = None, megabytes: float = 0.0) -> PageModel:
+    """Return the page model of a robot. Its bodies have the meshes and shapes of the URDF or of the pairs, and simple
+    shapes are added to a body that these do not draw completely.
 
     Args:
         robot: the robot.
         title: title of the page.
-        frame: link or frame whose position is shown first; by default the last link of the longest chain.
+        frame: link or frame whose motion is shown first; by default the tool, or else the last link of the longest
+            chain.
+        megabytes: size of the meshes on the page; 0: none are read.
     """
     tree, size = robot.tree, robot_size(robot.tree)
+    meshes = [visual for drawing in tree.drawings for visual in drawing.visuals if isinstance(visual, Mesh)]
+    pieces, notes = read_meshes(meshes, megabytes) if megabytes else ({}, [])
     chains = _joint_chains(tree)
     colours = [_BASE_COLOUR] * (len(tree.joints) + 1)
     for place, (_, joints) in enumerate(chains):
@@ -131,7 +137,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
             colours[number] = _lighten(_CHAIN_COLOURS[place % len(_CHAIN_COLOURS)], 0.4 * (along % 2))
     names = ["base", *(joint.name for joint in tree.joints)]
     bodies = [
-        DrawnBody(name, colour, _coloured_shapes(colour, drawing.shapes, None if drawing.is_complete else simple))
+        DrawnBody(name, colour, _coloured_shapes(colour, drawing, simple, pieces))
         for name, colour, drawing, simple in zip(
             names, colours, tree.drawings, simple_bodies(tree, size), strict=True
         )
@@ -142,7 +148,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
         joints=tree.joints,
         chains=chains,
         frames={**tree.frames, **tree.links},
-        frame=_last_link(tree) if frame is None else frame,
+        frame=_tool(tree) if frame is None else frame,
         path_colours={},
         axes_shown=(),
         legend=(),
@@ -150,6 +156,7 @@ def robot_model(robot: Mechanism, title: str, frame: str | None = None) -> PageM
         size=size,
         axes_length=0.12 * size,
         opacity=1.0,
+        notes=notes,
     )
 
 
@@ -170,7 +177,7 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
     return {
         "title": model.title,
         "bodies": [
-            {"name": body.name, "shapes": [_shape_json(shape) | {"colour": colour} for colour, shape in body.shapes]}
+            {"name": body.name, "shapes": [_shape_json(shape, colour) for colour, shape in body.shapes]}
             for body in model.bodies
         ],
         "joints": [
@@ -218,18 +225,27 @@ def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.
     return {
         **{"name": joint.name, "unit": joint.unit, "chain": chain_index},
         "limits": [limit if math.isfinite(limit) else None for limit in (lower, upper)],
+        "effort_unit": joint.effort_unit,
+        "effort_limit": joint.effort_limit if math.isfinite(joint.effort_limit) else None,
         "first": min(first, float(known.min(initial=first))),
         "last": max(last, float(known.max(initial=last))),
         "neutral": min(max(0.0, lower), upper),
     }
 
 
-def _coloured_shapes(colour: str, shapes: Sequence[Shape], simple_body: SimpleBody | None) -> list[tuple[str, Shape]]:
-    """Return a list of pairs (colour, shape) of a body: its own shapes, then those of a simple body unless it is
-    None.
+def _coloured_shapes(
+    colour: str, drawing: BodyDrawing, simple_body: SimpleBody, pieces: Mapping[int, Sequence[MeshPiece]]
+) -> list[tuple[str, Shape | MeshPiece]]:
+    """Return a body's shapes and their colours: as the URDF draws it if all its meshes were read, else by its shapes,
+    with those of a simple body where they are not complete.
     """
-    drawn = [(colour, shape) for shape in shapes]
-    if simple_body is not None:
+    meshes = [visual for visual in drawing.visuals if isinstance(visual, Mesh)]
+    if meshes and all(id(mesh) in pieces for mesh in meshes):
+        shapes: list[Shape | MeshPiece] = [shape for shape in drawing.visuals if not isinstance(shape, Mesh)]
+        shapes += [piece for mesh in meshes for piece in pieces[id(mesh)]]
+        return [(colour, shape) for shape in shapes]
+    drawn: list[tuple[str, Shape | MeshPiece]] = [(colour, shape) for shape in drawing.shapes]
+    if not drawing.is_complete:
         drawn += [(colour, shape) for shape in simple_body.links]
         drawn += [(_JOINT_COLOUR, shape) for shape in simple_body.joints]
     return drawn
@@ -268,14 +284,16 @@ def _without_number(name: str) -> str:
     return (stem[:-1] if stem.endswith(("_", "-")) else stem) or name
 
 
-def _last_link(tree: Tree) -> str:
-    """Return the name of the tip link of a robot that is behind the largest number of joints, the first one of
-    several.
+def _tool(tree: Tree) -> str:
+    """Return the name of the frame at the tool: the link or frame so called that is behind the most joints, or else
+    the tip link that is; the first one of several.
     """
     depths = [0]
     for joint in tree.joints:
         depths.append(depths[joint.parent] + 1)
-    return max(tree.tips, key=lambda tip: depths[tree.links[tip].body])
+    frames = {**tree.links, **tree.frames}
+    named = [name for name in frames if re.search(r"(^|_)(tool0?|tcp|ee|end_?effector)($|_)", name.lower())]
+    return max(named or tree.tips, key=lambda name: depths[frames[name].body])
 
 
 def _lighten(colour: str, share: float) -> str:
@@ -284,12 +302,14 @@ def _lighten(colour: str, share: float) -> str:
     return "#" + "".join(f"{round(part + share * (255 - part)):02x}" for part in parts)
 
 
-def _shape_json(shape: Shape) -> dict[str, Any]:
-    """Return a box, sphere or cylinder as a dictionary for JSON: kind, dimensions [m] and placement (16 numbers, as
+def _shape_json(shape: Shape | MeshPiece, colour: str) -> dict[str, Any]:
+    """Return a shape as a dictionary for JSON: kind, colour, dimensions [m] and placement (16 numbers, as
     `placements` returns them).
     """
+    if isinstance(shape, MeshPiece):
+        return shape.json(colour)
     turn = np.eye(3)
-    values: dict[str, Any] = {"kind": type(shape).__name__.lower()}
+    values: dict[str, Any] = {"kind": type(shape).__name__.lower(), "colour": colour}
     if isinstance(shape, Box):
         values["size"], turn = shape.size.tolist(), shape.axes
     elif isinstance(shape, Sphere):

@@ -53,7 +53,8 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotR
     for joint in joints:
         for name in {joint.parent, joint.child}:
             joints_at[name].append(joint)
-    robot = RobotRecord(root.get("name", ""), dict(links), joints, dict(joints_at), text)
+    folder = None if isinstance(text, str) else Path(path_or_text).absolute().parent
+    robot = RobotRecord(root.get("name", ""), dict(links), joints, dict(joints_at), text, folder)
     for joint in joints:
         robot.check_declared(joint.parent, joint)
     return robot

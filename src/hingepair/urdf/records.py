@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,18 +54,14 @@ class PoseRules(NamedTuple):
 
 
 class Visual(NamedTuple):
-    """Shape by which a link is drawn or collides: its kind, such as "box" or "mesh", a tuple of its sizes [m], which
-    is empty unless the kind is box, cylinder or sphere, and its FramePose in the axes of the link.
+    """Shape by which a link is drawn or collides."""
 
-    Attributes:
-        kind: "box", "cylinder", "sphere", or another tag such as "mesh".
-        sizes: edges of a box, radius and length of a cylinder along z, radius of a sphere [m]; else none.
-        pose: pose of the shape in the axes of the link.
-    """
-
-    kind: str
-    sizes: tuple[float, ...]
-    pose: FramePose
+    kind: str  # "box", "cylinder", "sphere", or another tag such as "mesh"
+    sizes: tuple[float, ...]  # edges of a box, radius and length of a cylinder along z, radius of a sphere [m]
+    pose: FramePose  # in the axes of the link
+    file: str = ""  # of a mesh, as written
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)  # of a mesh
+    colour: tuple[float, ...] | None = None  # red, green, blue, opacity from 0 to 1
 
 
 class MimicRecord(NamedTuple):
@@ -125,7 +122,13 @@ class LinkRecord:
                 _numbers(shape, key, f"{label}, {kind}", zero)
                 for key, zero in DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND.get(kind, {}).items()
             ]
-            shapes.append(Visual(kind, tuple(size for group in groups for size in group), pose))
+            visual = Visual(kind, tuple(size for group in groups for size in group), pose)
+            if shape is not None and kind == "mesh":
+                scale = _numbers(shape, "scale", f"{label}, {kind}", (1.0, 1.0, 1.0))
+                colour = element.find("material/color")
+                rgba = None if colour is None else _numbers(colour, "rgba", f"{label}, color", (0.5, 0.5, 0.5, 1.0))
+                visual = visual._replace(file=shape.get("filename", ""), scale=scale, colour=rgba)
+            shapes.append(visual)
         return shapes
 
 
@@ -238,6 +241,7 @@ class RobotRecord:
         joints: joints in the order of the file.
         joints_at: for the name of each link, the joints of which it is parent or child.
         text: what it was read from.
+        folder: folder of the file, in which the names of meshes start; None for text.
     """
 
     name: str
@@ -245,6 +249,7 @@ class RobotRecord:
     joints: Sequence[JointRecord]
     joints_at: Mapping[str, Sequence[JointRecord]]
     text: str | bytes
+    folder: Path | None = None
 
     def hinges(self) -> tuple[JointRecord, ...]:
         """Return a tuple of the revolute and continuous JointRecords that have a name, mimic joints included."""
