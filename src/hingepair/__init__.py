@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.mechanism.inertial_parameters import BaseParameters
     from hingepair.mechanism.mechanism import Mechanism
-    from hingepair.mechanism.rollout import Feedback, Rollout
+    from hingepair.mechanism.rollout import Rollout
     from hingepair.mechanism.slider import Screw, Slider
     from hingepair.mechanism.states import (
         JointWrenches,
@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from hingepair.pair.tolerances import sample_pairs
     from hingepair.pictures.page import view
     from hingepair.pictures.plot import plot
+    from hingepair.rollouts.tracks import Feedback
     from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
     from hingepair.rotations.euler import (
         euler_kinematics,
@@ -203,7 +204,7 @@ _LAZY_MODULE_BY_NAME = {
         "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
         "mechanism.inertial_parameters": "BaseParameters",
         "mechanism.mechanism": "Mechanism",
-        "mechanism.rollout": "Feedback Rollout",
+        "mechanism.rollout": "Rollout",
         "mechanism.slider": "Screw Slider",
         "mechanism.states": "JointWrenches MechanismAccelerations MechanismDerivatives MechanismForces "
         "MechanismState",
@@ -213,6 +214,7 @@ _LAZY_MODULE_BY_NAME = {
         "pictures.plot": "plot",
         "rotations.angular_velocity": "angular_velocity angular_velocity_from_samples",
         "rotations.euler": "euler_kinematics euler_rate_matrix euler_rates euler_to_matrix matrix_to_euler",
+        "rollouts.tracks": "Feedback",
         "scenes.derive": "derive",
         "scenes.load": "load_scene",
         "validation.cross_validate": "cross_validate cross_validate_from_body1",

@@ -26,6 +26,7 @@ or as machine code for eight samples at a time, which NumPy calls as a ufunc; `b
     llvm_sines, llvm_ir (llvm_builder)
     native, images, object_cache    machine code: compiled, linked, kept on disk
     ufunc, slices                   a kernel as a ufunc; its calls in slices, by threads
+    scans, llvm_scan                a program that is repeated in steps, and passes a state from step to step
     calls, rows, outputs, results   a loop with its constants; the shortest way for one state; arrays; results
 
 Derivatives are recorded in the same trace, and fold and compile as all else:

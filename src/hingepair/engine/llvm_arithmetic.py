@@ -34,11 +34,12 @@ class ComponentGroup(NamedTuple):
 
     values: tuple[Operand, ...]  # traced inputs, or results
     varies: bool = True  # from sample to sample
+    in_frame: bool = False  # whether the kernel itself moves it to or from the frame, however few components it has
 
     @property
     def narrow(self) -> bool:
         """Whether an output is assembled in registers; wider ones are copied from the frame."""
-        return len(self.values) <= MAX_NARROW
+        return len(self.values) <= MAX_NARROW and not self.in_frame
 
 
 class KernelStep(NamedTuple):
@@ -98,7 +99,9 @@ class Arithmetic:
         self.uniform_steps = self._split_steps("once", (value for value in lines if not value.varies))
         self.varying_steps = self._split_steps("block", (value for value in lines if value.varies))
         used = [sum(id(value) in self._needed for value in group.values) for group in inputs]
-        self.register_inputs = {g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_NARROW}
+        self.register_inputs = {
+            g for g, group in enumerate(inputs) if group.varies and used[g] <= MAX_NARROW and not group.in_frame
+        }
         self._outputs_after_value = self._schedule_row_stores()
         self._schedule_loads()
         self._assign_slots()
@@ -220,7 +223,7 @@ class Arithmetic:
         vectors = {id(value) for value in (*wide, *(angle for step in steps for angle in step.angles))}
         # Inputs that are gathered into the frame before the steps.
         for g, group in enumerate(self.inputs):
-            used = [c for c, value in enumerate(group.values) if id(value) in self._needed]
+            used = [c for c, value in enumerate(group.values) if group.in_frame or id(value) in self._needed]
             shared = used if len(used) > MAX_UNIFORM_VECTORS and not group.varies else []
             gathered = [c for c in used if id(group.values[c]) in vectors] if shared else used
             self.input_scalars.append((shared, size))
@@ -278,15 +281,19 @@ class Arithmetic:
         address = self.slot_address(f, slot_index)
         f.do(f"store {self.vector} {value}, ptr {address}, align {LANES * self.number_bytes}")
 
+    def output_slots(self, group: ComponentGroup) -> list[int]:
+        """Return the slots of the components of an output that is copied from the frame."""
+        return [self.slots[id(v)] if isinstance(v, TracedValue) else self.constant_slots[v] for v in group.values]
+
     def tile_offsets(self, group: ComponentGroup) -> list[int]:
         """Return the byte offsets in the frame of the components of a wide output, as the function `rows` takes them:
         in tiles of eight, of which the last may overlap the one before, and those of one constant are marked.
         """
         offsets: list[int] = []
+        all_slots = self.output_slots(group)
         for c in range(0, len(group.values), LANES):
             first = min(c, len(group.values) - LANES)
-            values = group.values[first : first + LANES]
-            slots = [self.slots[id(v)] if isinstance(v, TracedValue) else self.constant_slots[v] for v in values]
+            values, slots = group.values[first : first + LANES], all_slots[first : first + LANES]
             places = [slot * LANES * self.number_bytes for slot in slots]
             constant = len(set(slots)) == 1 and not isinstance(values[0], TracedValue)
             offsets += [~places[0], *places[1:]] if constant else places

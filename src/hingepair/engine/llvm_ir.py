@@ -54,18 +54,20 @@ def kernel_ir(
         float_type: "double" or "float" (float32); sines are computed in float64.
         fuse: whether sums are fused with products (FMA).
     """
-    return _KernelBuilder(Arithmetic(inputs, outputs, float_type, fuse)).module()
+    return KernelBuilder(Arithmetic(inputs, outputs, float_type, fuse)).module()
 
 
-class _KernelBuilder:
+class KernelBuilder:
     """Builder of one kernel; `module` may be called once."""
+
+    SIGNATURE = "void @kernel(ptr noalias %table, i64 %samples)"
 
     def __init__(self, arithmetic: Arithmetic) -> None:
         self.arithmetic = arithmetic
         self.inputs, self.outputs = arithmetic.inputs, arithmetic.outputs
         self.number_bytes = arithmetic.number_bytes
         self.tables: list[str] = []
-        self.f = FunctionBuilder("void @kernel(ptr noalias %table, i64 %samples)")
+        self.f = FunctionBuilder(self.SIGNATURE)
 
     def module(self) -> str:
         """Return the LLVM module: constant tables, declarations, the functions of the steps, and the kernel."""
@@ -93,15 +95,8 @@ class _KernelBuilder:
     def write_kernel(self) -> None:
         """Write the kernel: the loops over samples, and the memory fence after streaming stores."""
         f, arithmetic = self.f, self.arithmetic
-        rows = [
-            [f.load_word("%table", 8 * (g * ROW_WORDS + k)) for k in range(ROW_WORDS)]
-            for g in range(len(self.inputs) + len(self.outputs))
-        ]
-        f.do(f"%frame = alloca [{max(1, arithmetic.frame_size)} x {arithmetic.vector}], align {CACHE_LINE}")
-        f.do(f"%places = alloca [{arithmetic.word_offsets[-1] + len(self.outputs)} x i64], align 8")
-        for number, slot in arithmetic.constant_slots.items():
-            arithmetic.store_slot(f, slot, arithmetic.operand(number))
-        readers = [_InputReader(self, g, row) for g, row in enumerate(rows[: len(self.inputs)])]
+        rows = self.begin_kernel(ROW_WORDS)
+        readers = [InputReader(self, g, row) for g, row in enumerate(rows[: len(self.inputs)])]
         writers = [_OutputWriter(self, g, row) for g, row in enumerate(rows[len(self.inputs) :])]
         for reader in readers:
             if not reader.group.varies:
@@ -125,7 +120,20 @@ class _KernelBuilder:
                     f.do("fence seq_cst")
         f.do("ret void")
 
-    def write_direct_blocks(self, readers: Sequence[_InputReader], writers: Sequence[_OutputWriter]) -> str:
+    def begin_kernel(self, row_words: int) -> list[list[str]]:
+        """Load the rows of the table, make the frame, and store constants in it. Return the rows."""
+        f, arithmetic = self.f, self.arithmetic
+        rows = [
+            [f.load_word("%table", 8 * (g * row_words + k)) for k in range(row_words)]
+            for g in range(len(self.inputs) + len(self.outputs))
+        ]
+        f.do(f"%frame = alloca [{max(1, arithmetic.frame_size)} x {arithmetic.vector}], align {CACHE_LINE}")
+        f.do(f"%places = alloca [{arithmetic.word_offsets[-1] + len(self.outputs)} x i64], align 8")
+        for number, slot in arithmetic.constant_slots.items():
+            arithmetic.store_slot(f, slot, arithmetic.operand(number))
+        return rows
+
+    def write_direct_blocks(self, readers: Sequence[InputReader], writers: Sequence[_OutputWriter]) -> str:
         """Write the loop over complete blocks whose rows go directly into the outputs: it runs if all of these are
         contiguous and none is streamed. Return the index of the first sample that is left.
         """
@@ -158,7 +166,7 @@ class _KernelBuilder:
                 self.f.do(f"call void @{step.name}(ptr %frame, ptr %places)")
 
 
-class _InputReader:
+class InputReader:
     """Builder of the code that reads one input.
 
     Args:
@@ -167,7 +175,7 @@ class _InputReader:
         row: the three integers of its row of the table.
     """
 
-    def __init__(self, kernel: _KernelBuilder, index: int, row: Sequence[str]) -> None:
+    def __init__(self, kernel: KernelBuilder, index: int, row: Sequence[str]) -> None:
         f = self.f = kernel.f
         self.kernel, self.group = kernel, kernel.inputs[index]
         self.count = len(self.group.values)
@@ -274,7 +282,7 @@ class _OutputWriter:
         streamed: the condition that it is written past the caches; "false" if it never is.
     """
 
-    def __init__(self, kernel: _KernelBuilder, index: int, row: Sequence[str]) -> None:
+    def __init__(self, kernel: KernelBuilder, index: int, row: Sequence[str]) -> None:
         f = self.f = kernel.f
         self.kernel, self.group = kernel, kernel.outputs[index]
         self.start, self.stride, self.step = row

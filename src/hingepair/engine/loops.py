@@ -33,6 +33,7 @@ from hingepair.engine.binding import (
 )
 from hingepair.engine.llvm_arithmetic import ComponentGroup
 from hingepair.engine.llvm_ir import kernel_ir
+from hingepair.engine.llvm_scan import scan_ir
 from hingepair.engine.slices import run_in_threads, run_slices
 from hingepair.engine.trace import (
     FUNCTIONS,
@@ -308,6 +309,27 @@ class Program:
                     form = self._form("kernel", layout, char, self.fuses)
                     kernel = self._kernels[layout, char] = Kernel(self.loop.name, ir, FLOAT_TYPES[char], form)
         return kernel
+
+    def scan_kernel(self) -> Kernel:
+        """Compile the kernel that repeats this program in steps (`llvm_scan`).
+
+        Raises:
+            CompilationError: LLVM fails.
+        """
+        from hingepair.engine.native import Kernel
+
+        return Kernel(self.loop.name, self._scan_ir, form=self._form("scan", self.fuses))
+
+    def _scan_ir(self) -> str:
+        traced, sources = self._traced, iter(self.pattern)
+        groups = ((name, [*itertools.islice(sources, math.prod(tail))]) for name, tail in self.loop.inputs)
+        arrays = [name for name, group in groups if isinstance(group[0], tuple)]
+        return scan_ir(
+            traced.constants,
+            dict(zip(arrays, traced.arrays, strict=True)),
+            {name: components(traced.results[name]) for name, _ in self.loop.outputs},
+            fuse=self.fuses,
+        )
 
     def _form(self, *parts: object) -> str:
         """Return a text that decides, without a trace, what these parts of the program are, or an empty text."""

@@ -85,7 +85,7 @@ def loop_ir(layout: Layout, float_type: str) -> str:
     stays in its sample in silence.
     """
     f = FunctionBuilder(f"void @loop{_LOOP}")
-    declarations, restore = _default_float_environment(f)
+    declarations, restore = default_float_environment(f)
     count = f.load_word("%dims", 0)
     _begin_table(f, layout, float_type)
     dense = [one for k, row in layout.rows.items() for one in _store_operand(f, layout, k, row, float_type)]
@@ -107,7 +107,7 @@ def loop_ir(layout: Layout, float_type: str) -> str:
 def _packed_ir(layout: Layout, float_type: str) -> str:
     """Return the function `packed`, which trusts that matrices and the result are contiguous."""
     f = FunctionBuilder(f"void @packed{_LOOP}")
-    _, restore = _default_float_environment(f)
+    _, restore = default_float_environment(f)
     _begin_table(f, layout, float_type)
     packed, last, number_bytes = layout.packed, len(layout.inputs), NUMBER_BYTES[float_type]
     for k, row in layout.rows.items():
@@ -204,7 +204,7 @@ def _store_row(f: FunctionBuilder, row: int, *values: str) -> None:
         f.do(f"store i64 {value}, ptr {f.pointer_at('%table', 8 * (ROW_WORDS * row + k))}, align 8")
 
 
-def _default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[[], None]]:
+def default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[[], None]]:
     """Make the function compute with the default floating-point environment. Return the declarations of what it calls
     for that, and a function that restores the caller's.
     """

@@ -27,7 +27,7 @@ from hingepair.mechanism.computations import (
 )
 from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
-from hingepair.mechanism.rollout import Feedback, Rollout, rolled_out
+from hingepair.mechanism.rollout import Rollout, rolled_out
 from hingepair.mechanism.states import (
     JointResults,
     JointWrenches,
@@ -55,6 +55,7 @@ from hingepair.plans.arguments import CoordinateNames, Coordinates
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import FRAME_OUTPUTS, input_shapes
+from hingepair.rollouts.tracks import Feedback
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""

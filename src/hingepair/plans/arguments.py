@@ -270,3 +270,20 @@ def check_out(out: Any, outputs: Sequence[str]) -> Mapping[str, Any] | None:
         if name not in outputs:
             raise ArgumentError("out", f"arrays for nothing but the outputs {', '.join(outputs)}", quoted(name))
     return out
+
+
+def chosen_names(argument: str, names: Iterable[Any], accepted: Collection[str]) -> tuple[str, ...]:
+    """Check the names of an argument, keys of a dict of arrays unless it is `wrt`; return them in the accepted order.
+
+    Raises:
+        ArgumentError: another name, or none.
+    """
+    if argument != "wrt" and not isinstance(names, Mapping):
+        raise ArgumentError(argument, f"a dict of arrays, with names out of {', '.join(accepted)}", quoted(names))
+    chosen = [*names] if isinstance(names, Iterable) else []
+    for name in chosen:
+        if name not in accepted:
+            raise ArgumentError(argument, f"names out of {', '.join(accepted)}", quoted(name))
+    if not chosen:
+        raise ArgumentError(argument, f"at least one of {', '.join(accepted)}", quoted(names))
+    return tuple(name for name in accepted if name in chosen)

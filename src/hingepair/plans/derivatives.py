@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import sub
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -34,7 +34,7 @@ Parts: TypeAlias = Mapping[str, Sequence[Operand]]
 Moves: TypeAlias = dict[str, list[Change]]
 """Changes by argument, one for each component of a change of it."""
 
-_ATTITUDES: Final = frozenset({"S", "S1", "S2"})
+_ATTITUDES: Final = frozenset({"S", "S1", "S2", "next_S1"})  # the last is that of a step in time
 _QUATERNIONS: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # where w, x, y, z stand
 # What belongs to the coordinates of a robot, those of a free base first.
 _GROUPS: Final = {
@@ -81,9 +81,16 @@ def change_shape(name: str, sample_shape: ArrayShape) -> ArrayShape:
 
 
 @functools.lru_cache(maxsize=512)
-def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
+def derivative_loop(
+    plain: Loop, derivative: Derivative, functions: Callable[[dict[str, Any]], Functions] | None = None
+) -> Loop:
     """Return the loop that computes a derivative of what another loop computes. The Jacobian of tau by q is called
     tau_q, the weight of tau weight_tau, a gradient gradient_q, a change of q change_q, the rate of tau rate_tau.
+
+    Args:
+        plain: the other loop.
+        derivative: the derivative.
+        functions: for a vjp, what makes functions of the values of the inputs, if other than by default.
     """
     changes = {name: change_shape(name, tail) for name, tail in (*plain.outputs, *derivative.arguments)}
     if derivative.entries:
@@ -109,6 +116,8 @@ def derivative_loop(plain: Loop, derivative: Derivative) -> Loop:
         outputs = {f"rate_{one}": tail for one, tail in plain.outputs}
     rule = {"jacobian": _jacobian, "matrices": _matrices, "vjp": _gradients, "jvp": _rates, "rate": _time_rates}
     function = functools.partial(rule[derivative.kind], plain, derivative)
+    if functions is not None:
+        function = functools.partial(_gradients, plain, derivative, make_functions=functions)
     form = None if plain.form is None else (plain.form, derivative)
     return Loop("derivatives", function, inputs, outputs, labels=plain.labels, form=form)
 
@@ -154,10 +163,15 @@ def _matrices(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
     return found
 
 
-def _gradients(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
+def _gradients(
+    plain: Loop,
+    derivative: Derivative,
+    given: Mapping[str, Any],
+    make_functions: Callable[[dict[str, Any]], Functions] | None = None,
+) -> dict[str, Any]:
     """Return the gradient of the weighted sum of the outputs by every argument."""
     values, moves = _variables(plain, given, derivative.arguments)
-    functions = _functions(plain, values)
+    functions = make_functions(values) if make_functions else _functions(plain, values)
     weights: dict[str, list[Operand]] = {}
     for output in derivative.outputs:
         parts = functions.results[output]

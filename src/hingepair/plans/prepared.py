@@ -13,7 +13,7 @@ from hingepair.engine.loops import OperationCounts
 from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray
-from hingepair.plans.arguments import Arguments, check_out, read_arguments
+from hingepair.plans.arguments import Arguments, check_out, chosen_names, read_arguments
 from hingepair.plans.computation import Computation
 from hingepair.plans.derivatives import Derivative
 
@@ -266,14 +266,14 @@ class Prepared:
         outputs, prefix = self.outputs, ""
         further: tuple[str, ...] = ()
         if kind == "jvp":
-            names = further = self._names("tangents", weighted, accepted)
+            names = further = chosen_names("tangents", weighted, accepted)
             prefix = "change"
         else:
             chosen = self.given if wrt is None else (wrt,) if isinstance(wrt, str) else wrt
             if kind == "vjp":
-                outputs = further = self._names("cotangents", weighted, self.outputs)
+                outputs = further = chosen_names("cotangents", weighted, self.outputs)
                 prefix = "weight"
-            names = self._names("wrt", chosen, accepted)
+            names = chosen_names("wrt", chosen, accepted)
         computation = self._computation if {*names} <= {*self.given} else self._computation.by_constants
         shapes = {**self._call.argument_shapes, **computation.constant_shapes}
         derivative = Derivative(kind, outputs, tuple((name, shapes[name]) for name in names))
@@ -301,18 +301,6 @@ class Prepared:
                 values, self._execution, self._gravity, out, prepared=True, derivative=derived.derivative
             )
         return result
-
-    def _names(self, argument: str, names: Iterable[Any], accepted: tuple[str, ...]) -> tuple[str, ...]:
-        """Check names of arguments or outputs, and return them in the order of the call."""
-        if argument != "wrt" and not isinstance(names, Mapping):
-            raise ArgumentError(argument, f"a dict of arrays, with names out of {', '.join(accepted)}", quoted(names))
-        chosen = [*names] if isinstance(names, Iterable) else []
-        for name in chosen:
-            if name not in accepted:
-                raise ArgumentError(argument, f"names out of {', '.join(accepted)}", quoted(name))
-        if not chosen:
-            raise ArgumentError(argument, f"at least one of {', '.join(accepted)}", quoted(names))
-        return tuple(name for name in accepted if name in chosen)
 
     def _value(self, arrays: Mapping[str, FloatArray], found: Results) -> Any:
         """Return the results of the call itself out of the arrays of a derivative."""

@@ -1,27 +1,27 @@
-"""One step of a robot in time: forward dynamics and the step of a method in one program.
+"""One step of a robot in time, forwards and backwards: forward dynamics and the step of a method in one program.
 
-A state is one vector: q, qd, and of a free base R1, v1, omega1 and S1. The attitude of a free base is turned by the
+A state has the parts q, qd, and of a free base R1, v1, omega1 and S1. The attitude of a free base is turned by the
 exponential of its angular velocity: S1' = exp(h omega1) S1.
 
-A step of "semi_implicit" Euler takes q'' at its start, then qd' = qd + h q'', q' = q + h qd'. A step of "rk4" is four
-runs of one program, a stage, whose vectors have in place of S1 the rotation vector by which the base has turned since
-the start of the step. The rate of that vector is w - turn x w / 2 + turn x (turn x w) / 12, with w = omega1
-(Munthe-Kaas).
+A step of "semi_implicit" Euler takes q'' at its start, then qd' = qd + h q'', q' = q + h qd'. A step of "rk4" repeats
+one program four times, a stage each. Its vectors `stage` and `total` have in place of S1 the rotation vector by which
+the base has turned since the start of the step. The rate of that vector is w - turn x w / 2 + turn x (turn x w) / 12,
+with w = omega1 (Munthe-Kaas).
 """
 
 from __future__ import annotations
 
 import functools
-import itertools
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
+from hingepair.engine.derivatives import pullback, variables
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import square_root, where_less
+from hingepair.engine.trace import Operand, square_root, where_less
 from hingepair.equations.spatial import ZERO_VECTOR, Matrix, Scalar, Vector, add, compose, cross, dot, scale, subtract
-from hingepair.numeric.blocks import cosine, sine
+from hingepair.numeric.blocks import components, cosine, sine
+from hingepair.plans.derivatives import Accelerations, Derivative, Functions, Parts, change_shape, derivative_loop
 from hingepair.plans.trees import Computation, Form, Request, input_shapes
 
 METHODS = ("semi_implicit", "rk4")
@@ -65,103 +65,204 @@ class Control(NamedTuple):
         return [sum((a * b for a, b in zip(row, errors, strict=True)), 0.0) for row in rows]
 
 
-@functools.lru_cache(maxsize=64)
-def step_loop(form: Form, request: Request, method: str, control: Control) -> Loop:
-    """Return the cached loop of a step, `state` -> `end`; of "rk4" that of a stage, which takes `state`, the vectors
-    `stage` and `total`, and returns the next ones, with `end` after the last. The parts of `end` are outputs, too.
-    The request, which has no outputs, says whether the base is free, and where wrenches act.
+class Step(NamedTuple):
+    """A step, or a stage of one, of a robot.
+
+    Attributes:
+        form: form of the robot.
+        request: says whether the base is free, and where wrenches act; it has no outputs.
+        method: one of METHODS.
+        control: where the efforts come from.
     """
-    solved = request._replace(outputs=("qdd", "a1", "alpha1") if request.free else ("qdd",))
-    own = {"q", "qd", "tau", "force1", "torque1", *(BASE_STATE if request.free else ())}
-    inputs = {name: tail for name, tail in input_shapes(form, solved).items() if name not in own}
-    size = 2 * form.dof + 18 * request.free
-    inputs |= control.shapes(form.dof) | {"state": (size,)}
-    outputs: dict[str, ArrayShape] = {"end": (size,)}
-    if method == "semi_implicit":
-        inputs["h"] = ()
-    else:
-        inputs |= {"h": (), "ahead": (), "weight": ()}  # step, and shares of it: to the next stage, in the mean
-        inputs |= dict.fromkeys(("stage", "total"), (stage_size(form, request),))
-        outputs |= dict.fromkeys(("stage_next", "total_next"), (stage_size(form, request),))
-    outputs |= state_parts(form, request)
-    function = _semi_implicit if method == "semi_implicit" else _stage
+
+    form: Form
+    request: Request
+    method: str
+    control: Control
+
+    @property
+    def stages(self) -> int:
+        """How often the program runs in a step."""
+        return 4 if self.method == "rk4" else 1
+
+    @property
+    def state(self) -> dict[str, ArrayShape]:
+        """Parts of a state in order, with the shape of one sample."""
+        return {"q": (self.form.dof,), "qd": (self.form.dof,), **(BASE_STATE if self.request.free else {})}
+
+    @property
+    def passed(self) -> dict[str, ArrayShape]:
+        """All that passes from stage to stage: the state at the start of the step, and vectors of the method."""
+        size = 2 * self.form.dof + 12 * self.request.free
+        return self.state | ({} if self.stages == 1 else dict.fromkeys(("stage", "total"), (size,)))
+
+    @property
+    def solved(self) -> Request:
+        """The request of accelerations."""
+        return self.request._replace(outputs=("a1", "alpha1", "qdd") if self.request.free else ("qdd",))
+
+
+Solve = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+"""What returns accelerations by name from the inputs of forward dynamics."""
+
+
+@functools.lru_cache(maxsize=64)
+def step_loop(step: Step) -> Loop:
+    """Return the cached loop of a step or stage. The next value of q is its output next_q."""
+    own = {"tau", "force1", "torque1"}
+    inputs = {name: tail for name, tail in input_shapes(step.form, step.solved).items() if name not in own}
+    inputs |= step.control.shapes(step.form.dof) | step.passed | {"h": ()}
+    if step.stages > 1:
+        inputs["shares"] = (3,)
+    outputs = {f"next_{name}": tail for name, tail in step.passed.items()}
+    return Loop("rollout", functools.partial(_next, step, solve=None), inputs, outputs, form=("rollout", step))
+
+
+@functools.lru_cache(maxsize=64)
+def backward_loop(step: Step, wrt: tuple[str, ...], held: tuple[str, ...]) -> Loop:
+    """Return the loop that takes the derivatives of a loss by what a step or stage passes on, `adjoint_q` and so on,
+    back to its start.
+
+    Its input `weight_q` holds the derivatives by the recorded q alone, which count where the step is the last one
+    of a record, and `ends` is 1. The derivatives by further inputs, the names in `wrt`, are added to sums: `sum_tau`
+    begins anew where `begins` is 1, unless the name is in `held`, and tau does not change from step to step.
+    """
+    plain = step_loop(step)
+    changes = {name: change_shape(name, tail) for name, tail in step.passed.items()}
+    shapes = dict(plain.inputs)
+    derivative = Derivative(
+        "vjp", tuple(f"next_{name}" for name in changes), tuple((name, shapes[name]) for name in (*changes, *wrt))
+    )
+    gradients = derivative_loop(plain, derivative, functools.partial(_functions, step))
+
+    def function(v: Mapping[str, Any]) -> dict[str, Any]:
+        weights = {f"weight_next_{name}": v[f"adjoint_{name}"] for name in changes}
+        for name in step.state:
+            weights[f"weight_next_{name}"] = _ahead(v[f"adjoint_{name}"], v[f"weight_{name}"], v["ends"])
+        found = gradients.function({**v, **weights})
+        results = {f"next_adjoint_{name}": found[f"gradient_{name}"] for name in changes}
+        for name in wrt:
+            kept = v[f"sum_{name}"] if name in held else [x * (1 - v["begins"]) for x in v[f"sum_{name}"]]
+            results[f"next_sum_{name}"] = _sums(kept, found[f"gradient_{name}"])
+        return results
+
+    sums = {f"sum_{name}": shapes[name] for name in wrt}
+    passed = {f"adjoint_{name}": tail for name, tail in changes.items()} | sums
+    weights = {f"weight_{name}": changes[name] for name in step.state}
     return Loop(
-        "rollout", functools.partial(function, form, solved, control), inputs, outputs,
-        form=("rollout", form, solved, method, control),
+        "rollout_gradient", function, {**shapes, **passed, **weights, "ends": (), "begins": ()},
+        {f"next_{name}": tail for name, tail in passed.items()}, form=("rollout gradient", step, wrt, held),
     )  # fmt: skip
 
 
-def state_parts(form: Form, request: Request) -> dict[str, ArrayShape]:
-    """Return the parts of a state in order, with the shape of one sample."""
-    return {"q": (form.dof,), "qd": (form.dof,), **(BASE_STATE if request.free else {})}
+class _StepFunctions(Functions):
+    """Outputs of a step, whose accelerations are differentiated as the solution of the equations of motion."""
+
+    def __init__(self, step: Step, values: dict[str, Any]) -> None:
+        attitude = ("S1", "omega1") if step.request.free else ()
+
+        def solve(given: Mapping[str, Any]) -> Mapping[str, Any]:
+            self._given = {name: components(given[name]) for name in ("q", "qd", "tau", *attitude)}
+            self._inner = {name: variables(value) for name, value in self._given.items()}
+            self._accelerations = Accelerations(Computation(step.form, step.solved, {**given, **self._inner}))
+            self._found = {name: variables(self._accelerations.results[name]) for name in step.solved.outputs}
+            return self._found
+
+        super().__init__(_next(step, values, solve=solve))
+
+    def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
+        """Return the derivatives by inputs of the sum of the results' components times the weights."""
+        found = [x for part in self._found.values() for x in part]
+        rates = super().pullback(weights, [*inputs, *found])
+        left = iter(rates[len(inputs) :])
+        loads = {name: [next(left) for _ in part] for name, part in self._found.items()}
+        inner = self._accelerations.pullback(loads, [x for part in self._inner.values() for x in part])
+        given = [x for part in self._given.values() for x in part]
+        through = pullback(zip(given, inner, strict=True), inputs)
+        return [a + b for a, b in zip(rates, through, strict=False)]
 
 
-def stage_size(form: Form, request: Request) -> int:
-    """Return the number of components of a stage: q, qd, and of a free base R1, v1, omega1 and its turn."""
-    return 2 * form.dof + 12 * request.free
+def _functions(step: Step, values: dict[str, Any]) -> Functions:
+    """Return the outputs of a step. Dry friction depends on what the recursion finds for each joint: derivatives are
+    then taken through the recursion.
+    """
+    if step.request.joint_loads:
+        return Functions(_next(step, values, solve=None))
+    return _StepFunctions(step, values)
 
 
-def _accelerations(
-    form: Form, request: Request, control: Control, v: Values, q: Any, qd: Any, base: Values
-) -> tuple[Vector, Vector, tuple[Scalar, ...]]:
-    """Return a1 and alpha1 of a free base, and qdd. Dry friction stops a joint within the step at most."""
-    values = {**v, **base, "q": q, "qd": qd, "tau": control.efforts(v, q, qd), "step": v["h"]}
-    values |= dict.fromkeys(("force1", "torque1"), ZERO_VECTOR)
-    a1, alpha1, qdd = Computation(form, request, values).solved
-    return a1, alpha1, qdd
+def _next(step: Step, v: Mapping[str, Any], *, solve: Solve | None) -> dict[str, Any]:
+    """Return what a step or stage passes on, with accelerations from `solve`, by default those of the articulated
+    bodies.
+    """
+    solve = solve or (lambda values: _solved(step, values))
+    following = _semi_implicit(step, v, solve) if step.stages == 1 else _stage(step, v, solve)
+    return {f"next_{name}": value for name, value in following.items()}
 
 
-def _with_parts(form: Form, request: Request, results: dict[str, Any]) -> dict[str, Any]:
-    """Add the parts of the state at the end to the results."""
-    numbers = iter(results["end"])
-    parts = {
-        name: tuple(itertools.islice(numbers, math.prod(tail))) for name, tail in state_parts(form, request).items()
-    }
-    return results | parts
+def _solved(step: Step, values: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(zip(("a1", "alpha1", "qdd"), Computation(step.form, step.solved, values).solved, strict=True))
 
 
-def _semi_implicit(form: Form, request: Request, control: Control, v: Values) -> dict[str, Any]:
-    h, state, dof = v["h"], v["state"], form.dof
-    q, qd = state[:dof], state[dof : 2 * dof]
-    if not request.free:
-        _, _, qdd = _accelerations(form, request, control, v, q, qd, {"implicit_step": h})
-        qd = _ahead(qd, qdd, h)
-        return _with_parts(form, request, {"end": (*_ahead(q, qd, h), *qd)})
-    R1, v1, omega1, S1 = _base(state[2 * dof :])
-    a1, alpha1, qdd = _accelerations(
-        form, request, control, v, q, qd, {"omega1": omega1, "S1": S1, "implicit_step": h}
-    )
-    qd, v1, omega1 = _ahead(qd, qdd, h), _ahead(v1, a1, h), _ahead(omega1, alpha1, h)
-    end = (*_ahead(q, qd, h), *qd, *_ahead(R1, v1, h), *v1, *omega1, *_turned(scale(omega1, h), S1))
-    return _with_parts(form, request, {"end": end})
+def _accelerations(step: Step, v: Mapping[str, Any], solve: Solve, moved: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the accelerations where coordinates, rates and a free base have other values than those given. Dry
+    friction stops a joint within the step at most; a damper acts on the rate at the end of a semi-implicit step.
+    """
+    tau = step.control.efforts(v, moved["q"], moved["qd"])
+    own = {"constants", *input_shapes(step.form, step.solved)}
+    values = {**{name: v[name] for name in own & v.keys()}, **moved, "tau": tau, "step": v["h"]}
+    if step.stages == 1:
+        values["implicit_step"] = v["h"]
+    return solve(values | dict.fromkeys(("force1", "torque1"), ZERO_VECTOR))
 
 
-def _stage(form: Form, request: Request, control: Control, v: Values) -> dict[str, Any]:
-    state, stage, total, dof = v["state"], v["stage"], v["total"], form.dof
-    to_next, share = v["h"] * v["ahead"], v["h"] * v["weight"]
-    q, qd = stage[:dof], stage[dof : 2 * dof]
-    if not request.free:
-        _, _, qdd = _accelerations(form, request, control, v, q, qd, {})
-        rates, end = (*qd, *qdd), _ahead(total, (*qd, *qdd), share)
-        results = {"stage_next": _ahead(state, rates, to_next), "total_next": end, "end": end}
-        return _with_parts(form, request, results)
-    start, S1 = state[: 2 * dof + 9], state[2 * dof + 9 :]
-    _, v1, omega1, turn = (stage[2 * dof + 3 * k : 2 * dof + 3 * k + 3] for k in range(4))
-    base = {"omega1": omega1, "S1": _turned(turn, S1)}
-    a1, alpha1, qdd = _accelerations(form, request, control, v, q, qd, base)
-    across = cross(turn, omega1)
-    turning = add(subtract(omega1, scale(across, 0.5)), scale(cross(turn, across), 1 / 12))
-    rates = (*qd, *qdd, *v1, *a1, *alpha1, *turning)
-    total = _ahead(total, rates, share)
-    results = {
-        "stage_next": _ahead((*start, 0.0, 0.0, 0.0), rates, to_next), "total_next": total,
-        "end": (*total[:-3], *_turned(total[-3:], S1)),
-    }  # fmt: skip
-    return _with_parts(form, request, results)
+def _semi_implicit(step: Step, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
+    h, moved = v["h"], {name: v[name] for name in step.state}
+    found = _accelerations(step, v, solve, {name: moved[name] for name in moved if name not in {"R1", "v1"}})
+    qd = _ahead(v["qd"], found["qdd"], h)
+    following = {"q": _ahead(v["q"], qd, h), "qd": qd}
+    if step.request.free:
+        v1, omega1 = _ahead(v["v1"], found["a1"], h), _ahead(v["omega1"], found["alpha1"], h)
+        turned = _turned(scale(omega1, h), v["S1"])
+        following |= {"R1": _ahead(v["R1"], v1, h), "v1": v1, "omega1": omega1, "S1": turned}
+    return following
 
 
-def _base(numbers: Any) -> tuple[Vector, Vector, Vector, Matrix]:
-    return numbers[0:3], numbers[3:6], numbers[6:9], numbers[9:18]
+def _stage(step: Step, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
+    """Make a stage of "rk4". `shares` are those of a step until the next stage, and of the stage in the mean; and
+    whether the stage is the last one.
+    """
+    ahead, share, is_last = v["shares"]
+    to_next, weight = v["h"] * ahead, v["h"] * share
+    state, now, dof = step.state, v["stage"], step.form.dof
+    parts = {"q": now[:dof], "qd": now[dof : 2 * dof]}
+    start = (*v["q"], *v["qd"])
+    if step.request.free:
+        _, v1, omega1, turn = (now[2 * dof + 3 * k : 2 * dof + 3 * k + 3] for k in range(4))
+        parts |= {"omega1": omega1, "S1": _turned(turn, v["S1"])}
+        start = (*start, *v["R1"], *v["v1"], *v["omega1"], 0.0, 0.0, 0.0)
+    found = _accelerations(step, v, solve, parts)
+    rates = (*parts["qd"], *found["qdd"])
+    if step.request.free:
+        across = cross(turn, omega1)
+        turning = add(subtract(omega1, scale(across, 0.5)), scale(cross(turn, across), 1 / 12))
+        rates = (*rates, *v1, *found["a1"], *found["alpha1"], *turning)
+    total = _ahead(v["total"], rates, weight)
+    moved = total
+    ends = {"q": total[:dof], "qd": total[dof : 2 * dof]}
+    if step.request.free:
+        ends |= {name: total[2 * dof + 3 * k : 2 * dof + 3 * k + 3] for k, name in enumerate(("R1", "v1", "omega1"))}
+        ends["S1"] = _turned(total[-3:], v["S1"])
+        moved = (*total[:-3], 0.0, 0.0, 0.0)
+    following = {name: _either(is_last, ends[name], v[name]) for name in state}
+    following["stage"] = _either(is_last, moved, _ahead(start, rates, to_next))
+    following["total"] = _either(is_last, moved, total)
+    return following
+
+
+def _either(condition: Scalar, then: Iterable[Scalar], otherwise: Iterable[Scalar]) -> tuple[Scalar, ...]:
+    """Return one of two vectors; a condition is 1 or 0."""
+    return tuple(where_less(0.0, condition, a, b) for a, b in zip(then, otherwise, strict=True))
 
 
 def _sums(x: Any, y: Any) -> tuple[Scalar, ...]:

@@ -1,0 +1,234 @@
+"""The LLVM IR of a scan: a program that is repeated in steps, and passes a state from step to step.
+
+Eight samples at a time are taken through all steps, so that their state stays in the frame. Each input is read again
+where its address has changed since. The table has a row for each group of components: address, bytes between samples
+and between components, and bytes between records, steps and stages. An output is written at the end of each record;
+where it has a stride between steps, or between stages, at the end of each of these. One without an address is not
+written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from hingepair.engine.llvm_arithmetic import Arithmetic, ComponentGroup
+from hingepair.engine.llvm_builder import CACHE_LINE, LANES, FunctionBuilder
+from hingepair.engine.llvm_ir import InputReader, KernelBuilder
+from hingepair.engine.trace import Operand
+from hingepair.engine.ufunc import default_float_environment
+
+SCAN_WORDS: Final = 6  # integers in a row of the table
+_MASKED_LOAD: Final = "@llvm.masked.load.v8f64.p0"
+COUNTS: Final = ("%records", "%every", "%stages")  # how often the program runs: steps of a record, stages of a step
+
+
+def scan_ir(
+    constants: Sequence[Operand],
+    inputs: Mapping[str, Sequence[Operand]],
+    outputs: Mapping[str, Sequence[Operand]],
+    *,
+    fuse: bool = True,
+) -> str:
+    """Return the LLVM module, as text, of the function `scan(table, samples, records, every, stages)`.
+
+    Args:
+        constants: inputs that are equal for all samples and steps, whose row comes first unless there are none.
+        inputs: components of the other inputs by name, in the order of their rows. The next value of `x` is the
+            output `next_x` if there is one; after the last step, it replaces `x` in memory.
+        outputs: components of the outputs by name, whose rows follow.
+        fuse: whether sums are fused with products (FMA).
+    """
+    groups = [ComponentGroup(tuple(constants), False)] if constants else []
+    groups += [ComponentGroup(tuple(parts), in_frame=True) for parts in inputs.values()]
+    results = [ComponentGroup(tuple(parts), in_frame=True) for parts in outputs.values()]
+    names, first = list(outputs), len(groups) - len(inputs)
+    passed = {g: names.index(f"next_{one}") for g, one in enumerate(inputs, first) if f"next_{one}" in outputs}
+    return _ScanBuilder(Arithmetic(groups, results, "double", fuse), passed).module()
+
+
+class _ScanBuilder(KernelBuilder):
+    """Builder of one scan.
+
+    Args:
+        arithmetic: the program.
+        passed: of each input that is passed from step to step, the output that is its next value, by index.
+    """
+
+    SIGNATURE = f"void @scan(ptr noalias %table, i64 %samples, {', '.join(f'i64 {one}' for one in COUNTS)})"
+
+    def __init__(self, arithmetic: Arithmetic, passed: Mapping[int, int]) -> None:
+        super().__init__(arithmetic)
+        self.passed = passed
+        self.declarations = [f"declare <8 x double> {_MASKED_LOAD}(ptr, i32, <8 x i1>, <8 x double>)"]
+        self.functions: dict[str, str] = {}
+
+    def module(self) -> str:
+        """Return the LLVM module."""
+        return "\n\n".join([super().module(), *self.declarations, *self.functions.values()]) + "\n"
+
+    def write_kernel(self) -> None:
+        """Write the loops over samples, records, steps and stages."""
+        f, inputs = self.f, self.inputs
+        environment, restore = default_float_environment(f)
+        self.declarations += environment
+        rows = self.begin_kernel(SCAN_WORDS)
+        most = max(len(group.values) for group in (*self.outputs, *inputs))
+        f.do(f"%stage = alloca [{LANES * most} x double], align {CACHE_LINE}")
+        f.do(f"%read = alloca [{len(inputs)} x i64], align 8")
+        for g, group in enumerate(inputs):
+            f.do(f"store i64 0, ptr {f.pointer_at('%read', 8 * g)}, align 8")
+            if not group.varies:
+                InputReader(self, g, rows[g][:3]).read_uniform()
+        self.call_steps(self.arithmetic.uniform_steps)
+        passed = {g: _Rows(self, f"state{g}", self.input_slots(g), rows[g]) for g in self.passed}
+        read = {
+            g: _Rows(self, f"input{g}", self.input_slots(g), rows[g])
+            for g, group in enumerate(inputs)
+            if group.varies and g not in passed
+        }
+        written = [
+            _Rows(self, f"output{g}", self.arithmetic.output_slots(group), rows[len(inputs) + g])
+            for g, group in enumerate(self.outputs)
+        ]
+        with f.loop("%samples", step=str(LANES)) as i:
+            left = f.put(f"sub i64 %samples, {i}")
+            for state in passed.values():
+                state.read(state.address(i), left)
+            with f.loop(COUNTS[0]) as r, f.loop(COUNTS[1]) as s, f.loop(COUNTS[2]) as j:
+                for g, one in read.items():
+                    address, last = one.address(i, r, s, j), f.pointer_at("%read", 8 * g)
+                    with f.when(f.put(f"icmp ne i64 {address}, {f.load_word(last, 0)}")):
+                        f.do(f"store i64 {address}, ptr {last}, align 8")
+                        one.read(address, left)
+                self.call_steps(self.arithmetic.varying_steps)
+                for one in written:
+                    due = f.put(f"icmp ne i64 {one.start}, 0")
+                    for k, count, stride in zip((s, j), COUNTS[1:], one.strides[1:], strict=True):
+                        last = f.put(f"icmp eq i64 {f.put(f'add i64 {k}, 1')}, {count}")
+                        moves = f.put(f"icmp ne i64 {stride}, 0")
+                        due = f.put(f"and i1 {due}, {f.put(f'or i1 {last}, {moves}')}")
+                    with f.when(due):
+                        one.write(one.address(i, r, s, j), left)
+                self.pass_on()
+            for state in passed.values():
+                state.write(state.address(i), left)
+        restore()
+        f.do("ret void")
+
+    def input_slots(self, g: int) -> list[int]:
+        """Return the slots of the components of an input, which follow each other."""
+        used, first = self.arithmetic.input_slots[g]
+        return [first + k for k in range(len(used))]
+
+    def pass_on(self) -> None:
+        """Replace the state by the next one."""
+        pairs: list[tuple[int, int]] = []
+        for g, output in self.passed.items():
+            following = self.arithmetic.output_slots(self.outputs[output])
+            pairs += zip(following, self.input_slots(g), strict=True)
+        f, vector = self.f, self.arithmetic.vector
+        places = [self.arithmetic.slot_address(f, source) for source, _ in pairs]
+        values = [f.put(f"load {vector}, ptr {place}, align {CACHE_LINE}") for place in places]
+        for value, (_, slot) in zip(values, pairs, strict=True):
+            self.arithmetic.store_slot(f, slot, value)
+
+
+class _Rows:
+    """Builder of the code that moves the components of eight samples between the frame and rows in memory.
+
+    Args:
+        scan: builder of the scan.
+        name: name of the functions.
+        slots: slots of the components.
+        row: the integers of the table's row.
+    """
+
+    def __init__(self, scan: _ScanBuilder, name: str, slots: Sequence[int], row: Sequence[str]) -> None:
+        self.scan, self.name, self.slots = scan, name, slots
+        self.start, self.stride, self.step, *self.strides = row
+        self.table = scan.add_table(range(len(slots)))
+        self.dense = scan.f.put(f"icmp eq i64 {self.step}, 8")
+
+    def address(self, *indices: str) -> str:
+        """Return the address of a sample at a record, step and stage; those that are left out are the first."""
+        address = self.start
+        for index, stride in zip(indices, (self.stride, *self.strides), strict=False):
+            address = self.scan.f.put(f"add i64 {address}, {self.scan.f.multiply(index, stride)}")
+        return address
+
+    def read(self, address: str, samples_left: str) -> None:
+        """Read the eight samples that begin at an address, of which so many exist."""
+        f, count = self.scan.f, len(self.slots)
+        row = f.put(f"inttoptr i64 {address} to ptr")
+        differ = f.put(f"icmp ne i64 {self.stride}, 0")
+        with f.when_else(f.put(f"and i1 {differ}, {self._whole(samples_left)}")) as otherwise:
+            self._call("get", row, self.stride)
+            otherwise()
+            to = self.scan.arithmetic.slot_address(f, self.slots[0])
+            source = f"ptr {row}, i64 {self.stride}, i64 {self.step}, i64 {samples_left}"
+            self.scan.call_shared("gather", f"ptr {to}", f"ptr {self.table}, i64 {count}", source)
+
+    def write(self, address: str, samples_left: str) -> None:
+        """Write the eight samples that begin at an address, of which so many exist."""
+        f, count = self.scan.f, len(self.slots)
+        row = f.put(f"inttoptr i64 {address} to ptr")
+        with f.when_else(self._whole(samples_left)) as otherwise:
+            self._call("put", row, self.stride)
+            otherwise()
+            self._call("put", "%stage", str(8 * count))
+            target = f"ptr {row}, i64 {self.stride}, i64 {self.step}, i64 {samples_left}"
+            self.scan.call_shared("scatter", f"ptr %stage, i64 {count}", target)
+
+    def _whole(self, samples_left: str) -> str:
+        """Return the condition that there are eight samples whose components lie side by side."""
+        full = self.scan.f.put(f"icmp sge i64 {samples_left}, {LANES}")
+        return self.scan.f.put(f"and i1 {self.dense}, {full}")
+
+    def _call(self, kind: str, row: str, stride: str) -> None:
+        """Call the function `get` or `put` of these components; write it first if need be."""
+        name = f"@{kind}.{self.name}"
+        if name not in self.scan.functions:
+            self.scan.functions[name] = self._function(name, kind == "get")
+        self.scan.f.do(f"call void {name}(ptr %frame, ptr {row}, i64 {stride})")
+
+    def _function(self, name: str, reads: bool) -> str:
+        """Return the function that moves the components: eight of eight samples at a time are transposed, and the
+        last eight overlap those before if need be.
+        """
+        f = FunctionBuilder(f"internal void {name}(ptr noalias %frame, ptr %row, i64 %stride)")
+        arithmetic, vector, count = self.scan.arithmetic, self.scan.arithmetic.vector, len(self.slots)
+        rows = [f.pointer_at("%row", f.multiply("%stride", k)) for k in range(LANES)]
+        exist = ", ".join(f"i1 {k < count}".lower() for k in range(LANES))
+        for c in range(0, count, LANES):
+            first = max(0, min(c, count - LANES))
+            slots = self.slots[first : first + LANES]
+            places = [f.pointer_at(row, 8 * first) for row in rows]
+            if reads and count >= LANES:
+                vectors = [f.put(f"load {vector}, ptr {place}, align 8") for place in places]
+            elif reads:
+                options = f"i32 8, <{LANES} x i1> <{exist}>, {vector} poison"
+                vectors = [f.put(f"call {vector} {_MASKED_LOAD}(ptr {place}, {options})") for place in places]
+            else:
+                addresses = [arithmetic.slot_address(f, slot) for slot in slots]
+                vectors = [f.put(f"load {vector}, ptr {address}, align {CACHE_LINE}") for address in addresses]
+                vectors += ["poison"] * (LANES - len(slots))
+            turned = f.transpose(vector, vectors)
+            if reads:
+                for slot, column in zip(slots, turned, strict=False):
+                    arithmetic.store_slot(f, slot, column)
+            else:
+                for place, numbers in zip(places, turned, strict=True):
+                    self._store_first(f, place, numbers, len(slots))
+        f.do("ret void")
+        return f.text()
+
+    def _store_first(self, f: FunctionBuilder, place: str, numbers: str, count: int) -> None:
+        """Store the first numbers of a vector: at most eight, in pieces of eight, four, two and one."""
+        done, vector = 0, self.scan.arithmetic.vector
+        for width in (8, 4, 2, 1):
+            if count & width:
+                lanes = ", ".join(f"i32 {done + k}" for k in range(width))
+                piece = f"shufflevector {vector} {numbers}, {vector} poison, <{width} x i32> <{lanes}>"
+                f.do(f"store <{width} x double> {f.put(piece)}, ptr {f.pointer_at(place, 8 * done)}, align 8")
+                done += width
