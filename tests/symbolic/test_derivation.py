@@ -128,10 +128,8 @@ def test_short_forms_have_letters_for_sines():
 
 @pytest.mark.parametrize("name", ["reference_2d", "truck_trailer"])
 def test_abbreviations_are_told_before_they_are_used_and_mean_the_same(name):
-    from hingepair.symbolic.derivation import _abbreviated_rows
-
     forms = hp.derive(hp.load_scene(MODELS / f"{name}.toml"))
-    rows, meanings = _abbreviated_rows(forms._labelled_terms(["v2"]), True)
+    rows, (meanings,), _ = forms._equations(["v2"], short=True)
     known = {t}
     whole = {}
     for letter, meaning in meanings.items():

@@ -32,6 +32,7 @@ from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
 
 if TYPE_CHECKING:
     from hingepair.symbolic.derivation import Derivation
+    from hingepair.symbolic.written_forms import WrittenForms
 
 _DERIVED = ("omega1", "R2", "S2", "v2", "omega2", "a2", "alpha2")
 """Outputs that are derived unless --outputs or the scene names others."""
@@ -104,13 +105,16 @@ def derive_command(
     print_suspicions(source, joint, *frames)
     robot = None if joint or any(frames) else _load_snapped_robot(source, snap)
     if robot is not None:
-        text = _derive_robot(*robot, frame, symbols, output_names, output_format, short is not False)
+        from hingepair.symbolic.frame_forms import FrameForms
+
+        mechanism, notes = robot
+        text = _write(FrameForms(mechanism, frame, symbols, notes), output_names, output_format, short)
     elif frame is not None or snap is not None:
         raise HingePairError(
             "--frame needs a whole robot or its scene, --snap a robot's name or a URDF file; both without a JOINT"
         )
     else:
-        text = _formatted(_pair_forms(source, joint, frames, symbols), output_names, output_format, short)
+        text = _write_pair(_pair_forms(source, joint, frames, symbols), output_names, output_format, short)
     write_text(text, out, input_files(source))
 
 
@@ -137,10 +141,8 @@ def _pair_forms(
     return _PairForms(derive_any_motion(source, symbols) if of_file else closed_forms(pair, symbols), pair.name, ())
 
 
-def _formatted(derived: _PairForms, outputs: Sequence[str] | None, output_format: str, short: bool | None) -> str:
-    """Return the formulas as text of one of the formats; repeated terms are abbreviated if `short` is True, or if it
-    is None and lines are long.
-    """
+def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_format: str, short: bool | None) -> str:
+    """Return the formulas of a pair as text of one of the formats."""
     from hingepair.equations.quantities import ACCELERATION
     from hingepair.plans.arguments import check_outputs
     from hingepair.plans.plan import PLANAR_MOTION_KIND, default_outputs
@@ -149,14 +151,22 @@ def _formatted(derived: _PairForms, outputs: Sequence[str] | None, output_format
     planar = forms.kind is PLANAR_MOTION_KIND
     usual = named or (default_outputs(ACCELERATION, PLANAR_MOTION_KIND) if planar else _DERIVED)
     names = usual if outputs is None else check_outputs(outputs, forms.kind.levels)
-    if output_format == "latex":
-        return forms.to_latex(names, short=bool(short))
-    if output_format == "python":
-        return forms.to_python(names, title)
-    if output_format == "json":
-        return json.dumps(forms.to_sympy(names), indent=2) + "\n"
-    text = forms.to_text(names, short=bool(short))
-    return forms.to_text(names, short=True) if short is None and "\n      " in text else text
+    text = _write(forms, names, output_format, short, title)
+    is_long = short is None and output_format == "text" and "\n      " in text
+    return forms.to_text(names, short=True) if is_long else text
+
+
+def _write(
+    forms: WrittenForms, names: Sequence[str] | None, output_format: str, short: bool | None, title: str = ""
+) -> str:
+    match output_format:
+        case "latex":
+            return forms.to_latex(names, short=short)
+        case "python":
+            return forms.to_python(names, title)
+        case "json":
+            return json.dumps(forms.to_sympy(names), indent=2) + "\n"
+    return forms.to_text(names, short=short)
 
 
 def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
@@ -178,28 +188,6 @@ def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tup
         f"angles of the robot's file up to {largest_change:.1g} rad from a multiple of pi/2 are taken for it (--snap)"
     )
     return snapped, (note,) if largest_change else ()
-
-
-def _derive_robot(
-    robot: Mechanism,
-    notes: Sequence[str],
-    frame: str | None,
-    symbols: Sequence[str],
-    outputs: Sequence[str] | None,
-    output_format: str,
-    short: bool,
-) -> str:
-    """Return formulas as text for a frame of a Mechanism."""
-    from hingepair.symbolic.frame_forms import FrameForms
-
-    forms = FrameForms(robot, frame, symbols, notes)
-    if output_format == "latex":
-        return forms.to_latex(outputs, short=short)
-    if output_format == "python":
-        return forms.to_python(outputs)
-    if output_format == "json":
-        return json.dumps(forms.to_sympy(outputs), indent=2) + "\n"
-    return forms.to_text(outputs, short=short)
 
 
 def _largest_rotation_change(robot: Mechanism, other: Mechanism) -> float:

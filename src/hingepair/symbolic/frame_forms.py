@@ -14,24 +14,22 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.frame_program import NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
-from hingepair.symbolic.layout import (
-    align_environment,
-    docstring_text,
-    latex_lines,
-    shape_text,
-    title_suffix,
-    wrap_equation,
-)
 from hingepair.symbolic.printers import (
-    Writer,
-    join_terms,
-    latex_name,
     sorted_terms,
     to_decimal_latex,
     to_decimal_text,
     to_numpy_source,
-    to_sympy_source,
     with_short_constants,
+)
+from hingepair.symbolic.written_forms import (
+    Equation,
+    Equations,
+    WrittenForms,
+    docstring_text,
+    function_source,
+    shape_text,
+    title_suffix,
+    wrap_equation,
 )
 
 FRAME_OUTPUT_NAMES: Final = ("R", "S", "jacobian", "v", "omega")
@@ -47,15 +45,13 @@ _DESCRIPTION_BY_FRAME_OUTPUT_NAME: Final = {
 
 
 class _EquationLine(NamedTuple):
-    """Equation of one or more equal components: `labels`, their names, and `expr`, their common expression, which may
-    contain labels of earlier lines.
-    """
+    """Equal components and their expression, which may contain labels of earlier lines."""
 
     labels: tuple[str, ...]
     expr: Expr
 
 
-class FrameForms:
+class FrameForms(WrittenForms):
     """Closed forms of the motion of one frame of a robot whose base rests at the origin (E2, E5, E7): attributes R,
     S, jacobian, v and omega, immutable SymPy matrices in the symbols of the robot's coordinates and rates. The
     methods write them as text, LaTeX, Python and SymPy source.
@@ -79,6 +75,8 @@ class FrameForms:
     __slots__ = ("_notes", "_program", "_title")
 
     names: Final = FRAME_OUTPUT_NAMES
+    writers = to_decimal_text, lambda label: to_decimal_text(sympy.Symbol(label)), to_decimal_latex
+    abbreviated = True
 
     def __init__(
         self,
@@ -140,69 +138,29 @@ class FrameForms:
     def __repr__(self) -> str:
         return f"{type(self).__name__} of {self._title}: {', '.join(self.names)}"
 
-    def to_text(self, names: Iterable[str] | None = None, *, short: bool = True, width: int = 100) -> str:
-        """Return the equations of the outputs named in `names`, all by default, as text, one equation per component:
-        `R_x = c_1 k_1 - s_1 k_2`. With `short`, sines, cosines and repeated sums are abbreviated; lines have at most
-        `width` characters. Raise an ArgumentError for an unknown output.
+    def _equations(self, names: Iterable[str] | None, short: bool) -> Equations:
+        lines = self._display_lines(self._checked_names(names), short)
+        rows = [
+            Equation(line.labels, sorted_terms(with_short_constants(self._with_primes(line.expr)), by_symbols=True))
+            for line in lines
+        ]
+        definitions = [
+            {symbol.name: meaning for symbol, meaning in group.items()}
+            for group in (self._point_values(lines), self._used_trig(lines))
+        ]
+        return Equations(rows, definitions, (docstring_text(f"{self._title}: {self._legend()}"), *self._notes))
 
-        Components that are equal are in one line; those that are 0 are in the last one. Rates are q_1'.
+    def _components(self, names: Iterable[str] | None) -> Iterator[tuple[str, Expr]]:
+        for label, expr in self._labelled_components(self._checked_names(names)):
+            yield label, self._in_coordinates(expr)
 
-        Args:
-            names: names of outputs, out of `names`; None for all.
-            short: whether sines and cosines are abbreviated (c_1, s_23 of q_2 + q_3) and repeated sums named.
-            width: largest number of characters of a line; longer equations go on in the next.
-
-        Raises:
-            ArgumentError: an unknown output.
-        """
-        lines_of_output = self._display_lines(self._checked_names(names), short)
-        lines = [docstring_text(f"{self._title}: {self._legend()}"), *self._notes]
-        lines += _definition_lines(self._point_values(lines_of_output), to_decimal_text)
-        lines += _definition_lines(self._used_trig(lines_of_output), to_decimal_text)
-        for row in lines_of_output:
-            shown = " = ".join(to_decimal_text(sympy.Symbol(label)) for label in row.labels)
-            lines.append(f"{shown} = {join_terms(_display_terms(self._with_primes(row.expr)), to_decimal_text)}")
-        return "".join(f"{wrap_equation(line, width)}\n" for line in lines)
-
-    def to_latex(self, names: Iterable[str] | None = None, *, short: bool = True) -> str:
-        r"""Return the equations of the outputs named in `names`, all by default, as the text of a LaTeX align*
-        environment (amsmath). With `short`, sines, cosines and repeated sums are abbreviated; rates are written
-        \dot{q}_1. Raise an ArgumentError for an unknown output.
-        """
-        rows = self._display_lines(self._checked_names(names), short)
-        definitions = {**self._point_values(rows), **self._used_trig(rows)}
-        lines = [f"{latex_name(symbol.name)} &= {to_decimal_latex(expr)}" for symbol, expr in definitions.items()]
-        for row in rows:
-            equal = "".join(f"{latex_name(label)} = " for label in row.labels[:-1])
-            first, *more = latex_lines(row.labels[-1], _display_terms(self._with_primes(row.expr)), to_decimal_latex)
-            lines += [equal + first, *more]
-        notes = "".join(f"% {docstring_text(note)}\n" for note in (f"{self._title}: {self._legend()}", *self._notes))
-        return notes + align_environment(lines)
-
-    def to_python(self, names: Iterable[str] | None = None, title: str = "") -> str:
-        """Return the source of a Python module that needs only NumPy, with one function of q, or of q and qd, for
-        each output named in `names`, all by default. `title` is put into its docstring. Raise an ArgumentError for an
-        unknown output.
-
-        Symbols of points are arguments, with the robot's numbers as defaults.
-        """
+    def _module(self, names: Iterable[str] | None, title: str) -> list[str]:
         lines = [wrap_equation(docstring_text(note), 100) for note in (f"{self._legend()}.", *self._notes)]
-        module = "\n".join(
-            (f'"""Closed forms{title_suffix(title or self._title)}.', "", *lines, '"""\n\nimport numpy\n')
-        )
-        return "\n\n".join([module, *map(self._function_source, self._checked_names(names))])
-
-    def to_sympy(self, names: Iterable[str] | None = None) -> dict[str, str]:
-        """Return a dict from labels such as R_x, S_xy or Jv_x1 to the text of the component's expression, which
-        `sympy.sympify` reads, for the outputs named in `names`, all by default. Raise an ArgumentError for an unknown
-        output.
-
-        Components are expressions in q_1, qd_1 and so on.
-        """
-        return {
-            label: to_sympy_source(self._in_coordinates(expr))
-            for label, expr in self._labelled_components(self._checked_names(names))
-        }
+        head = f'"""Closed forms{title_suffix(title or self._title)}.'
+        return [
+            "\n".join((head, "", *lines, '"""\n\nimport numpy\n')),
+            *map(self._function_source, self._checked_names(names)),
+        ]
 
     # ---- lines
 
@@ -300,37 +258,30 @@ class FrameForms:
         rows = self._ordered_lines(self._labelled_components((name,)), short=True)
         waves = self._used_trig(rows)
         symbols = set().union(*(expr.free_symbols for expr in [*waves.values(), *(row.expr for row in rows)]))
-        labels = [label for label, _ in self._labelled_components((name,))]
         moves = name in {"v", "omega"}
         arguments = ["q", *["qd"] * moves]
-        points = [f"{symbol}={value!r}" for symbol, value in self._program.numbers.items() if symbol in symbols]
         tail = {"S": (3, 3), "jacobian": (6, self._program.dof)}.get(name, (3,))
-        description = _DESCRIPTION_BY_FRAME_OUTPUT_NAME[name]
         takes = f"{' and '.join(arguments)} of shape {shape_text((self._program.dof,))}"
-        lines = [
-            f"def {name}({', '.join((*arguments, *points))}):",
-            f'    """{name}: {description}; {takes} give{"s" * (not moves)} {shape_text(tail)}."""',
-            *(f"    {argument} = numpy.asarray({argument}, dtype=float)" for argument in arguments),
-        ]
-        for argument, coordinates in (("q", self.q), ("qd", self.qd)):
-            lines += [
-                f"    {coordinate} = {argument}[..., {i}]"
-                for i, coordinate in enumerate(coordinates)
-                if coordinate in symbols
-            ]
-        lines += [f"    {symbol} = {to_numpy_source(_with_decimals(wave))}" for symbol, wave in waves.items()]
-        lines += [f"    {' = '.join(row.labels)} = {to_numpy_source(_with_decimals(row.expr))}" for row in rows]
-        shape = "q.shape[:-1]" if not moves else "numpy.broadcast_shapes(q.shape, qd.shape)[:-1]"
-        width = len(labels) // tail[0]
-        lines += ["    parts = ("]
-        lines += [f"        {', '.join(labels[i : i + width])}," for i in range(0, len(labels), max(width, 1))]
-        lines += [
-            "    )",
-            f"    shape = {shape}",
-            "    parts = [numpy.broadcast_to(part, shape) for part in parts]",
-            f"    return numpy.stack(parts, axis=-1).reshape(shape + {tail})",
-        ]
-        return "\n".join(lines) + "\n"
+        gives = f"give{'s' * (not moves)} {shape_text(tail)}"
+        return function_source(
+            name,
+            f": {_DESCRIPTION_BY_FRAME_OUTPUT_NAME[name]}; {takes} {gives}.",
+            arguments=arguments,
+            numbers=[f"{symbol}={value!r}" for symbol, value in self._program.numbers.items() if symbol in symbols],
+            steps=[
+                *(
+                    f"{coordinate} = {argument}[..., {i}]"
+                    for argument, coordinates in (("q", self.q), ("qd", self.qd))
+                    for i, coordinate in enumerate(coordinates)
+                    if coordinate in symbols
+                ),
+                *(f"{symbol} = {to_numpy_source(_with_decimals(wave))}" for symbol, wave in waves.items()),
+                *(f"{' = '.join(row.labels)} = {to_numpy_source(_with_decimals(row.expr))}" for row in rows),
+            ],
+            results=[label for label, _ in self._labelled_components((name,))],
+            shape="numpy.broadcast_shapes(q.shape, qd.shape)[:-1]" if moves else "q.shape[:-1]",
+            tail=tail,
+        )
 
 
 class _LineNamer:
@@ -413,20 +364,6 @@ def _defined_symbol(line: _EquationLine, definitions: Mapping[Expr, Expr]) -> Ex
     line; return None if there is no such symbol.
     """
     return next((symbol for symbol in (line.expr, -line.expr) if symbol in definitions), None)
-
-
-def _display_terms(expr: Expr) -> tuple[Expr, ...]:
-    """Return the terms of an expression in the order in which they are printed, with short constants."""
-    return sorted_terms(with_short_constants(expr), by_symbols=True)
-
-
-def _definition_lines(definitions: Mapping[Expr, Expr], write: Writer) -> list[str]:
-    """Return a list of one line of text that joins all definitions by semicolons, such as "c_1 = cos q_1; s_1 = sin
-    q_1", or an empty list if there are none. `definitions` maps symbols to expressions, and `write` is a function
-    from an expression to its text.
-    """
-    line = "; ".join(f"{symbol} = {write(expr)}" for symbol, expr in definitions.items())
-    return [line] if line else []
 
 
 def _with_decimals(expr: Expr) -> Expr:
