@@ -59,8 +59,8 @@ def test_everything_exported_exists_once() -> None:
 
 PACKAGES_IN_IMPORT_ORDER = (
     *("errors", "equations", "numeric", "engine", "rotations", "urdf", "plans", "inverse_kinematics", "rollouts"),
-    *("pair", "mechanism", "measured", "integration", "dynamics", "symbolic", "formats", "validation", "scenes"),
-    *("pictures", "sweeps", "bench", "cli"),
+    *("pair", "mechanism", "measured", "identification", "integration", "dynamics", "symbolic", "formats"),
+    *("validation", "scenes", "pictures", "sweeps", "bench", "cli"),
 )
 """A package imports only packages that precede it."""
 

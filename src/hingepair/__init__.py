@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from hingepair.formats.model_writers import to_mjcf, to_urdf
     from hingepair.formats.robots import load_robot, load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
+    from hingepair.identification.mass_fit import MassFit, fit_masses
     from hingepair.integration.integrate import integrate
     from hingepair.integration.trajectory import PlanarTrajectory, Trajectory
     from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
@@ -119,6 +120,7 @@ __all__ = [
     "InverseKinematics",
     "InverseKinematicsPath",
     "JointWrenches",
+    "MassFit",
     "MeasurementWarning",
     "Mechanism",
     "MechanismAccelerations",
@@ -157,6 +159,7 @@ __all__ = [
     "fit_axis",
     "fit_cluster",
     "fit_imus",
+    "fit_masses",
     "from_urdf",
     "integrate",
     "linearize",
@@ -190,6 +193,7 @@ _LAZY_MODULE_BY_NAME = {
         "formats.model_writers": "to_mjcf to_urdf",
         "formats.robots": "load_robot load_robot_hinge",
         "formats.urdf_reader": "from_urdf",
+        "identification.mass_fit": "MassFit fit_masses",
         "integration.integrate": "integrate",
         "integration.trajectory": "PlanarTrajectory Trajectory",
         "measured.clusters": "ClusterFit fit_cluster",

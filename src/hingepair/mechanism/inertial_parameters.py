@@ -21,7 +21,7 @@ _ENTRIES: Final = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of J, in t
 # Where one of two must go, mass goes to the body that carries it, then first moments, then Jyy.
 _KEPT_FIRST: Final = ("Jxx", "Jxy", "Jxz", "Jyz", "Jzz", "Jyy", "hx", "hy", "hz", "m")
 _DEPENDENT = 1e-7  # of the longest column of its kind (m, h or J); a shorter rest no recording tells from zero
-_STATES = 200  # at random, that tell which columns are independent
+_STATES = 50  # at random, that tell which columns are independent; a joint has ten of its own
 
 
 def body_names(tree: Tree, with_base: bool) -> tuple[str, ...]:
@@ -53,8 +53,11 @@ def inertia_matrices(parameters: Float64Array) -> NDArray[np.float64]:
     return J
 
 
-def tree_with_parameters(tree: Tree, with_base: bool, parameters: Float64Array) -> Tree:
-    """Return a copy of a tree with other inertial parameters. Notes name the bodies that no rigid body can be.
+def tree_with_parameters(
+    tree: Tree, with_base: bool, parameters: Float64Array, armature: Float64Array | None = None
+) -> Tree:
+    """Return a copy of a tree with other inertial parameters, and rotors of the coordinates if given. Notes name the
+    bodies that no rigid body can be.
 
     Raises:
         ArgumentError: a body without mass has a first moment.
@@ -70,11 +73,18 @@ def tree_with_parameters(tree: Tree, with_base: bool, parameters: Float64Array) 
         masses.append(body)
         if reason := unphysical_reason(body):
             notes.append(f"no rigid body has the inertial parameters of {name!r}: {reason}")
-    joints = masses[1:] if with_base else masses
+    bodies = masses[1:] if with_base else masses
+    rotors = [joint.armature for joint in tree.joints]
+    if armature is not None:  # a rotor of a joint that follows another counts with the leader's
+        own = iter(armature.tolist())
+        rotors = [next(own) if joint.mimic is None else 0.0 for joint in tree.joints]
     return replace(
         tree,
         base=masses[0] if with_base else tree.base,
-        joints=tuple(replace(joint, body=body) for joint, body in zip(tree.joints, joints, strict=True)),
+        joints=tuple(
+            replace(joint, body=body, armature=rotor)
+            for joint, body, rotor in zip(tree.joints, bodies, rotors, strict=True)
+        ),
         notes=tuple(notes),
         source=None,
         without_mass={k: link for k, link in tree.without_mass.items() if k == 0 and not with_base},

@@ -401,12 +401,14 @@ class Mechanism(MechanismMethods):
         """
         return inertial_parameters(self.tree, self.base == "free")
 
-    def with_inertial_parameters(self, parameters: ArrayLike) -> Mechanism:
+    def with_inertial_parameters(self, parameters: ArrayLike, *, armature: ArrayLike | None = None) -> Mechanism:
         """Return a copy of the robot, a Mechanism, with other `inertial_parameters`. Computations use them as they
         are, even if no rigid body can have them; a DynamicsWarning then names the body.
 
         Args:
             parameters: in the form of `inertial_parameters`; shape (10 * bodies,).
+            armature: inertias of the motors' rotors in the form of `robot.armature`, shape (dof,); by default they
+                stay.
 
         Raises:
             ArgumentError: parameters are missing or not finite, or a body without mass has a first moment.
@@ -419,7 +421,11 @@ class Mechanism(MechanismMethods):
         """
         bodies = len(self.tree.joints) + (self.base == "free")
         checked = one_constant("parameters", parameters, 10 * bodies)
-        return _new_mechanism(type(self), tree_with_parameters(self.tree, self.base == "free", checked), self.base)
+        rotors = None if armature is None else one_constant("armature", armature, self.dof)
+        if rotors is not None and (rotors < 0).any():
+            raise ArgumentError("armature", "inertias of at least 0", tuple(rotors.tolist()))
+        tree = tree_with_parameters(self.tree, self.base == "free", checked, rotors)
+        return _new_mechanism(type(self), tree, self.base)
 
     def base_parameters(self, *, gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR) -> BaseParameters:
         """Find the base parameters: the fewest combinations of `inertial_parameters` on which the torques of
@@ -442,7 +448,12 @@ class Mechanism(MechanismMethods):
                 motion = BodyMotion(R=0 * v[0], S=rotation_exp(3 * v[0]), omega=v[1], a=v[2], alpha=v[3])
             return self.torque_regressor(*states, gravity=gravity, base_motion=motion)
 
-        return find_base_parameters(self.tree, free, regressor, self.position_limits)
+        kept = self._constants.cache.others
+        key = "base parameters", *one_constant("gravity", gravity, 3).tolist()
+        if key not in kept:
+            kept[key] = find_base_parameters(self.tree, free, regressor, self.position_limits)
+        found: BaseParameters = kept[key]
+        return found
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _new_mechanism, (type(self), self.tree, self.base)

@@ -1,0 +1,537 @@
+"""Masses and friction of a robot from a recorded motion and its torques, by weighted least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hingepair.errors import ArgumentError, DtypeError, FitError, MissingDependencyError, ShapeError, choices, quoted
+from hingepair.identification.consistency import body_units, consistent_parameters
+from hingepair.measured.findings import RANDOM, Check, Finding, exceeded, verdict
+from hingepair.measured.least_squares import neighbour_correlation, sandwich
+from hingepair.mechanism.computations import read_robot_arguments
+from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only
+from hingepair.numeric.suspicions import suspicions
+from hingepair.numeric.tables import Sheet, Shown, align_columns, cell_text, percent
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.plans.arguments import Coordinates
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+JOINT_TERMS: Final = ("viscous", "coulomb", "offset", "armature")
+"""Terms of the torque of a joint by itself: in proportion to qd, sign(qd), 1 and qdd."""
+_NORMAL_95 = 1.959963984540054  # standard deviations: 95 % of a normal distribution are within
+_SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of parameters has no effect on the torques
+_BLOCK = 16384  # samples
+_WEIGHT_ROUNDS = 3  # in which the noise of each joint and the parameters are estimated in turn
+_LEAST_NOISE = 1e-7  # of what the described parameters leave, so that exact torques keep finite weights
+_KNOWN = 0.5  # standard deviation of a parameter, in parts of what such a body may have; above, it is not determined
+_WORSE = 1.5  # error of new samples beside that of those fitted to
+_POOR = 0.2  # of a joint's torque: what is left and not random is not noise, but something else
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MassFit(Frozen, Shown):
+    """The result of `fit_masses`: base parameters of a robot, and what its joints do by themselves.
+
+    Attributes:
+        robot: the robot with the fitted masses, a Mechanism; also its joints' damping and friction, if fitted. What
+            the motion does not determine is as in the robot that was given to `fit_masses`, or as near to it as the
+            base parameters allow.
+        base: the BaseParameters; `base.values` are those of the robot as described.
+        names: names of all parameters: B base parameters, then terms of joints such as "elbow viscous".
+        values: estimates, in the order of `names` [kg, kg m, kg m^2; N m s/rad, N m, N m, kg m^2 for hinges].
+        std: their standard deviations; inf where the motion does not determine a parameter.
+        covariance: covariance matrix of `values`, without what is not determined; shape (B + F, B + F). It allows for
+            noise that is correlated from sample to sample.
+        described: the same parameters of the robot as described.
+        noise: standard deviation of the noise of the torques of each joint [N m]; shape (dof,).
+        rms: root mean square of what is left of the torques in the samples fitted to [N m]; shape (dof,).
+        rms_test: the same in the samples kept for the test; shape (dof,), NaN if there are none.
+        rms_described: the same by the robot as described, in all samples; shape (dof,).
+        samples: number of samples fitted to.
+        ok: whether the motion determines all parameters, and the parameters explain the torques.
+        findings: sentences that say what is not determined, what the torques have that the parameters have not, and
+            what else is notable.
+        joint_terms: terms of each joint that were fitted.
+    """
+
+    robot: Mechanism
+    base: BaseParameters
+    names: tuple[str, ...]
+    values: Float64Array
+    std: Float64Array
+    covariance: Float64Array
+    described: Float64Array
+    noise: Float64Array
+    rms: Float64Array
+    rms_test: Float64Array
+    rms_described: Float64Array
+    samples: int
+    ok: bool
+    findings: tuple[str, ...]
+    joint_terms: tuple[str, ...]
+    gravity: tuple[float, ...] = field(repr=False)
+
+    @property
+    def intervals(self) -> Float64Array:
+        """Lower and upper ends of the 95 % confidence intervals of `values`; shape (B + F, 2)."""
+        reach = _NORMAL_95 * self.std
+        return read_only(np.stack((self.values - reach, self.values + reach), axis=1))
+
+    def torques(self, q: Coordinates, qd: Coordinates, qdd: Coordinates) -> Float64Array:
+        """Return the torques of any motion by the fitted parameters, joint terms included; shape (..., dof). The
+        arguments are those of `fit_masses`.
+        """
+        values = _arrays(self.robot, {"q": q, "qd": qd, "qdd": qdd})
+        shape = values["q"].shape
+        flat = {name: one.reshape(-1, shape[-1]) for name, one in values.items()} | {"tau": np.zeros((1, 1))}
+        recording = _Recording(self.robot, self.base, self.joint_terms, self.gravity, flat, self.values)
+        return -recording.left(self.values).reshape(shape)
+
+    def plot(self, q: Coordinates, qd: Coordinates, qdd: Coordinates, tau: Coordinates, t: ArrayLike) -> Figure:
+        """Return a Matplotlib figure of measured and fitted torques over time, a row for each joint.
+
+        Raises:
+            MissingDependencyError: Matplotlib is not installed.
+        """
+        try:
+            from matplotlib.figure import Figure
+        except ImportError as error:
+            raise MissingDependencyError("plot", "Matplotlib (pip install matplotlib)", str(error)) from None
+
+        measured, fitted = _arrays(self.robot, {"tau": tau})["tau"], self.torques(q, qd, qdd)
+        names = self.robot.names
+        figure = Figure(figsize=(9, 1 + 1.3 * len(names)), layout="constrained")
+        rows = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
+        for k, axes in enumerate(rows):
+            axes.plot(t, measured[:, k], linewidth=0.8, color="0.6", label="measured")
+            axes.plot(t, fitted[:, k], linewidth=0.8, label="fitted")
+            axes.set_ylabel(names[k], fontsize=8)
+            axes.grid(alpha=0.3)
+        rows[0].legend(loc="upper right", ncols=2)
+        rows[-1].set_xlabel("t [s]")
+        figure.supylabel("torque [N m]")
+        return figure
+
+    def __repr__(self) -> str:
+        return f"MassFit({len(self.names)} parameters, {self.samples} samples, {'ok' if self.ok else 'not ok'})"
+
+    def __str__(self) -> str:
+        title, rows, _ = self._sheet()
+        joints: list[tuple[str, ...]] = [("joint", "noise", "left", "left in test", "left as described")]
+        for k, name in enumerate(self.robot.names):
+            cells = (self.noise[k], self.rms[k], self.rms_test[k], self.rms_described[k])
+            joints.append((name, *(f"{cell:.3g}" for cell in cells)))
+        return "\n".join(
+            (
+                title, *align_columns(rows, {1, 2, 3}),
+                "torques [N m], root mean squares", *align_columns(joints, {1, 2, 3, 4}),
+                *self.findings, "ok" if self.ok else "NOT RELIABLE",
+            )
+        )  # fmt: skip
+
+    def _sheet(self) -> Sheet:
+        rows = [("parameter", "value", "standard deviation", "as described")]
+        for k, name in enumerate(self.names):
+            rows.append((name, cell_text(self.values[k]), f"{self.std[k]:.2g}", cell_text(self.described[k])))
+        title = f"{self.robot.name}: {len(self.names)} parameters of {self.samples} samples"
+        return Sheet(title, rows, self.findings)
+
+    def to_json(self) -> str:
+        """Return a report as JSON text, in SI units. Numbers that are not finite become null. `parameters` holds
+        value, std and described by name, `joints` noise, rms, rms_test and rms_described.
+        """
+        import json
+
+        def finite(value: float) -> float | None:
+            return float(value) if np.isfinite(value) else None
+
+        of_parameters, of_joints = ("values", "std", "described"), ("noise", "rms", "rms_test", "rms_described")
+        report = {
+            "ok": self.ok,
+            "samples": self.samples,
+            "parameters": {
+                name: {key.removesuffix("s"): finite(getattr(self, key)[k]) for key in of_parameters}
+                for k, name in enumerate(self.names)
+            },
+            "joints": {
+                name: {key: finite(getattr(self, key)[k]) for key in of_joints}
+                for k, name in enumerate(self.robot.names)
+            },
+            "findings": list(self.findings),
+        }
+        return json.dumps(report, indent=2, allow_nan=False)
+
+
+def fit_masses(
+    robot: Mechanism,
+    q: Coordinates,
+    qd: Coordinates,
+    qdd: Coordinates,
+    tau: Coordinates,
+    *,
+    joint_terms: Iterable[str] = ("viscous", "coulomb"),
+    physical: bool = False,
+    test: float = 0.25,
+    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+) -> MassFit:
+    """Fit the masses of a robot, and the friction of its joints, to a recorded motion and its torques.
+
+    Torques depend on the masses by the base parameters alone, in which they are linear (T13): weighted least squares,
+    where the noise of each joint is estimated from the data. The noise may be correlated from sample to sample; q, qd
+    and qdd count as exact.
+
+    Args:
+        robot: the robot as described, with a fixed base at rest. Its dimensions are trusted; its masses may be wrong,
+            or 0, and decide where the motion does not. Its `armature` counts, unless it is fitted.
+        q: recorded coordinates in time, in the forms of `robot.inverse_dynamics`; shape (N, dof). Samples with NaN
+            in any argument are not used.
+        qd: their first time derivatives; `hp.smooth` derives them from the coordinates of a joint.
+        qdd: their second time derivatives.
+        tau: recorded torques of hinges [N m] and forces of sliders [N], in the direction of q; shape (N, dof).
+        joint_terms: what acts in a joint beside masses, out of "viscous" (in proportion to qd), "coulomb" (to the
+            sign of qd), "offset" (constant) and "armature" (in proportion to qdd: the motor's rotor).
+        physical: whether the masses must be those of rigid bodies, and friction not below 0. Of all such parameters,
+            those that explain the torques best are found; `std` are then those without this condition. Needs the
+            extra `measured`.
+        test: part of the samples, the last ones, that is not fitted to, but tells whether the parameters hold for
+            other motions; 0 to fit to all.
+        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+
+    Returns:
+        The MassFit. Check `.ok` and `.findings` before you use its numbers.
+
+    Raises:
+        ArgumentError: an argument cannot be used, or the base is free.
+        FitError: there are fewer samples than parameters, or no parameter has an effect on the torques.
+        MissingDependencyError: `physical`, and the extra `measured` is not installed.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> robot = hp.load_robot("ur5_robot")
+    >>> t = np.arange(0, 20, 0.02)[:, None]
+    >>> rates = np.linspace(1, 2, robot.dof)
+    >>> q, qd, qdd = np.sin(rates * t), rates * np.cos(rates * t), -(rates**2) * np.sin(rates * t)
+    >>> loaded = robot.with_payload("tool0", hp.Body(2, inertia=(0.01, 0.01, 0.01)))
+    >>> fit = hp.fit_masses(robot, q, qd, qdd, loaded.inverse_dynamics(q, qd, qdd).tau)
+    >>> fit.ok, np.allclose(fit.robot.gravity_forces(q), loaded.gravity_forces(q))
+    (True, True)
+    """
+    terms, share = _checked_options(robot, joint_terms, test)
+    values = _arrays(robot, {"q": q, "qd": qd, "qdd": qdd, "tau": tau})
+    if values["q"].ndim != 2:
+        raise ShapeError("q", f"shape (N, {robot.dof}), N instants", f"shape {values['q'].shape}")
+    known = np.logical_and.reduce([np.isfinite(one).all(axis=-1) for one in values.values()])
+    base = robot.base_parameters(gravity=gravity)
+    described = np.concatenate((base.values, _described_terms(robot, terms)))
+    recording = _Recording(
+        robot, base, terms, tuple(np.asarray(gravity, dtype=np.float64).tolist()),
+        {name: one[known] for name, one in values.items()}, described,
+    )  # fmt: skip
+    count = round((1 - share) * recording.samples)
+    names = (*base.names, *(f"{joint} {term}" for term in terms for joint in robot.names))
+    if count * robot.dof <= len(names):
+        raise FitError("q", f"more than {-(-len(names) // robot.dof)} samples to fit to", f"{count}")
+    found = _weighted_least_squares(recording, count)
+    estimate = described + found.step
+    findings = _doubts(recording, found, estimate, count)
+    parameters, estimate, more = _standard_parameters(recording, found, estimate, physical)
+    fitted = _fitted_robot(recording, parameters, estimate[len(base.names) :])
+    if fitted.tree.notes:
+        text = (
+            f"{len(fitted.tree.notes)} bodies of `robot` have masses that no rigid body has. Of all masses with "
+            "these base parameters, they are nearest to those described: physical=True finds some of rigid bodies."
+        )
+        more.append(Finding(text, harmless=True))
+    left = recording.left(estimate)
+    rms, rms_test = _rms(left[:count]), _rms(left[count:])
+    findings += [*more, *_misfits(recording, left[:count], rms_test, found)]
+    ok, sentences = verdict(sorted(findings, key=lambda finding: finding.harmless))
+    texts = [*sentences, *suspicions("angle", "q", np.abs(recording.values["q"]).max(axis=1))]
+    if not known.all():
+        texts.append(f"{int((~known).sum())} of {known.size} samples are missing.")
+    return MassFit(
+        robot=fitted,
+        base=base,
+        names=names,
+        values=read_only(estimate),
+        std=read_only(found.std),
+        covariance=read_only(found.covariance),
+        described=read_only(described),
+        noise=read_only(found.noise),
+        rms=read_only(rms),
+        rms_test=read_only(rms_test),
+        rms_described=read_only(_rms(recording.left(described))),
+        samples=count,
+        ok=ok,
+        findings=tuple(texts),
+        joint_terms=terms,
+        gravity=recording.gravity,
+    )
+
+
+def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tuple[tuple[str, ...], float]:
+    """Check the robot and the options of `fit_masses`, and return the terms and the part of the test."""
+    if not isinstance(robot, Mechanism):
+        raise ArgumentError("robot", "a Mechanism", quoted(robot))
+    if robot.base != "fixed":
+        raise ArgumentError("robot", "a robot with a fixed base (base='fixed')", "a free base")
+    if robot.dof == 0:
+        raise ArgumentError("robot", "a robot with joints that move", "none")
+    terms = () if isinstance(joint_terms, str) else tuple(dict.fromkeys(joint_terms))
+    for term in (joint_terms,) if isinstance(joint_terms, str) else terms:
+        if isinstance(joint_terms, str) or term not in JOINT_TERMS:
+            raise ArgumentError("joint_terms", f"a tuple of {choices(JOINT_TERMS)}", quoted(term))
+    share = finite_number("test", test)
+    if not 0 <= share < 1:
+        raise ArgumentError("test", "a part of the samples, from 0 to less than 1", test)
+    return terms, share
+
+
+def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
+    """Return coordinates in any of their forms as arrays of one shape (..., dof)."""
+    read = read_robot_arguments(robot.names, given, None, (), {})
+    if read.library is not None:
+        raise DtypeError("q", "NumPy arrays", "arrays of another library")
+    parts = [np.stack(np.broadcast_arrays(*one), axis=-1) if isinstance(one, tuple) else np.asarray(one)
+             for one in read.values.values()]  # fmt: skip
+    shape = (*broadcast_shape(read.shapes), robot.dof)
+    return {
+        name: np.broadcast_to(np.asarray(part, dtype=np.float64), shape)
+        for name, part in zip(read.values, parts, strict=True)
+    }
+
+
+class _Recording(NamedTuple):
+    """A robot and its recording of N samples; k parameters."""
+
+    robot: Mechanism
+    base: BaseParameters
+    terms: tuple[str, ...]  # of the joints
+    gravity: tuple[float, ...]
+    values: dict[str, Float64Array]  # q, qd, qdd and tau; (N, dof) each
+    described: Float64Array  # parameters; (k,)
+
+    @property
+    def samples(self) -> int:
+        """N."""
+        return len(self.values["q"])
+
+    def blocks(self, count: int) -> Iterator[slice]:
+        """Return the first `count` samples in blocks, whose regressors fit into memory."""
+        return (slice(start, min(start + _BLOCK, count)) for start in range(0, count, _BLOCK))
+
+    def rows(self, part: slice) -> Float64Array:
+        """Return the columns of the base parameters and of the joint terms for some samples; shape (n, dof, k)."""
+        q, qd, qdd = (self.values[name][part] for name in ("q", "qd", "qdd"))
+        columns = [self.robot.torque_regressor(q, qd, qdd, gravity=self.gravity)[..., self.base.columns]]
+        factors = {"viscous": qd, "coulomb": np.sign(qd), "offset": np.ones_like(qd), "armature": qdd}
+        columns += [factors[term][..., None] * np.eye(self.robot.dof) for term in self.terms]
+        return np.concatenate(columns, axis=-1)
+
+    def torques(self, part: slice) -> Float64Array:
+        """Return the recorded torques without those of rotors whose inertias are known; shape (n, dof)."""
+        rotors = 0.0 if "armature" in self.terms else self.robot.armature * self.values["qdd"][part]
+        return self.values["tau"][part] - rotors
+
+    def left(self, parameters: Float64Array) -> Float64Array:
+        """Return what parameters leave of the torques; shape (N, dof)."""
+        parts = [self.torques(part) - self.rows(part) @ parameters for part in self.blocks(self.samples)]
+        return np.concatenate(parts) if parts else np.zeros((0, self.robot.dof))
+
+
+def _described_terms(robot: Mechanism, terms: tuple[str, ...]) -> Float64Array:
+    """Return the joint terms of the robot as described."""
+    joints = robot.tree.coordinates
+    by_term = {
+        "viscous": [joint.load.damping for joint in joints],
+        "coulomb": [joint.load.friction for joint in joints],
+        "offset": [0.0] * robot.dof,
+        "armature": robot.armature.tolist(),
+    }
+    return np.array([value for term in terms for value in by_term[term]], dtype=np.float64)
+
+
+class _Found(NamedTuple):
+    """What weighted least squares found; k parameters."""
+
+    step: Float64Array  # from the parameters as described; (k,)
+    factor: Float64Array  # F, F.T @ F the weighted products of columns; (k, k)
+    covariance: Float64Array  # (k, k)
+    std: Float64Array  # inf of what is not determined; (k,)
+    noise: Float64Array  # (dof,)
+    unresolved_lag: int  # samples; 0 where the recording is long beside the correlation of its noise
+
+
+def _weighted_least_squares(recording: _Recording, count: int) -> _Found:
+    """Return the step from the described parameters to those that explain the first `count` samples best."""
+    robot, width = recording.robot, recording.described.size
+    # Products of columns, the last of which is what the described parameters leave of the torques, joint by joint:
+    # (N, dof, k) would not fit into memory.
+    products = np.zeros((robot.dof, width + 1, width + 1))
+    for part in recording.blocks(count):
+        rows = recording.rows(part)
+        off = recording.torques(part) - rows @ recording.described
+        columns = np.moveaxis(np.concatenate((rows, off[..., None]), axis=-1), 1, 0)
+        products += np.swapaxes(columns, 1, 2) @ columns
+    least = _LEAST_NOISE * np.sqrt(np.trace(products[:, width:, width:], axis1=1, axis2=2).max() / count)
+    # Parameters and the noise of each joint in turn.
+    noise = np.ones(robot.dof)
+    for _ in range(_WEIGHT_ROUNDS):
+        whole = (products / noise[:, None, None] ** 2).sum(axis=0)
+        lengths = np.sqrt(np.diagonal(whole)[:width])
+        unit = np.where(lengths > 0, lengths, 1.0)
+        sizes, vectors = np.linalg.eigh(whole[:width, :width] / np.outer(unit, unit))
+        seen = sizes > _SINGULAR * sizes[-1]
+        inverse = (vectors[:, seen] / sizes[seen]) @ vectors[:, seen].T
+        step = inverse @ (whole[:width, width] / unit) / unit
+        ends = np.append(step, -1.0)
+        # Each joint loses its part of the parameters.
+        free = max(count - seen.sum() / robot.dof, 1)
+        noise = np.maximum(np.sqrt(np.maximum(ends @ products @ ends, 0.0) / free), max(least, 1e-300))
+    if not lengths.any():
+        raise FitError("q, qd, qdd", "a motion whose torques depend on the robot's masses", "none that does")
+    # Scores, whose neighbours may be correlated; their sum is what rounding has left of the step.
+    scores = []
+    for part in recording.blocks(count):
+        rows = recording.rows(part)
+        left = recording.torques(part) - rows @ (recording.described + step)
+        scores.append(np.einsum("nik,ni->kn", rows, left / noise**2) / unit[:, None])
+    every = np.concatenate(scores, axis=1)
+    step = step + inverse @ every.sum(axis=1) / unit
+    covariance, lag = sandwich(inverse, every, robot.dof)
+    std = np.sqrt(np.diagonal(covariance)) / unit
+    std[(lengths == 0) | (np.abs(vectors[:, ~seen]) > 1e-3).any(axis=1)] = np.inf
+    factor = np.sqrt(np.where(seen, sizes, 0.0))[:, None] * vectors.T * unit
+    return _Found(step, factor, covariance / np.outer(unit, unit), std, noise, lag)
+
+
+def _doubts(recording: _Recording, found: _Found, estimate: Float64Array, count: int) -> list[Finding]:
+    """Return findings on what the motion of the first `count` samples does not determine, and on friction below 0."""
+    robot, base, terms = recording.robot, recording.base, recording.terms
+    rates = recording.values["qd"][:count]
+    findings, count = [], len(base.names)
+    expected = _KNOWN * np.sqrt((base.matrix**2) @ (_units(robot) ** 2))
+    doubtful = ~(found.std[:count] <= expected)
+    bodies = base.columns // 10
+    for number, name in enumerate(body_names(robot.tree, False)):
+        of_body = np.flatnonzero(doubtful & (bodies == number))
+        if of_body.size:
+            which = ", ".join(base.names[k].removeprefix(f"{name} ") for k in of_body)
+            many = of_body.size > 1
+            findings.append(
+                Finding(f"{which} of {name} {'are' if many else 'is'} not determined by this motion: "
+                        f"let {robot.tree.joints[number].name} and the joints that carry it turn further and faster.")
+            )  # fmt: skip
+    shape = len(terms), robot.dof
+    values, std = (array[count:].reshape(shape) for array in (estimate, found.std))
+    for k, joint in enumerate(robot.names):
+        lost = [term for term, one in zip(terms, std[:, k], strict=True) if np.isinf(one)]
+        if lost:
+            which = (
+                f"{' and '.join(lost)} {'terms are' if len(lost) > 1 else 'term is'} not determined by this motion"
+            )
+            still = not rates[:, k].any()
+            findings.append(Finding(f"{joint} does not move: its {which}." if still else f"Of {joint}, the {which}."))
+    below = values + 3 * std < 0
+    below[[term == "offset" for term in terms]] = False
+    if below.any():
+        joints = ", ".join(np.array(robot.names)[below.any(axis=0)])
+        findings.append(Finding(f"Friction or a rotor of {joints} is below 0: do tau and qd have the same sign?"))
+    return findings
+
+
+def _units(robot: Mechanism) -> Float64Array:
+    """Return what each inertial parameter may amount to for the bodies as described; shape (10 * bodies,)."""
+    return np.concatenate([body_units(*size) for size in _sizes(robot)])
+
+
+def _sizes(robot: Mechanism) -> Float64Array:
+    """Return mass and radius of gyration of each body, means of the others where it has no mass; (bodies, 2)."""
+    parameters = robot.inertial_parameters
+    mass = np.abs(parameters[::10])
+    spread = np.abs(np.trace(inertia_matrices(parameters), axis1=1, axis2=2)) / 2
+    heavy = (mass > 0) & (spread > 0)
+    if not heavy.any():
+        return np.tile((1.0, 0.1), (len(mass), 1))
+    radius = np.sqrt(spread / np.where(heavy, mass, 1.0))
+    return np.stack(
+        (np.where(heavy, mass, mass[heavy].mean()), np.where(heavy, radius, radius[heavy].mean())), axis=1
+    )
+
+
+def _standard_parameters(
+    recording: _Recording, found: _Found, estimate: Float64Array, physical: bool
+) -> tuple[Float64Array, Float64Array, list[Finding]]:
+    """Return inertial parameters with the fitted base parameters, these and the joint terms, which change if the
+    parameters must be physical, and findings.
+    """
+    robot, base = recording.robot, recording.base
+    start, count = robot.inertial_parameters.copy(), len(base.names)
+    start[::10] = np.where(start[::10] == 0, _sizes(robot)[:, 0], start[::10])  # a first moment needs a mass
+    if physical:
+        signed = np.array([term == "offset" for term in recording.terms for _ in robot.names], dtype=np.bool_)
+        parameters, further = consistent_parameters(found.factor, base.matrix, estimate, start, _sizes(robot), signed)
+        changed = np.concatenate((base.matrix @ parameters, further))
+        squares = ((found.factor @ (changed - estimate)) ** 2).sum()
+        text = (
+            "No masses of rigid bodies explain the torques as well as the best parameters do: the squares of what is "
+            f"left grow by {squares:.3g} times the variance of the noise, with {len(estimate)} parameters."
+        )
+        return parameters, changed, exceeded(Check(squares, 10.0 * len(estimate), text))
+    # The least change, in parts of what each parameter may amount to.
+    weighted = base.matrix * _units(robot) ** 2
+    change = estimate[:count] - base.matrix @ start
+    parameters = start + weighted.T @ np.linalg.solve(weighted @ base.matrix.T, change)
+    return parameters, estimate, []
+
+
+def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, found: _Found) -> list[Finding]:
+    """Return findings on torques that the parameters do not explain, from what is left in the samples fitted to."""
+    rms, size = _rms(left), np.maximum(_rms(recording.values["tau"][: len(left)]), 1e-300)
+    joints = np.array(recording.robot.names)
+    findings = []
+    correlated = np.array([neighbour_correlation(column) > RANDOM for column in left.T]) & (rms > 1e-9 * size)
+    if correlated.any():
+        share = float((rms / size)[correlated].max())
+        text = (
+            f"What is left of the torques of {', '.join(joints[correlated])}, up to {percent(share)} of them, is not "
+            "random: filtered noise, or what the parameters lack, such as other friction and elastic gears."
+        )
+        findings.append(Finding(text, harmless=share < _POOR))
+    worse = rms_test > np.maximum(_WORSE * rms, 1e-9 * size)
+    if worse.any():
+        k = int(np.argmax(np.where(worse, rms_test / np.maximum(rms, 1e-300), 0.0)))
+        text = (
+            f"In the samples kept for the test, the torques of {', '.join(joints[worse])} are off by more than in "
+            f"those fitted to, that of {joints[k]} by {rms_test[k]:.3g} instead of {rms[k]:.3g} N m rms: the "
+            "parameters do not hold for other motions."
+        )
+        findings.append(Finding(text))
+    lag = found.unresolved_lag if correlated.any() else 0
+    text = (
+        f"What is left of the torques is correlated over {lag} samples and more, too long relative to the whole "
+        "recording: the standard deviations are too small."
+    )
+    return findings + exceeded(Check(lag, 0, text, harmless=True))
+
+
+def _fitted_robot(recording: _Recording, parameters: Float64Array, further: Float64Array) -> Mechanism:
+    """Return the robot with fitted masses and rotors; an inertia of a rotor below 0 counts as none."""
+    robot = recording.robot
+    fitted = dict(zip(recording.terms, further.reshape(-1, robot.dof), strict=True))
+    rotors = np.maximum(fitted.get("armature", robot.armature), 0.0)
+    return robot.with_inertial_parameters(parameters, armature=rotors)
+
+
+def _rms(rows: NDArray[np.float64]) -> Float64Array:
+    """Return the root mean squares of columns; NaN of no rows."""
+    return np.sqrt((rows * rows).mean(axis=0)) if len(rows) else np.full(rows.shape[1], np.nan)

@@ -1,0 +1,218 @@
+"""Masses and friction of a robot from recorded motions and torques."""
+
+from __future__ import annotations
+
+import functools
+import json
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.identification.mass_fit import JOINT_TERMS
+
+NOISE = 0.1  # N m
+VISCOUS, COULOMB = np.random.default_rng(2).uniform(0.1, 1.0, (2, 7))
+
+
+@functools.cache
+def panda():
+    return hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
+
+
+@functools.cache
+def motion(seconds):
+    """q, qd and qdd within the limits, sums of sines, at 100 Hz."""
+    robot, rng = panda(), np.random.default_rng(0)
+    t, w = np.arange(0, seconds, 0.01)[:, None], 2 * np.pi * 0.1 * np.arange(1, 6)
+    a, b = rng.normal(size=(2, robot.dof, 5))
+    s, c = np.sin(t * w), np.cos(t * w)
+    low, high = robot.position_limits.T
+    q, qd = s @ (a / w).T - c @ (b / w).T, c @ a.T + s @ b.T
+    size = np.minimum(0.9 * (high - low) / np.ptp(q, axis=0), 0.9 * robot.rate_limits / np.abs(qd).max(axis=0))
+    return (
+        (low + high) / 2 + size * (q - (q.max(0) + q.min(0)) / 2),
+        size * qd,
+        size * ((c * w) @ b.T - (s * w) @ a.T),
+    )
+
+
+def torques(robot, q, qd, qdd):
+    return robot.inverse_dynamics(q, qd, qdd).tau + VISCOUS * qd + COULOMB * np.sign(qd)
+
+
+def noise(shape, seed, correlation=0.0):
+    """Noise of one size, with this correlation of neighbouring samples."""
+    rows = np.random.default_rng(seed).normal(size=shape)
+    for k in range(1, len(rows) if correlation else 0):
+        rows[k] = correlation * rows[k - 1] + np.sqrt(1 - correlation**2) * rows[k]
+    return NOISE * rows
+
+
+def test_masses_and_friction_are_found_whatever_was_described():
+    heavier = panda().with_payload("panda_hand", hp.Body(1.5, (0.02, 0.03, 0.1), inertia=(0.01, 0.01, 0.004)))
+    q, qd, qdd = motion(10)
+    tau = torques(heavier, q, qd, qdd) + noise(q.shape, 0)
+    fit = hp.fit_masses(panda(), q, qd, qdd, tau, physical=True)
+    assert fit.ok, fit.findings
+    assert fit.samples == 750
+    exact = np.concatenate((fit.base.matrix @ heavier.inertial_parameters, VISCOUS, COULOMB))
+    assert (np.abs(fit.values - exact) < 5 * fit.std).all()
+    assert np.abs(fit.values - fit.described).max() > 100 * fit.std.min()
+    np.testing.assert_allclose(fit.noise, NOISE, rtol=0.1)
+    np.testing.assert_allclose(fit.rms_test, NOISE, rtol=0.2)
+    assert (fit.rms_described > 2 * fit.rms).all()
+    other = q[::100], -0.5 * qd[::100], qdd[::100]
+    tau = torques(heavier, *other)
+    np.testing.assert_allclose(fit.torques(*other), tau, rtol=0, atol=NOISE)
+    masses_only = fit.torques(*other) - fit.values[43:50] * other[1] - fit.values[50:] * np.sign(other[1])
+    np.testing.assert_allclose(fit.robot.inverse_dynamics(*other).tau, masses_only, rtol=0, atol=1e-9)
+
+
+def test_exact_torques_give_exact_parameters():
+    q, qd, qdd = motion(10)
+    wrong = panda().with_inertial_parameters(0.5 * panda().inertial_parameters)
+    fit = hp.fit_masses(wrong, q, qd, qdd, torques(panda(), q, qd, qdd), test=0)
+    exact = np.concatenate((panda().base_parameters().values, VISCOUS, COULOMB))
+    np.testing.assert_allclose(fit.values, exact, rtol=0, atol=1e-10)
+    assert fit.ok
+    assert np.isnan(fit.rms_test).all()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "runs", "correlation"),
+    [
+        (5, 12, 0.0),
+        pytest.param(60, 100, 0.0, marks=pytest.mark.slow(20)),
+        pytest.param(60, 40, 0.9, marks=pytest.mark.slow(10)),
+    ],
+)
+def test_intervals_cover_the_parameters(seconds, runs, correlation):
+    q, qd, qdd = motion(seconds)
+    tau = torques(panda(), q, qd, qdd)
+    exact = np.concatenate((panda().base_parameters().values, VISCOUS, COULOMB))
+    inside = []
+    for seed in range(runs):
+        low, high = hp.fit_masses(panda(), q, qd, qdd, tau + noise(q.shape, seed, correlation)).intervals.T
+        inside.append((low <= exact) & (exact <= high))
+    share = np.mean(inside, axis=0)[:43].mean()
+    assert 0.92 <= share <= 0.98
+
+
+@pytest.mark.slow
+def test_rotors_and_offsets_are_found_where_asked_for():
+    """The rotor of the first joint cannot be told from the inertia of its body."""
+    q, qd, qdd = motion(10)
+    rotors, offsets = np.full(7, 0.3), np.linspace(-1, 1, 7)
+    real = panda().with_inertial_parameters(panda().inertial_parameters, armature=rotors)
+    tau = torques(real, q, qd, qdd) + offsets + noise(q.shape, 3)
+    fit = hp.fit_masses(panda(), q, qd, qdd, tau, joint_terms=JOINT_TERMS)
+    assert fit.names[-1] == "panda_joint7 armature"
+    assert (np.abs(fit.values[57:64] - offsets) < 5 * fit.std[57:64]).all()
+    assert (np.abs(fit.values[65:] - rotors[1:]) < 5 * fit.std[65:]).all()
+    assert np.isinf(fit.std[[0, 64]]).all()
+    assert "Of panda_joint1, the armature term is not determined by this motion." in fit.findings
+    known = hp.fit_masses(real, q, qd, qdd, tau, joint_terms=("viscous", "coulomb", "offset"))
+    assert known.ok
+    np.testing.assert_allclose(known.robot.armature, rotors)
+    assert not hp.fit_masses(panda(), q, qd, qdd, tau, joint_terms=("viscous",)).ok
+
+
+def test_what_the_motion_does_not_determine_is_said_and_stays_as_described():
+    q, qd, qdd = (one.copy() for one in motion(10))
+    q[:, 4], qd[:, 4], qdd[:, 4] = 0.3, 0, 0
+    heavier = panda().with_payload("panda_hand", hp.Body(1, inertia=(0.01, 0.01, 0.01)))
+    fit = hp.fit_masses(panda(), q, qd, qdd, torques(heavier, q, qd, qdd) + noise(q.shape, 0))
+    assert not fit.ok
+    assert (
+        "panda_joint5 does not move: its viscous and coulomb terms are not determined by this motion." in fit.findings
+    )
+    assert np.isinf(fit.std[43 + 4])
+    np.testing.assert_allclose(fit.values[43 + 4], fit.described[43 + 4], rtol=1e-9)
+    still = np.zeros_like(q[::10])
+    tau = panda().inverse_dynamics(q[::10], still, still).tau + noise(still.shape, 0)
+    held = hp.fit_masses(panda(), q[::10], still, still, tau, joint_terms=())
+    assert any(
+        text.startswith("Jxx, Jxy, Jxz, Jyz, Jzz of panda_link3 are not determined by this motion: let panda_joint3")
+        for text in held.findings
+    )
+    assert not any("hx" in text for text in held.findings[:3])
+
+
+def test_torques_that_masses_do_not_explain_are_reported():
+    q, qd, qdd = motion(10)
+    tau = torques(panda(), q, qd, qdd) + noise(q.shape, 0)
+    spring = hp.fit_masses(panda(), q, qd, qdd, tau + 5 * np.sin(2 * q))
+    assert not spring.ok
+    assert any("is not random: filtered noise, or what the parameters lack" in text for text in spring.findings)
+    flipped = hp.fit_masses(panda(), q, qd, qdd, -tau)
+    assert any(text.endswith("is below 0: do tau and qd have the same sign?") for text in flipped.findings)
+    tau[800:, 3] += 2.0
+    later = hp.fit_masses(panda(), q, qd, qdd, tau)
+    assert not later.ok
+    assert any("kept for the test, the torques of panda_joint4 are off" in text for text in later.findings)
+    degrees = hp.fit_masses(panda(), np.degrees(q), qd, qdd, tau)
+    assert any("is it in radians?" in text for text in degrees.findings)
+
+
+def test_masses_of_rigid_bodies_are_found_without_any_description():
+    """As good as the best parameters, although these are none of rigid bodies."""
+    q, qd, qdd = motion(10)
+    tau = torques(panda(), q, qd, qdd) + noise(q.shape, 0)
+    unknown = panda().with_inertial_parameters(0 * panda().inertial_parameters)
+    free = hp.fit_masses(unknown, q, qd, qdd, tau)
+    assert free.ok
+    assert "physical=True" in free.findings[-1]
+    assert free.robot.tree.notes
+    fit = hp.fit_masses(unknown, q, qd, qdd, tau, physical=True)
+    assert fit.ok, fit.findings
+    assert not fit.robot.tree.notes
+    for joint in fit.robot.tree.joints:
+        J = np.linalg.eigvalsh(joint.body.inertia)
+        assert joint.body.mass > 0
+        assert J[0] > 0
+        assert J[0] + J[1] > J[2]
+    assert (fit.rms < 1.05 * free.rms).all()
+    np.testing.assert_allclose(fit.values[:43], fit.base.matrix @ fit.robot.inertial_parameters, rtol=0, atol=1e-12)
+    assert (fit.values[43:] >= 0).all()
+    impossible = hp.fit_masses(panda(), q, qd, qdd, -tau, physical=True)
+    assert any(text.startswith("No masses of rigid bodies explain the torques") for text in impossible.findings)
+
+
+def test_recordings_come_in_every_form_and_with_gaps():
+    q, qd, qdd = (one[:300] for one in motion(5))
+    tau = torques(panda(), q, qd, qdd) + noise(q.shape, 0)
+    plain = hp.fit_masses(panda(), q, qd, qdd, tau)
+    tables = [dict(zip(panda().names, one.T, strict=True)) for one in (q, qd, qdd, tau)]
+    np.testing.assert_array_equal(hp.fit_masses(panda(), *tables).values, plain.values)
+    gap = tau.copy()
+    gap[10:20, 2] = np.nan
+    fit = hp.fit_masses(panda(), q, qd, qdd, gap)
+    assert fit.samples == 218
+    assert fit.findings[-1] == "10 of 300 samples are missing."
+    assert (np.abs(fit.values - plain.values) < 3 * plain.std).all()
+    report = json.loads(plain.to_json())
+    assert report["parameters"]["panda_link2 hy"]["value"] == plain.values[plain.names.index("panda_link2 hy")]
+    assert report["joints"]["panda_joint7"]["noise"] == plain.noise[6]
+    assert "panda_joint7 coulomb" in str(plain)
+    assert len(plain.plot(q, qd, qdd, tau, np.arange(300) / 100).axes) == 7
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joint_terms": ("stiction",)}, r"^joint_terms: expected .*viscous"),
+        ({"joint_terms": "viscous"}, r"^joint_terms: expected a tuple"),
+        ({"test": 1}, r"^test: expected a part of the samples"),
+        ({"robot": "panda"}, r"^robot: expected a Mechanism"),
+        ({"robot": hp.Mechanism([hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0))], base="free")},
+         r"^robot: expected a robot with a fixed base"),
+        ({"q": np.zeros((2, 8, 7))}, r"^q: expected shape \(N, 7\)"),
+        ({"q": np.zeros((8, 7))}, r"^q: expected more than 9 samples"),
+        ({"qd": np.zeros((4, 7))}, r"^qd: expected leading shape"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_fitted_is_refused(change, message):
+    given = {"robot": panda(), **dict.fromkeys(("q", "qd", "qdd", "tau"), np.zeros((8, 7)))} | change
+    with pytest.raises(hp.HingePairError, match=message):
+        hp.fit_masses(**given)
