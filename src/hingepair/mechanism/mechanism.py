@@ -448,12 +448,7 @@ class Mechanism(MechanismMethods):
                 motion = BodyMotion(R=0 * v[0], S=rotation_exp(3 * v[0]), omega=v[1], a=v[2], alpha=v[3])
             return self.torque_regressor(*states, gravity=gravity, base_motion=motion)
 
-        kept = self._constants.cache.others
-        key = "base parameters", *one_constant("gravity", gravity, 3).tolist()
-        if key not in kept:
-            kept[key] = find_base_parameters(self.tree, free, regressor, self.position_limits)
-        found: BaseParameters = kept[key]
-        return found
+        return find_base_parameters(self.tree, free, regressor, self.position_limits)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _new_mechanism, (type(self), self.tree, self.base)
