@@ -30,7 +30,7 @@ FAST_WIDTHS = {
 }
 WIDTHS = sorted(
     {
-        *range(1, 41),
+        *range(1, 41, 3),
         *FAST_WIDTHS,
         PANEL - 1,
         PANEL,
@@ -73,17 +73,13 @@ def check_doubled(loop, shape, cut, shift, dtype, workers=1):
     assert (room == GUARD).all()
 
 
-def widths(dtype):
-    every = WIDTHS if dtype == F8 else sorted({*WIDTHS[::2], *FAST_WIDTHS})
-    return [pytest.param(w, dtype, id=f"{w}-{dtype}") for w in every]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("width", "dtype"), [*widths(F8), *widths(F4)])
-def test_every_width_at_every_offset(width, dtype, stores):
-    for shift in (*SHIFTS, dtype.itemsize):
-        for samples in (1, 2, 7, 8, 9, 16, 43):
-            check_doubled(doubled(width, stores), (samples, width), ..., shift, dtype)
+@pytest.mark.parametrize("dtype", [F8, F4], ids=str)
+def test_every_width_at_every_offset(dtype, stores):
+    for width in WIDTHS if dtype == F8 else FAST_WIDTHS:
+        for shift in (*SHIFTS, dtype.itemsize):
+            for samples in (1, 7, 8, 9, 43):
+                check_doubled(doubled(width, stores), (samples, width), ..., shift, dtype)
 
 
 @pytest.mark.parametrize("width", [3, 20, 37])

@@ -40,7 +40,7 @@ def point_error(fit: hp.HingeFit) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("late", [2e-3, 10e-3, 33e-3, 50e-3, -50e-3, 0.4])
+@pytest.mark.parametrize("late", [2e-3, 33e-3, -50e-3, 0.4])
 def test_an_offset_is_found_with_the_hinge(late: float) -> None:
     t, body1, body2 = recorded(late)
     found = hp.fit(body1, body2, t=t)
@@ -75,7 +75,7 @@ def test_exact_recordings_give_the_offset_exactly(late: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("late", [0.0, 2.5e-3, 5e-3, 7.5e-3])
+@pytest.mark.parametrize("late", [2.5e-3, 5e-3])
 def test_moving_samples_leaves_their_noise_as_it_is(late: float) -> None:
     """Interpolation would average the noise of neighbours: by a third in the middle between samples."""
     t, body1, body2 = recorded(late, count=4000)
@@ -203,8 +203,7 @@ def true_centre(n: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("late", [2e-3, 33e-3, -50e-3, 0.4])
-@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+@pytest.mark.parametrize(("late", "loss"), [(2e-3, "linear"), (33e-3, "linear"), (-50e-3, "cauchy"), (0.4, "cauchy")])
 def test_an_offset_of_a_point_is_found_with_its_circle(late: float, loss: str) -> None:
     t, body1, body2 = recorded(late)
     R2 = body2.R.copy()

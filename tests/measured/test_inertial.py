@@ -274,7 +274,7 @@ def test_a_bias_is_told_as_far_as_the_motion_shows_it() -> None:
 @pytest.mark.slow
 def test_biases_of_accelerometers_are_found_with_the_point() -> None:
     scores, errors = [], []
-    for seed in range(6):
+    for seed in range(3):
         columns, _ = biased(0.02, 0.1, seed, noise=1e-2)
         for told in ({}, KNOWN):
             found = hp.fit_anchor(T, *columns, N1, N2, **told)
@@ -304,7 +304,7 @@ def later(columns: list[np.ndarray], samples: int) -> list[np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("samples", [20, 50, 100])
+@pytest.mark.parametrize("samples", [20, 100])
 def test_what_is_no_hinge_is_not_passed(samples: int) -> None:
     """Clocks that differ by 0.2 s and more: the point comes out 0.1 m off, with a small standard deviation."""
     columns = later(felt(noise=1e-2), samples)
@@ -358,16 +358,15 @@ def true_angle(t: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("moving", [1.0, 0.0], ids=["moving", "body 1 at rest"])
 def test_the_angle_of_biased_gyroscopes_does_not_drift(moving: float) -> None:
     t = np.arange(2000) / 100
-    for seed in range(2):
-        columns, biases = biased(0.02, 0.0, seed, noise=1e-2, t=t, moving=moving)
-        found = hp.fit_angle(t, *columns, N1, N2, *POINT, accelerometer_bias=0.0)
-        off = found.psi - true_angle(t)
-        assert found.ok
-        assert np.sqrt(np.mean(off**2)) < 4e-3
-        assert np.sqrt(np.mean((off / found.std) ** 2)) < 1.7
-        assert found.drift == pytest.approx(biases[2] @ N2 - biases[0] @ N1, abs=4 * found.drift_std)
-        assert found.drift_std < 3e-3
-        assert np.abs(found.psid - 2.3 * np.cos(2.3 * t)).max() < 0.1
+    columns, biases = biased(0.02, 0.0, 0, noise=1e-2, t=t, moving=moving)
+    found = hp.fit_angle(t, *columns, N1, N2, *POINT, accelerometer_bias=0.0)
+    off = found.psi - true_angle(t)
+    assert found.ok
+    assert np.sqrt(np.mean(off**2)) < 4e-3
+    assert np.sqrt(np.mean((off / found.std) ** 2)) < 1.7
+    assert found.drift == pytest.approx(biases[2] @ N2 - biases[0] @ N1, abs=4 * found.drift_std)
+    assert found.drift_std < 3e-3
+    assert np.abs(found.psid - 2.3 * np.cos(2.3 * t)).max() < 0.1
 
 
 @pytest.mark.slow
@@ -447,9 +446,10 @@ def test_clocks_that_differ_are_noticed_by_every_estimate(samples: int) -> None:
 @pytest.mark.slow
 def test_a_point_of_a_body_that_hardly_moves_is_as_uncertain_as_its_axis() -> None:
     scores = []
-    for seed in range(4):
+    for seed in range(3):
         columns, _ = biased(0.02, 0.1, seed, noise=1e-2, moving=0.1)
-        axis, point, _ = chain(T, columns)
+        axis = hp.fit_axis(columns[0], columns[2])
+        point = hp.fit_anchor(T, *columns, axis.n1, axis.n2)
         slide = -(U1 @ N1)
         error = np.concatenate((point.u1 - U1 - slide * N1, point.u2 - U2 - slide * N2))
         scores.append(error / np.sqrt(np.diagonal(point.covariance)))
@@ -488,7 +488,7 @@ def test_an_angle_that_its_records_contradict_is_not_relied_on(name: str, moving
 
 @pytest.mark.slow
 def test_every_estimate_prints_a_report() -> None:
-    for found in chain(T, felt(noise=1e-2)):
+    for found in chain(SLOW, felt(noise=1e-2, t=SLOW)):
         lines = str(found).splitlines()
         assert lines[0].startswith("hinge ")
         assert lines[-1] == "ok"
@@ -500,7 +500,7 @@ def imus(columns: list[np.ndarray], t1: np.ndarray, t2: np.ndarray) -> tuple[hp.
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("late", [0.0, 0.023, -0.035, 0.3])
+@pytest.mark.parametrize("late", [-0.035, 0.3])
 def test_two_recordings_give_the_hinge_whatever_their_clocks(late: float) -> None:
     """Sensor 2 has other instants, and is read later than it says."""
     t2 = T[:-7] + 0.0037

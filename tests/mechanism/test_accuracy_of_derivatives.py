@@ -23,7 +23,8 @@ def hard_states(rng, dof):
     return q, qd, qdd
 
 
-@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow(3)), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_derivatives_of_torques_are_within_their_bounds_of_60_digits(seed):
     robot = Robot(record_of(random_model(seed, 4)))
     states = hard_states(np.random.default_rng(seed), robot.dof)
@@ -40,6 +41,7 @@ def test_derivatives_of_torques_are_within_their_bounds_of_60_digits(seed):
     assert (bounds["tau_q"][:1] < 1e4 * EPS * sizes[:1]).all()
 
 
+@pytest.mark.slow
 def test_derivatives_of_accelerations_leave_little_in_60_digits():
     robot = Robot(record_of(random_model(1, 4)))
     q, qd, tau = np.random.default_rng(5).uniform(-2, 2, (3, 2, robot.dof))

@@ -18,12 +18,12 @@ from support.trees import (
     with_mimics,
 )
 
+pytestmark = pytest.mark.slow
+
 SAMPLES = 3
 WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 ROBOTS = {
     "panda": lambda: urdf_model("panda"),
-    "ur5": lambda: urdf_model("ur5_robot"),
-    "talos": lambda: urdf_model("talos_reduced"),
     "dog": lambda: urdf_model("solo12"),
     "random": lambda: random_model(1),
     "other": lambda: random_model(2, 9),
@@ -32,13 +32,7 @@ ALLOWED = 4.0
 """Largest difference, in units of the proved bound of what is compared: Pinocchio rounds too."""
 
 
-SLOW = ("ur5", "talos", "dog")
-"""Left out of the fast loop, where robots of other builds stand for them."""
-
-
-@pytest.fixture(
-    scope="module", params=[pytest.param(name, marks=pytest.mark.slow(5) if name in SLOW else ()) for name in ROBOTS]
-)
+@pytest.fixture(scope="module", params=ROBOTS)
 def model(request):
     return ROBOTS[request.param]()
 
@@ -59,7 +53,6 @@ def check(found, expected, bound):
     assert ok, text
 
 
-@pytest.mark.slow
 def test_frames_move_as_pinocchio_has_them(model):
     _, q, qd, qdd, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
@@ -82,7 +75,6 @@ def test_frames_move_as_pinocchio_has_them(model):
                 check(state[name].arrays()[output][k], value, np.maximum(bounds[output][k, j], 1e-15))
 
 
-@pytest.mark.slow
 def test_jacobians_are_those_of_pinocchio(model):
     _, q, qd, _, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
@@ -97,7 +89,6 @@ def test_jacobians_are_those_of_pinocchio(model):
             check(bias[k], np.concatenate([a.linear, a.angular]), np.maximum(bounds["acceleration_bias"][k], 1e-15))
 
 
-@pytest.mark.slow
 def test_forces_are_those_of_pinocchio(model):
     _, q, qd, qdd, tau = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
@@ -125,7 +116,6 @@ def test_forces_are_those_of_pinocchio(model):
         np.testing.assert_allclose(qdd_found[k], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_joints_transmit_what_pinocchio_says(model, mode):
     """Its data.f: what acts on each joint's body, in the axes of the body."""
@@ -148,7 +138,6 @@ def test_joints_transmit_what_pinocchio_says(model, mode):
             check(found.torque[k, j], S @ exact.angular, scale[k])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_wrenches_of_joints_in_every_form(mode):
     """Against the forces of inverse dynamics; prepared, in batches, loaded, with mimic joints."""
@@ -181,7 +170,6 @@ def test_wrenches_of_joints_in_every_form(mode):
         found["joint3"]
 
 
-@pytest.mark.slow
 def test_centre_of_mass_energy_and_momentum_are_those_of_pinocchio(model):
     _, q, qd, _, _ = samples(model)
     robot, data = Robot(record_of(model)), model.createData()
@@ -210,7 +198,6 @@ def test_centre_of_mass_energy_and_momentum_are_those_of_pinocchio(model):
         np.testing.assert_allclose(energy.potential[k], potential, atol=10 * size * weight)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_a_base_that_moves_is_a_free_flyer_of_pinocchio(model, mode):
     rng, q, qd, qdd, _ = samples(model)
@@ -256,7 +243,6 @@ def test_a_base_that_moves_is_a_free_flyer_of_pinocchio(model, mode):
             check(robot.gravity_forces(q[k], base_motion=one), held, 2 * allowed["gravity_forces"][k])
 
 
-@pytest.mark.slow
 def test_a_free_base_moves_as_the_forces_make_it(model):
     rng, q, qd, qdd, _ = samples(model)
     robot, base = Robot(record_of(model), "free"), base_motion(rng, (SAMPLES,))
@@ -278,7 +264,6 @@ def test_a_free_base_moves_as_the_forces_make_it(model):
     np.testing.assert_allclose(product, total, atol=1e-11 * np.abs(total).max())
 
 
-@pytest.mark.slow
 def test_wrenches_on_links_are_handed_to_the_joints_by_the_jacobian(model):
     rng, q, qd, qdd, _ = samples(model)
     robot = Robot(record_of(model))
@@ -296,7 +281,6 @@ def test_wrenches_on_links_are_handed_to_the_joints_by_the_jacobian(model):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_followers_move_with_their_leader_and_hand_it_their_effort(mode):
     model = random_model(3, 8)

@@ -8,6 +8,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.errors import ArgumentError
+from support.sparse import sparse
 from support.trees import (
     Robot,
     base_motion,
@@ -153,17 +154,12 @@ def test_what_cannot_be_differentiated_is_refused(torques, moving, moving_state,
 
 ROBOTS = {
     "panda": lambda: urdf_model("panda"),
-    "ur5": lambda: urdf_model("ur5_robot"),
     "dog": lambda: urdf_model("solo12"),
     "random": lambda: random_model(1),
-    "other": lambda: random_model(2, 9),
 }
-SLOW = ("panda", "dog")
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow(3) if name in SLOW else ()) for name in ROBOTS]
-)
+@pytest.mark.parametrize("name", sparse(reversed(ROBOTS), 3))
 def test_derivatives_of_dynamics_are_those_of_pinocchio(name):
     model = ROBOTS[name]()
     robot, data = Robot(record_of(model)), model.createData()

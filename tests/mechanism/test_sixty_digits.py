@@ -76,13 +76,20 @@ def scales_of(robot, coordinates, motion):
     return RobotScales(robot.tree, coordinates, motion, np.array(GRAVITY))
 
 
+@functools.cache
+def motion_bounds(arm, sizes):
+    """Bounds on what either backend gives."""
+    robot, coordinates, motion, _ = case(arm, "fixed", sizes)
+    return robot.error_bounds(*coordinates, frames=LINKS[arm], base_motion=motion)
+
+
 @pytest.mark.parametrize("sizes", HARD.values(), ids=HARD)
 @pytest.mark.parametrize("backend", ["numpy", pytest.param("compiled", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("arm", LINKS)
 def test_motion_is_within_its_bounds(arm, sizes, backend):
     robot, coordinates, motion, truth = case(arm, "fixed", sizes)
     state = robot.forward_kinematics(*coordinates, frames=LINKS[arm], base_motion=motion, backend=backend)
-    bounds = robot.error_bounds(*coordinates, frames=LINKS[arm], base_motion=motion)
+    bounds = motion_bounds(arm, sizes)
     scales = scales_of(robot, coordinates, motion)
     for k, link in enumerate(LINKS[arm]):
         frame = robot.tree.links[link]
@@ -90,6 +97,14 @@ def test_motion_is_within_its_bounds(arm, sizes, backend):
         for name in (*FRAME_MOTION, "d"):
             got, own = getattr(state, name)[:, k], scale.get(name, scale["R"])
             check(name, got, exact[name], 2 if name == "S" else 1, bounds[name][:, k], own)
+
+
+@functools.cache
+def force_bounds(arm, base, sizes):
+    """Bounds on what either backend gives."""
+    robot, coordinates, motion, _ = case(arm, base, sizes)
+    names = ("force1", "torque1", "tau")
+    return robot.error_bounds(*coordinates, outputs=names, base_motion=motion, gravity=GRAVITY)
 
 
 @pytest.mark.slow
@@ -101,7 +116,7 @@ def test_forces_are_within_their_bounds(arm, sizes, base, backend):
     robot, coordinates, motion, truth = case(arm, base, sizes)
     found = robot.inverse_dynamics(*coordinates, base_motion=motion, gravity=GRAVITY, backend=backend)
     names = ("force1", "torque1", "tau")
-    bounds = robot.error_bounds(*coordinates, outputs=names, base_motion=motion, gravity=GRAVITY)
+    bounds = force_bounds(arm, base, sizes)
     force, torque = scales_of(robot, coordinates, motion).forces()
     scales = {"force1": force[:, 0], "torque1": torque[:, 0], "tau": torque[:, 1:].max(axis=1)}
     for name, exact in zip(names, truth.forces(base_counts=base == "free"), strict=True):

@@ -32,14 +32,15 @@ def rounded(numbers, dtype):
 
 @pytest.fixture(scope="module", params=[np.float64, np.float32], ids=["float64", "float32"])
 def many(request):
-    """States of 47 pairs, by Euler angles of all sequences and by a given attitude."""
+    """States of pairs, by Euler angles of many sequences and by a given attitude."""
     dtype, by_angles, by_attitude = request.param, [], []
-    for k, sequence in enumerate(SEQUENCE_NAMES + ("XYZ",) * 8):
+    # All sequences in one dtype; the kinds of sequences in the other.
+    for k, sequence in enumerate(SEQUENCE_NAMES[:: 1 if dtype is np.float64 else 5] + ("XYZ",) * 4):
         rng = states.generator(14, k)
         constants = tuple(rounded(c, dtype) for c in states.pair(rng, home=k % 3 > 0 and dtype is np.float64))
         motion = [rounded(c, dtype) for c in states.coordinates(rng, 4)]
         by_angles.append((constants, motion, sequence, truths.from_euler(constants, *motion, sequence=sequence)))
-    for k in range(15):
+    for k in range(8):
         rng = states.generator(15, k)
         constants = tuple(rounded(c, dtype) for c in states.pair(rng, home=k % 3 > 0 and dtype is np.float64))
         pieces = [rounded(c, dtype) for c in states.body1(rng, 8)]
@@ -123,8 +124,8 @@ def test_the_two_oracles_agree():
 def test_forty_thousand_states(kind, ledger):
     """Both backends in one test: most of its time computes the truth."""
     assert extended.WIDE, "this test needs a long double of 64 bits"
-    for k in range(10):
-        constants, motion = KINDS[kind](states.generator(17, k), 4000)
+    for k in range(5):
+        constants, motion = KINDS[kind](states.generator(17, k), 8000)
         truth = extended.Extended(constants, *motion)
         for backend in BACKENDS:
             for name, found in errors(truth, constants, motion, OUTPUTS, backend).items():
@@ -132,14 +133,16 @@ def test_forty_thousand_states(kind, ledger):
                 assert worst <= BOUNDS[name], (name, backend)
 
 
+SEARCHED = [(output, [*KINDS][(k + shift) % 3]) for k, output in enumerate(OUTPUTS) for shift in (0, 1)]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize(("output", "kind"), SEARCHED)
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_states_that_are_searched_for(backend, kind, output, ledger):
+def test_states_that_are_searched_for(backend, output, kind, ledger):
     """The worst of many states, varied again and again: a bound for every state must outlast the search."""
     rng = states.generator(18)
-    count, kept = 1500, 100
+    count, kept = 1000, 100
     constants, motion = KINDS[kind](rng, count)
     for _ in range(10):
         truth = extended.Extended(constants, *motion)

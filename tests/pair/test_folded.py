@@ -51,8 +51,12 @@ def require(truth, state, ledger, way):
     assert not late, f"beyond the promise, in units of u * scale: {late}"
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
-@pytest.mark.parametrize("axis", sparse(AXES, 5))
+@pytest.mark.parametrize(
+    ("axis", "motion"),
+    sparse(
+        [(axis, motion) for i, axis in enumerate(AXES) for j, motion in enumerate(MOTIONS) if (i + j) % 2 == 0], 4
+    ),
+)
 def test_known_numbers(axis, motion, ledger):
     """Coordinates, their rates, axis, levers and home, of which some are 0, 1 or -1."""
     place = list(AXES).index(axis), list(MOTIONS).index(motion)

@@ -77,8 +77,9 @@ def extra(call):
 
 
 LEVELS = ("pose", "velocity", "acceleration")
-CASES = [("numpy", form, "acceleration", 1) for form in FORMS]
-CASES += [("compiled", form, "acceleration", 1) for form in (rows, columns, mixed, two_axes)]
+CASES = [(backend, rows, "acceleration", 1) for backend in ("numpy", "compiled")]
+CASES += [("numpy", form, "velocity" if form in (mixed, broadcast) else "pose", 1) for form in FORMS]
+CASES += [("compiled", form, "velocity" if form is mixed else "pose", 1) for form in (columns, mixed, two_axes)]
 CASES += [(backend, form, "pose", 2) for backend in ("numpy", "compiled") for form in (rows, FOREIGN)]
 
 

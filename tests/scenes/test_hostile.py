@@ -22,7 +22,7 @@ from support.work import HANG
 
 TESTS = Path(__file__).parents[1]
 FEW = {"expression": 60, "scene": 12, "urdf": 150}
-MANY = {"expression": 700, "scene": 200, "urdf": 3_000}
+MANY = {"expression": 400, "scene": 100, "urdf": 1_500}
 
 
 @pytest.mark.parametrize("kind", FEW)

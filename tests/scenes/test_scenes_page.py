@@ -97,9 +97,8 @@ WORDS = (
 )
 
 
-@pytest.mark.parametrize("name", dict.fromkeys(WORDS))
-def test_every_word_is_told(name):
-    assert re.search(rf"\b{name}\b", PAGE), name
+def test_every_word_is_told():
+    assert not {*WORDS} - {*re.findall(r"\w+", PAGE)}
 
 
 def test_every_column_is_told():
