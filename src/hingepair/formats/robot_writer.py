@@ -37,7 +37,7 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
     Raises:
         ArgumentError: a name holds a character that XML cannot.
     """
-    tree = robot.tree
+    tree = robot.tree.single()
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     geared = [joint.name for joint in tree.joints if joint.armature]

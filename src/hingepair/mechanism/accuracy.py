@@ -55,6 +55,7 @@ class _BoundedProgram:
     """
 
     def __init__(self, computation: RobotComputation, outputs: tuple[str, ...], values: Arguments) -> None:
+        computation.constants.tree.single()
         components = [c for name in values.values for c in _as_tuple(values.values[name])]
         self._kind = bounded_class(result_dtype(components))
         constants, frames = computation.constants, computation.frames

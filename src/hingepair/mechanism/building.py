@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.folding import fold_parts, mass_properties, unphysical_reason
+from hingepair.mechanism.folding import JointPart, fold_parts, mass_properties, unphysical_reason
 from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.mujoco_model import parts_of_mjcf
 from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
+from hingepair.mechanism.samples import Payload, Samples
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.sources import body_inertia, parts_of_pairs, parts_of_urdf
@@ -23,6 +24,7 @@ from hingepair.numeric.arrays import check_choice, number_not_below_0, one_const
 from hingepair.pair.body import Body
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.reader import read_urdf
+from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia
 
 BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
@@ -99,7 +101,7 @@ def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
     """Return a Joint of a tree as a pair between the frames of the two bodies that it connects. A body
     is None in the pair if it has no mass, or if no rigid body can have its mass properties.
     """
-    carrier = tree.base if joint.parent == 0 else tree.joints[joint.parent - 1].body
+    carrier = tree.single().base if joint.parent == 0 else tree.joints[joint.parent - 1].body
     both_limits = np.isfinite(joint.position_limits).all()
     made: Any = JOINT_CLASSES[joint.kind]
     pair: RobotJoint = made(
@@ -125,7 +127,7 @@ def _body_or_none(masses: MassProperties) -> Body | None:
     return Body(masses.mass, masses.center_of_mass, masses.inertia)
 
 
-def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
+def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
     """Return a copy of a tree with the mass and the shapes of a further Body, which is fixed to the frame named
     `link`. Notes on assumed masses of the Body are added to the tree's notes, unless `base` is "fixed" and the frame
     is in the base.
@@ -136,23 +138,85 @@ def add_payload(tree: Tree, base: str, link: str, body: Body) -> Tree:
     frame = tree.known_frame("link", link)
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
-    masses = tree.base if frame.body == 0 else tree.joints[frame.body - 1].body
     payload = body_inertia(body).placed(FramePose(frame.S, frame.R))
-    own = Inertia(masses.mass, masses.center_of_mass, masses.inertia)
-    total = mass_properties({"body": own, "payload": payload})
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
     shapes, is_complete, visuals = drawings[frame.body]
     added = placed_shapes(body.shapes, FramePose(frame.S, frame.R))
     drawings[frame.body] = BodyDrawing((*shapes, *added), is_complete, (*visuals, *added))
-    without_mass = {number: name for number, name in tree.without_mass.items() if number != frame.body}
-    tree = replace(tree, notes=notes, drawings=tuple(drawings), source=None, without_mass=without_mass)
-    if frame.body == 0:
+    return replace(_with_mass(tree, frame.body, payload), notes=notes, drawings=tuple(drawings))
+
+
+def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
+    """Return a copy of a tree in which joints are held at positions [rad or m], a dict by name.
+
+    Raises:
+        ArgumentError: no such joint, or no number.
+        ShapeError: the tree has samples.
+    """
+    bodies = [tree.single().base, *(joint.body for joint in tree.joints)]
+    contents = [_content(tree, number, masses) for number, masses in enumerate(bodies)]
+    parts = [JointPart("", "fixed", -1, **contents[0])]
+    for joint, content in zip(tree.joints, contents[1:], strict=True):
+        rule = joint.mimic
+        follows = None if rule is None else MimicRecord(tree.joints[rule.leader - 1].name, *rule[1:])
+        parts.append(JointPart(
+            joint.name, joint.kind, joint.parent, FramePose(joint.S, joint.u), joint.n, **content,
+            limits=joint.position_limits if np.isfinite(joint.position_limits).any() else None,
+            effort_limit=joint.effort_limit, rate_limit=joint.rate_limit, armature=joint.armature, load=joint.load,
+            mimic=follows, pitch=joint.pitch,
+        ))  # fmt: skip
+    locked = fold_parts(tree.name, parts, base, positions)
+    source = tree.source
+    if source is not None:
+        source = source._replace(locked={**source.locked, **positions})
+    return replace(locked, notes=tuple(dict.fromkeys((*tree.notes, *locked.notes))), source=source)
+
+
+def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:
+    """Return the arguments of JointPart that describe the body of this number."""
+    shapes, is_complete, visuals = tree.drawings[number] if tree.drawings else BodyDrawing()
+    poses = {
+        kind: {name: FramePose(frame.S, frame.R) for name, frame in group.items() if frame.body == number}
+        for kind, group in (("links", tree.links), ("frames", tree.frames))
+    }
+    name = next(iter(poses["links"]), f"body {number}")
+    inertia = Inertia(masses.mass, masses.center_of_mass, masses.inertia)
+    without_mass = [tree.without_mass[number]] if number in tree.without_mass else []
+    leaves = [link for link in tree.leaves or tree.tips if link in poses["links"]]
+    return {
+        **poses, "leaves": leaves, "inertias": {name: inertia}, "without_mass": without_mass,
+        "shapes": shapes if is_complete or not visuals else None, "visuals": visuals,
+    }  # fmt: skip
+
+
+def _with_mass(tree: Tree, number: int, payload: Inertia) -> Tree:
+    """Return a copy of a tree with more mass at the body of this number, in the body's axes."""
+    masses = tree.base if number == 0 else tree.joints[number - 1].body
+    own = Inertia(masses.mass, masses.center_of_mass, masses.inertia)
+    total = mass_properties({"body": own, "payload": payload})
+    without_mass = {body: name for body, name in tree.without_mass.items() if body != number}
+    tree = replace(tree, source=None, without_mass=without_mass)
+    if number == 0:
         return replace(tree, base=total)
     joints = list(tree.joints)
-    joints[frame.body - 1] = replace(joints[frame.body - 1], body=total)
+    joints[number - 1] = replace(joints[number - 1], body=total)
     return replace(tree, joints=tuple(joints))
+
+
+def add_matter(tree: Tree, link: str, payload: Payload) -> Tree:
+    """Return a copy of a tree with a Payload fixed to the frame named `link`, as samples where it has leading axes.
+
+    Raises:
+        ArgumentError: no such frame.
+    """
+    frame = tree.known_frame("link", link)
+    if payload.shape:
+        samples = tree.samples or Samples()
+        return replace(tree, samples=samples.with_matter(frame.body, payload.moments(frame.R, frame.S)), source=None)
+    inertia = Inertia(float(payload.mass), payload.centre, payload.inertia).placed(FramePose(frame.S, frame.R))
+    return _with_mass(tree, frame.body, inertia)
 
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:

@@ -165,22 +165,29 @@ class RobotComputation(Computation):
             numbers += load_numbers(constants.tree)
         folded, parameters = split_numbers(numbers)
         self.constants, self.frames, self.form = constants, frames, constants.form
+        self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUT_NAMES for name in outputs)
+        samples = constants.tree.samples
+        has_samples = samples is not None and bool(constants.varied) and (self.needs_masses or bool(samples.points))
         bodies = tuple(frame.body for frame in frames)
-        self.request = Request(outputs, free, bodies, folded, loaded_frames, joint_loads)
+        self.request = Request(
+            outputs, free, bodies, folded, loaded_frames, joint_loads, constants.varied if has_samples else ()
+        )
         self.inputs = input_shapes(self.form, self.request)
         self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
-        self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUT_NAMES for name in outputs)
-        known = {
+        known: dict[str, Any] = {
             **RESTING_BASE_VALUE_BY_INPUT_NAME,
             **ZERO_BASE_LOAD_BY_INPUT_NAME,
             "constants": read_only(np.array([*constants.numbers, *parameters], dtype=np.float64)),
             "axes": np.array(constants.axes).ravel(),
         }
+        if has_samples:
+            known["samples"] = constants.samples
         super().__init__(
             self._request_loop, outputs,
             {**_BASE_SHAPES, **dict.fromkeys(("q", "qd", "qdd", "tau"), (self.form.dof,)), **self.inputs},
             known, result, CoordinateNames(constants.names, noun="joints"), derivatives=MechanismDerivatives,
-            owner="robot", operations=estimated_operations(self.form, self.request),
+            owner="robot", shape=constants.sample_shape if has_samples else (),
+            operations=estimated_operations(self.form, self.request),
             constant_shapes=body_constants(len(self.form.parents), free),
         )  # fmt: skip
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Final, TypeAlias
@@ -16,11 +16,12 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.mechanism.samples import moved_numbers
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
 from hingepair.plans.computation import Cache
-from hingepair.plans.trees import Form
+from hingepair.plans.trees import Form, constant_place
 
 Exact: TypeAlias = list[Any]
 """Fractions, or `Ball`s around fractions."""
@@ -50,6 +51,8 @@ class RobotConstants:
         base_pivot_thresholds: the same for the six pivots of a free base; shape (6,). 0 for any other base.
         axes: for each body, the base first, the rotation from the program's axes to the body's own axes.
         whole: whether all matter counts with its own body, as wrenches of joints need it (T9).
+        varied: places of the numbers that differ from sample to sample, in order.
+        samples: those numbers; shape (..., varied).
         cache: what is made once for the robot.
     """
 
@@ -62,7 +65,14 @@ class RobotConstants:
     base_pivot_thresholds: NDArray[np.float64]
     axes: tuple[NDArray[np.float64], ...]
     whole: bool = False
+    varied: tuple[int, ...] = ()
+    samples: NDArray[np.float64] | None = None
     cache: Cache = field(default_factory=Cache, repr=False)
+
+    @property
+    def sample_shape(self) -> tuple[int, ...]:
+        """Leading shape of the samples; () for one robot."""
+        return () if self.samples is None else self.samples.shape[:-1]
 
     @property
     def may_be_singular(self) -> bool:
@@ -72,7 +82,8 @@ class RobotConstants:
     @property
     def overflows(self) -> bool:
         """Whether a mass times the square of a length is too large for a float."""
-        return not all(map(math.isfinite, self.numbers))
+        samples_overflow = self.samples is not None and not np.isfinite(self.samples).all()
+        return samples_overflow or not all(map(math.isfinite, self.numbers))
 
 
 def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstants:
@@ -92,7 +103,8 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         numbers += [*S.ravel().tolist(), *u.tolist(), *_rounded_numbers(moments[k])]
         numbers += [joint.armature, multiplier, offset, thresholds[k]]
     numbers += base_thresholds
-    folded, parameters = split_numbers(numbers)
+    varied = _varied_numbers(tree, free, axes, numbers)
+    folded, parameters = split_numbers(numbers, varied)
     form = Form(
         _identifiers(joint.name for joint in tree.joints),
         tuple(joint.parent for joint in tree.joints),
@@ -114,7 +126,37 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         read_only(np.repeat(base_thresholds, 3)),
         tuple(map(read_only, axes)),
         whole,
+        tuple(varied),
+        _stacked(tree, varied),
     )
+
+
+def _varied_numbers(
+    tree: Tree, free: bool, axes: Sequence[NDArray[np.float64]], numbers: Sequence[float]
+) -> dict[int, NDArray[np.float64]]:
+    """Return the numbers that differ from sample to sample, arrays by place, in order."""
+    found: dict[int, NDArray[np.float64]] = {}
+    if tree.samples is None:
+        return found
+    for body, matter in tree.samples.matter.items():
+        if body or free:
+            columns = np.moveaxis(moved_numbers(matter, axes[body]), -1, 0)
+            place = constant_place(body, "mass")
+            found |= {place + k: column + numbers[place + k] for k, column in enumerate(columns) if column.any()}
+    for number, points in tree.samples.points.items():
+        columns = np.moveaxis(points @ axes[tree.joints[number - 1].parent], -1, 0)
+        place = constant_place(number, "u")
+        found |= {place + k: column for k, column in enumerate(columns) if np.ptp(column)}
+    return {place: found[place] for place in sorted(found)}
+
+
+def _stacked(tree: Tree, varied: Mapping[int, NDArray[np.float64]]) -> NDArray[np.float64] | None:
+    if tree.samples is None:
+        return None
+    samples = np.zeros((*tree.samples.shape, len(varied)))
+    for k, column in enumerate(varied.values()):
+        samples[..., k] = column
+    return read_only(samples)
 
 
 def program_numbers(constants: RobotConstants) -> list[float]:
@@ -200,14 +242,19 @@ def load_numbers(tree: Tree) -> list[float]:
     return [float(getattr(joint.load, field)) for joint in tree.joints for field in LOAD_FIELDS]
 
 
-def split_numbers(numbers: Iterable[float]) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
+def split_numbers(
+    numbers: Iterable[float], varied: Collection[int] = ()
+) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
     """Split numbers into the values 0, 1 and -1, which programs fold, and all others, the parameters; return two
     tuples. The first has an element for each number, with None in place of each parameter; the second has only the
-    parameters.
+    parameters. Numbers at the places `varied` are parameters in any case.
     """
     all_numbers = [number + 0.0 for number in numbers]  # no -0.0
-    folded = tuple(number if number in _FOLDED_CONSTANT_VALUES else None for number in all_numbers)
-    return folded, tuple(number for number in all_numbers if number not in _FOLDED_CONSTANT_VALUES)
+    folded = tuple(
+        number if number in _FOLDED_CONSTANT_VALUES and place not in varied else None
+        for place, number in enumerate(all_numbers)
+    )
+    return folded, tuple(number for number, known in zip(all_numbers, folded, strict=True) if known is None)
 
 
 def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
@@ -369,6 +416,8 @@ def _shift_to_parents(
         body_moments.shorten()
         if joint.axis.turns and joint.axis.shifts:
             continue  # no matter of a screw moves with both bodies
+        if tree.samples is not None and k in tree.samples.points:
+            continue  # what moves with both bodies differs from sample to sample
         if joint.axis.shifts:
             parent.add(Fraction(0), [Fraction(0)] * 3, _congruence(S, body_moments.N))
             body_moments.N = [Fraction(0)] * 9

@@ -134,9 +134,11 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
     without_mass = {
         body: link for part, (body, _) in zip(parts, body_poses, strict=True) for link in part.without_mass
     }
+    leaves = tuple(leaf for part in parts for leaf in part.leaves)
     return Tree(
-        name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings, without_mass=without_mass
-    )
+        name, joints, base_masses, links, frames, tuple(tips), tuple(notes), drawings, without_mass=without_mass,
+        leaves=leaves,
+    )  # fmt: skip
 
 
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:

@@ -35,7 +35,7 @@ def body_names(tree: Tree, with_base: bool) -> tuple[str, ...]:
 
 def inertial_parameters(tree: Tree, with_base: bool) -> Float64Array:
     """Return the parameters of all bodies, the base first if it counts; shape (10 * bodies,)."""
-    bodies = [*([tree.base] if with_base else []), *(joint.body for joint in tree.joints)]
+    bodies = [*([tree.single().base] if with_base else []), *(joint.body for joint in tree.joints)]
     rows = []
     for body in bodies:
         m, c = body.mass, body.center_of_mass
@@ -62,7 +62,7 @@ def tree_with_parameters(
     Raises:
         ArgumentError: a body without mass has a first moment.
     """
-    names, masses, notes = body_names(tree, with_base), [], []
+    names, masses, notes = body_names(tree.single(), with_base), [], []
     for name, row, J in zip(names, parameters.reshape(-1, 10), inertia_matrices(parameters), strict=True):
         m, h = float(row[0]), row[1:4]
         if m == 0 and h.any():

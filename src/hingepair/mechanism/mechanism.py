@@ -19,6 +19,7 @@ from hingepair.mechanism.inertial_parameters import (
     tree_with_parameters,
 )
 from hingepair.mechanism.methods import MechanismMethods
+from hingepair.mechanism.samples import read_payload
 from hingepair.mechanism.slider import RobotJoint
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, one_constant, read_only
@@ -222,7 +223,7 @@ class Mechanism(MechanismMethods):
         >>> robot.joint_loads["hinge"].damping, robot.joint_loads["hinge"].friction
         (0.5, 0.2)
         >>> robot.forward_dynamics([0], [1], [0], joint_loads=True).qdd.round(4).tolist()
-        [-0.1641]
+        [-0.164]
         """
         return _new_mechanism(cls, *building.tree_of_mjcf(model, base, locked))
 
@@ -292,6 +293,24 @@ class Mechanism(MechanismMethods):
         return read_only(np.array([*sums.values()], dtype=np.float64))
 
     @property
+    def mass(self) -> Any:
+        """Total mass of the robot [kg], that of the base only if the base is free; with payloads that have samples an
+        array of their shape.
+
+        >>> import hingepair as hp
+        >>> round(hp.load_robot("ur5_robot").mass, 3)
+        16.994
+        """
+        counted = 0 if self.base == "free" else 1
+        bodies = [self.tree.base, *(joint.body for joint in self.tree.joints)][counted:]
+        total = float(sum(body.mass for body in bodies))
+        samples = self.tree.samples
+        if samples is None:
+            return total
+        matter = (numbers[..., 0] for body, numbers in samples.matter.items() if body >= counted)
+        return read_only(np.array(np.broadcast_to(sum(matter, np.float64(total)), samples.shape)))
+
+    @property
     def joint_loads(self) -> dict[str, HingeLoad]:
         """Dict of the loads of joints as the robot's file describes them, with a HingeLoad of spring, damper and dry
         friction for each joint by its name, and with the position limits as `stops`. Joints without any of these are
@@ -337,9 +356,22 @@ class Mechanism(MechanismMethods):
 
     # ---- extended copies
 
-    def with_payload(self, link: str, body: Body) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, with an additional Body that is fixed to the link or other frame
+    def with_payload(
+        self,
+        link: str,
+        body: Body | None = None,
+        *,
+        mass: ArrayLike | None = None,
+        centre_of_mass: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+    ) -> Mechanism:
+        """Return a copy of the robot, a Mechanism, with an additional body that is fixed to the link or other frame
         named `link`. The robot itself is not changed.
+
+        The body is a Body, or mass properties with samples. Their leading axes broadcast with those of coordinates in
+        every output that depends on masses, as if `mass` were an argument of the call: masses of shape (10_000, 1)
+        and q of shape (100, dof) give `tau` of shape (10_000, 100, dof). Error bounds, exports and comparisons are
+        of one robot, and refuse others.
 
         Args:
             link: name of the link or other frame to which the body is fixed. The name of a joint stands for the link
@@ -347,9 +379,13 @@ class Mechanism(MechanismMethods):
                 reference point of the additional body is the origin of the link or frame, and the axes of the
                 additional body are the axes of the link or frame.
             body: mass properties and shapes of the body.
+            mass: in place of `body`, masses [kg] of 0 or above; shape (...).
+            centre_of_mass: centres of mass from the frame's origin, in the axes of the frame [m]; shape (..., 3).
+            inertia: inertias about the centre of mass, axes of the frame [kg m^2]; shape (..., 3, 3). By default
+                zero: the payload is a point.
 
         Raises:
-            ArgumentError: the robot has no frame `link`, or `body` is not a Body.
+            ArgumentError: the robot has no frame `link`, `body` is not a Body, or no body has the mass properties.
 
         >>> import hingepair as hp
         >>> ball = hp.Body(2, inertia=(1, 1, 1))
@@ -358,7 +394,31 @@ class Mechanism(MechanismMethods):
         >>> robot["hand"].body2.mass  # robot["hand"] is the HingePair; body 2 is the ball with the payload
         5.0
         """
-        return _new_mechanism(type(self), building.add_payload(self.tree, self.base, link, body), self.base)
+        if mass is None:
+            return _new_mechanism(type(self), building.add_payload(self.tree, self.base, link, body), self.base)
+        if body is not None:
+            raise ArgumentError("mass", "None, since `body` has a mass", quoted(mass))
+        payload = read_payload(mass, centre_of_mass, inertia)
+        return _new_mechanism(type(self), building.add_matter(self.tree, link, payload), self.base)
+
+    def with_locked(self, positions: Mapping[str, float]) -> Mechanism:
+        """Return a copy of the robot, a Mechanism, in which joints are held, as with `locked=` of `from_urdf`. The
+        robot itself is not changed.
+
+        Args:
+            positions: dict of the positions [rad or m] by joint name. Mimic joints that follow these joints are held
+                too. A position beyond the joint's limits is used, with a DynamicsWarning.
+
+        Raises:
+            ArgumentError: the robot has no such moving joint, or a position is no number.
+            ShapeError: the robot has payloads with samples; they are added after this.
+
+        >>> import hingepair as hp
+        >>> hp.load_robot("panda").with_locked({"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}).dof
+        7
+        """
+        tree = building.lock_joints(self.tree, self.base, positions)
+        return _new_mechanism(type(self), tree, self.base)
 
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
@@ -480,7 +540,9 @@ class Mechanism(MechanismMethods):
             rows.append((joint.name, joint.kind, carrier, axis, *shown, cell_text(joint.body.mass), follows, *cells))
         title = f"{self.name}: {self.dof} degrees of freedom, {len(self.links)} links, {self.base} base"
         note = loads_note(self.tree)
-        notes = (*self.tree.notes, *([f"dynamics: {note}, unless joint_loads=True"] if note else ()))
+        notes = [*self.tree.notes, *([f"dynamics: {note}, unless joint_loads=True"] if note else ())]
+        if self.tree.samples is not None:
+            notes.append(f"payloads or lengths differ from sample to sample, shape {self.tree.samples.shape}")
         return Sheet(title, rows, notes)
 
 

@@ -160,6 +160,9 @@ def rolled_out(
             starts[name] = np.asarray(np.reshape(known[name], tail) if given is None else given, np.float64)
     else:
         tracks |= base_tracks(base_motion)
+    if request.varied:
+        samples = computation.known["samples"]
+        tracks["samples"] = Track("robot", samples[..., None, :], samples.shape[-1:], False)
     known = {name: value for name, value in known.items() if name not in tracks and name not in starts}
     step = Step(form, request._replace(outputs=()), method, control)
     count = count_steps(tracks, steps, method)

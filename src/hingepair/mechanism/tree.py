@@ -26,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.equations.joints import Axis
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.kinds import KINDS, JointKind
+from hingepair.mechanism.samples import Samples
 from hingepair.mechanism.shapes import BodyDrawing
 from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.pair.hinge_load import HingeLoad
@@ -190,6 +191,21 @@ class Tree(Frozen):
     source: Source | None = None
     without_mass: Mapping[int, str] = field(default_factory=dict)
     """Links whose mass was never given, by the number of the body."""
+    samples: Samples | None = None
+    """What differs from sample to sample beside all this; None for one robot."""
+    leaves: tuple[str, ...] = ()
+    """Names of all links that carry no further link, tips among them."""
+
+    def single(self) -> Tree:
+        """Return this tree, for what takes one robot.
+
+        Raises:
+            ShapeError: masses or lengths differ from sample to sample.
+        """
+        if self.samples is not None:
+            expected = "one robot, with payloads and lengths that are the same for all samples"
+            raise ShapeError("robot", expected, f"samples of shape {self.samples.shape}")
+        return self
 
     @property
     def coordinates(self) -> tuple[Joint, ...]:

@@ -242,7 +242,7 @@ def _changes_of_bodies(tree: TreeForm, values: dict[str, Any], names: Iterable[s
     the values as "numbers".
     """
     form, request = tree
-    numbers = complete_numbers(form, request, values["constants"])
+    numbers = complete_numbers(form, request, values)
     axes = [values["axes"][9 * k : 9 * k + 9] for k in range(len(form.parents) + 1)]
     bodies = [k for k in range(len(axes)) if k or request.free]
     changes: dict[str, list[list[tuple[int, Operand]]]] = {}

@@ -86,6 +86,7 @@ class Request(NamedTuple):
         known: the constants of the frames and loads that are 0, 1 or -1; None for all others.
         loaded: indices of the frames that belong to links on which wrenches act.
         joint_loads: whether springs, dampers and dry friction act at the joints (T14).
+        varied: places of the constants that the input "samples" has.
     """
 
     outputs: tuple[str, ...]
@@ -94,6 +95,7 @@ class Request(NamedTuple):
     known: tuple[float | None, ...] = ()
     loaded: tuple[int, ...] = ()
     joint_loads: bool = False
+    varied: tuple[int, ...] = ()
 
 
 class TreeForm(NamedTuple):
@@ -130,7 +132,7 @@ class Computation:
 
     def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
         self.form, self.request, self.values = form, request, values
-        parts = iter(values.get("numbers") or complete_numbers(form, request, values["constants"]))
+        parts = iter(values.get("numbers") or complete_numbers(form, request, values))
         self.base = eq.Base(**_take_numbers(parts, SHAPE_BY_BASE_CONSTANT_NAME))
         joints = [_take_numbers(parts, SHAPE_BY_JOINT_CONSTANT_NAME) for _ in form.parents]
         self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in joints]
@@ -747,10 +749,13 @@ def _reciprocal(x: Scalar) -> Scalar:
     return math.inf if type(x) is float and x == 0 else 1.0 / x
 
 
-def complete_numbers(form: Form, request: Request, parameters: Iterable[Scalar]) -> list[Scalar]:
-    """Return all constants of a robot and its frames, those that are known and the parameters."""
-    left = iter(parameters)
-    return [next(left) if known is None else known for known in (*form.known, *request.known)]
+def complete_numbers(form: Form, request: Request, values: Mapping[str, Any]) -> list[Scalar]:
+    """Return all constants of a robot and its frames, those that are known, the parameters, and those of samples."""
+    left = iter(values["constants"])
+    numbers = [next(left) if known is None else known for known in (*form.known, *request.known)]
+    for place, number in zip(request.varied, values["samples"] if request.varied else (), strict=True):
+        numbers[place] = number
+    return numbers
 
 
 def constant_place(body: int, name: str) -> int:
@@ -863,6 +868,8 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
         # A free base accelerates as forces have it, unless the accelerations of the joints are given, too.
         names |= {*inputs} - {*(_MOVED_BASE if request.free and "qdd" not in inputs else ())}
     shapes: dict[str, ArrayShape] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
+    if request.varied:
+        shapes["samples"] = (len(request.varied),)
     for name in (*COORDINATES, "gravity", *BASE_MOTION, *BASE_LOADS):
         if name in names:
             shapes[name] = output_shape(name, form, request)

@@ -95,7 +95,7 @@ class FrameForms(WrittenForms):
                 f"({NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC!r},): points of a robot's joints, or nothing",
                 quoted(symbolic),
             )
-        end_links = robot.tree.tips
+        end_links = robot.tree.single().tips
         if frame is None and len(end_links) != 1:
             raise ArgumentError(
                 "frame",

@@ -369,7 +369,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
         has_free_flyer: whether the base is a free-flyer; unless given, it is one if the robot's base is "free".
     """
     pin = import_pinocchio("to_pinocchio")
-    tree, is_free = robot.tree, robot.base == "free"
+    tree, is_free = robot.tree.single(), robot.base == "free"
     if has_free_flyer is None:
         has_free_flyer = is_free
     names = {joint.name for joint in tree.joints}

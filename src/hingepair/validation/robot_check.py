@@ -76,7 +76,13 @@ def cross_validate_robot(
         gravity: acceleration of free fall [m/s^2]; shape (3,).
     """
     fall = one_constant("gravity", gravity, 3)
-    names = tuple(robot.tree.links) if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
+    names = (
+        tuple(robot.tree.single().links)
+        if frames is None
+        else (frames,)
+        if isinstance(frames, str)
+        else tuple(frames)
+    )
     tips = robot.tips if frames is None else names
     known = {name: robot.tree.known_frame("frames", name) for name in names}
     samples = _read_samples(robot, coordinates, base_motion)

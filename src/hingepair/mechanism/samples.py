@@ -1,0 +1,115 @@
+"""Masses and lengths of a robot that differ from sample to sample, such as ten thousand payloads of one hand.
+
+The numbers of a robot's programs that they change become an input with samples; all others stay constants. Here,
+matter counts with the body to which it is fixed, and is not moved to parents (T9), so that it changes the numbers of
+that body alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, read_only, real_array
+
+_SECOND_MOMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # in the order of a program's numbers
+_ROUNDING = 1e-9  # of an inertia's trace, by which written inertias may miss being those of a body
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples(Frozen):
+    """What differs from sample to sample.
+
+    Attributes:
+        shape: leading shape of the samples.
+        matter: by the number of a body, what is fixed to it beside its own mass: mass, first moment and the entries
+            xx, xy, xz, yy, yz, zz of the second moment about the body's reference point, in its axes; (..., 10).
+        points: by the number of a joint, its point in the axes of the body that carries it [m]; (..., 3).
+    """
+
+    shape: tuple[int, ...] = ()
+    matter: Mapping[int, Float64Array] = field(default_factory=dict)
+    points: Mapping[int, Float64Array] = field(default_factory=dict)
+
+    def with_matter(self, body: int, numbers: Float64Array) -> Samples:
+        """Return a copy with more matter fixed to a body, numbers of shape (..., 10)."""
+        shape = broadcast_shape({"payload": numbers.shape[:-1], "earlier payloads": self.shape})
+        total = numbers + self.matter[body] if body in self.matter else numbers
+        return replace(self, shape=shape, matter={**self.matter, body: read_only(np.array(total))})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Payload(Frozen):
+    """Matter with leading axes, in the axes of the frame to which it is fixed.
+
+    Attributes:
+        mass: [kg]; shape (...).
+        centre: centre of mass [m]; shape (..., 3).
+        inertia: about the centre of mass [kg m^2]; shape (..., 3, 3); zero for a point.
+    """
+
+    mass: Float64Array
+    centre: Float64Array
+    inertia: Float64Array
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Leading shape of all three."""
+        return np.broadcast_shapes(self.mass.shape, self.centre.shape[:-1], self.inertia.shape[:-2])
+
+    def moments(self, R: Float64Array, S: Float64Array) -> Float64Array:
+        """Return mass, first and second moments where the frame has the position R and the rotation S; (..., 10)."""
+        c = self.centre @ S.T + R
+        half = np.trace(self.inertia, axis1=-2, axis2=-1)[..., None, None] / 2
+        second = S @ (half * np.eye(3) - self.inertia) @ S.T
+        m = self.mass[..., None]
+        columns = [m[..., 0], *np.moveaxis(m * c, -1, 0)]
+        columns += [second[..., i, j] + m[..., 0] * c[..., i] * c[..., j] for i, j in _SECOND_MOMENTS]
+        return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+def read_payload(mass: ArrayLike, centre_of_mass: ArrayLike, inertia: ArrayLike | None) -> Payload:
+    """Check mass properties with leading axes, and return them as a Payload.
+
+    Raises:
+        ArgumentError: not finite, a mass below 0, or an inertia that no body has.
+        ShapeError: shapes that do not fit.
+    """
+    values = {"mass": mass, "centre_of_mass": centre_of_mass}
+    values["inertia"] = np.zeros((3, 3)) if inertia is None else inertia
+    tails = {"mass": (), "centre_of_mass": (3,), "inertia": (3, 3)}
+    arrays: dict[str, Any] = {}
+    for name, value in values.items():
+        array, tail = np.asarray(real_array(name, value), np.float64), tails[name]
+        if array.ndim < len(tail) or array.shape[array.ndim - len(tail) :] != tail:
+            raise ShapeError(name, f"shape (..., {', '.join(map(str, tail))})", f"shape {array.shape}")
+        if not np.isfinite(array).all():
+            raise ArgumentError(name, "finite numbers", "NaN or infinity")
+        arrays[name] = read_only(array.copy())
+    broadcast_shape({name: array.shape[: array.ndim - len(tails[name])] for name, array in arrays.items()})
+    if (arrays["mass"] < 0).any():
+        raise ArgumentError("mass", "masses of 0 or above", float(arrays["mass"].min()))
+    J = arrays["inertia"]
+    trace = np.trace(J, axis1=-2, axis2=-1)
+    if (np.abs(J - np.swapaxes(J, -1, -2)).max(axis=(-2, -1)) > _ROUNDING * np.abs(trace)).any():
+        raise ArgumentError("inertia", "symmetric matrices", "others")
+    spread = np.linalg.eigvalsh(trace[..., None, None] / 2 * np.eye(3) - J)  # the principal second moments
+    if (spread < -_ROUNDING * np.abs(trace)[..., None]).any():
+        expected = "inertias about the centre of mass that a body can have: no principal moment above the other two"
+        raise ArgumentError("inertia", expected, quoted(inertia) if J.ndim == 2 else "others")
+    return Payload(arrays["mass"], arrays["centre_of_mass"], J)
+
+
+def moved_numbers(numbers: Float64Array, axes: Float64Array) -> Float64Array:
+    """Return mass, first and second moments (..., 10) in a program's axes; `axes` turns from those to the body's."""
+    N = np.empty((*numbers.shape[:-1], 3, 3))
+    for k, (i, j) in enumerate(_SECOND_MOMENTS):
+        N[..., i, j] = N[..., j, i] = numbers[..., 4 + k]
+    N = axes.T @ N @ axes
+    entries = [N[..., i, j] for i, j in _SECOND_MOMENTS]
+    return np.stack([numbers[..., 0], *np.moveaxis(numbers[..., 1:4] @ axes, -1, 0), *entries], axis=-1)

@@ -1,0 +1,188 @@
+"""Payloads that differ from sample to sample, against one robot for each; locked joints; the total mass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from hingepair.errors import ArgumentError, ShapeError
+from support.trees import random_model
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*no rigid body:hingepair.DynamicsWarning")
+
+RNG = np.random.default_rng(11)
+COUNT, STATES = 3, 2
+MASS = RNG.uniform(0, 4, (COUNT, 1))
+CENTRE = RNG.uniform(-0.3, 0.3, (COUNT, 1, 3))
+HALF = RNG.uniform(-0.2, 0.2, (COUNT, 1, 3, 3))
+INERTIA = np.trace(HALF @ np.swapaxes(HALF, -1, -2), axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+INERTIA = INERTIA - HALF @ np.swapaxes(HALF, -1, -2)
+BASE = hp.BodyMotion(
+    R=(1, 2, 3), S=hp.rotation_exp((0.3, -0.2, 0.5)), v=(1, 0, 2), omega=(0.5, 1, -1), a=(0, 1, 0), alpha=(1, 1, 2)
+)
+TIMES_ROUNDING = 256 * 2.0**-53
+
+
+@pytest.fixture(scope="module", params=["fixed", "free"])
+def robot(request):
+    return hp.Mechanism.from_pinocchio(random_model(2, 5), base=request.param)
+
+
+def results(robot, q, qd, qdd):
+    options = {"base_motion": BASE, "backend": "numpy"}
+    forces = robot.inverse_dynamics(q, qd, qdd, **options)
+    found = {"tau": forces.tau, "torque1": forces.torque1, "mass": robot.mass_matrix(q, **options)}
+    found |= {"qdd": robot.forward_dynamics(q, qd, forces.tau, **options).qdd}
+    found |= {"kinetic": robot.energy(q, qd, **options).kinetic, "centre": robot.centre_of_mass(q, **options)}
+    found |= {"wrench": robot.joint_wrenches(q, qd, qdd, **options).torque}
+    return found | {"angular": robot.momentum(q, qd, about="centre", **options).angular}
+
+
+def test_every_sample_has_its_payload(robot):
+    link = robot.tips[-1]
+    q, qd, qdd = np.random.default_rng(4).uniform(-1, 1, (3, STATES, robot.dof))
+    loaded = robot.with_payload(link, mass=MASS, centre_of_mass=CENTRE, inertia=INERTIA)
+    found = results(loaded, q, qd, qdd)
+    for k in range(COUNT):
+        one = robot.with_payload(link, mass=MASS[k, 0], centre_of_mass=CENTRE[k, 0], inertia=INERTIA[k, 0])
+        for name, expected in results(one, q, qd, qdd).items():
+            error = np.abs(found[name][k] - expected).max()
+            assert found[name].shape == (COUNT, *expected.shape), name
+            # accelerations of the two differ by the condition of the mass matrix
+            assert error <= (1e4 if name == "qdd" else 1) * TIMES_ROUNDING * max(1, np.abs(expected).max()), name
+
+
+def test_kinematics_do_not_depend_on_payloads(robot):
+    loaded = robot.with_payload(robot.tips[-1], mass=MASS)
+    assert (
+        loaded.forward_kinematics(np.zeros(robot.dof)).R.shape
+        == robot.forward_kinematics(np.zeros(robot.dof)).R.shape
+    )
+
+
+def test_a_point_is_that_of_pinocchio():
+    model = random_model(3, 4)
+    robot = hp.Mechanism.from_pinocchio(model)
+    mass, centre = 1.5, np.array((0.1, -0.2, 0.3))
+    loaded = robot.with_payload("joint_3", mass=mass, centre_of_mass=centre)
+    model.appendBodyToJoint(4, pin.Inertia(mass, centre, np.zeros((3, 3))), pin.SE3.Identity())
+    q, qd, qdd = np.random.default_rng(4).uniform(-1, 1, (3, 4))
+    expected = pin.rnea(model, model.createData(), q, qd, qdd)
+    assert np.abs(loaded.inverse_dynamics(q, qd, qdd).tau - expected).max() <= TIMES_ROUNDING * np.abs(expected).max()
+
+
+def test_payloads_add_up(robot):
+    first, second = robot.tips[-1], robot.links[2]
+    both = robot.with_payload(first, mass=MASS).with_payload(second, mass=MASS[:, 0]).with_payload(first, mass=2.0)
+    again = robot.with_payload(first, mass=MASS + 2).with_payload(second, mass=MASS[:, 0])
+    assert both.mass.shape == (COUNT, COUNT)
+    q = np.zeros(robot.dof)
+    one, other = (each.gravity_forces(q, backend="numpy") for each in (both, again))
+    assert one.shape[:2] == (COUNT, COUNT)
+    assert np.abs(one - other).max() <= TIMES_ROUNDING * np.abs(one).max()
+
+
+def test_the_total_mass_counts_a_free_base_and_payloads(robot):
+    bodies = [joint.body.mass for joint in robot.tree.joints] + [robot.tree.base.mass] * (robot.base == "free")
+    assert robot.mass == pytest.approx(sum(bodies), rel=1e-15)
+    loaded = robot.with_payload(robot.tips[-1], mass=MASS)
+    assert np.abs(loaded.mass - robot.mass - MASS).max() <= 4 * 2.0**-53 * loaded.mass.max()
+
+
+@pytest.mark.slow(2)
+def test_rollouts_and_prepared_calls_take_payloads(robot):
+    loaded = robot.with_payload(robot.tips[-1], mass=MASS[:, 0], centre_of_mass=CENTRE[:, 0])
+    q, qd, tau = np.random.default_rng(4).uniform(-1, 1, (3, robot.dof))
+    motions = loaded.rollout(q, qd, tau, 1e-3, steps=3)
+    prepared = loaded.prepare("inverse_dynamics", outputs=("tau",), backend="numpy")(q, qd, tau).tau
+    for k in range(COUNT):
+        one = robot.with_payload(robot.tips[-1], mass=MASS[k, 0], centre_of_mass=CENTRE[k, 0])
+        expected = one.rollout(q, qd, tau, 1e-3, steps=3)
+        assert np.abs(motions.qd[k] - expected.qd).max() <= 1e4 * TIMES_ROUNDING * np.abs(expected.qd).max()
+        torques = one.inverse_dynamics(q, qd, tau, backend="numpy").tau
+        assert np.abs(prepared[k] - torques).max() <= TIMES_ROUNDING * max(1, np.abs(torques).max())
+
+
+def test_derivatives_take_payloads():
+    robot = hp.Mechanism.from_pinocchio(random_model(2, 3))
+    loaded = robot.with_payload(robot.tips[-1], mass=MASS[:, 0])
+    q, qd, qdd = np.random.default_rng(4).uniform(-1, 1, (3, 3))
+    found = loaded.inverse_dynamics_derivatives(q, qd, qdd, backend="numpy")
+    one = robot.with_payload(robot.tips[-1], mass=MASS[1, 0])
+    expected = one.inverse_dynamics_derivatives(q, qd, qdd, backend="numpy")
+    assert np.abs(found.tau_q[1] - expected.tau_q).max() <= TIMES_ROUNDING * np.abs(expected.tau_q).max()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "message"),
+    [
+        ({"mass": -1}, ArgumentError, "mass: expected masses of 0 or above"),
+        ({"mass": [1, np.nan]}, ArgumentError, "mass: expected finite numbers"),
+        ({"mass": 1, "centre_of_mass": (1, 2)}, ShapeError, r"centre_of_mass: expected shape \(\.\.\., 3\)"),
+        ({"mass": 1, "inertia": np.diag((1, 1, 3))}, ArgumentError, "inertia: expected inertias about the centre"),
+        ({"mass": 1, "inertia": [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, ArgumentError, "inertia: expected symmetric"),
+        ({"mass": 1, "body": hp.Body(1, inertia=(1, 1, 1))}, ArgumentError, "mass: expected None"),
+        ({}, ArgumentError, "body: expected a Body"),
+        ({"mass": [1, 2], "centre_of_mass": np.zeros((3, 3))}, ShapeError, "mass"),
+    ],
+)
+def test_a_payload_that_cannot_be_is_refused(robot, arguments, kind, message):
+    with pytest.raises(kind, match=message):
+        robot.with_payload(robot.tips[-1], **arguments)
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        hp.to_urdf,
+        hp.to_pinocchio,
+        lambda robot: robot.error_bounds(np.zeros(robot.dof), outputs=("mass_matrix",)),
+        lambda robot: robot.with_locked({robot.names[0]: 0.1}),
+        lambda robot: robot[robot.names[0]],
+        lambda robot: hp.cross_validate(robot, np.zeros(robot.dof)),
+    ],
+)
+def test_what_takes_one_robot_refuses_samples(robot, use):
+    with pytest.raises(ShapeError, match=r"robot: expected one robot, .*, got samples of shape \(3, 1\)"):
+        use(robot.with_payload(robot.tips[-1], mass=MASS))
+
+
+LEG = """<robot name="leg"><link name="base"/>{links}
+<joint name="hip" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 1" rpy="0.1 0 0"/>
+  <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="6"/></joint>
+<joint name="knee" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0 0.1 -0.4"/><axis xyz="1 1 0"/>
+  <limit lower="-2" upper="2" effort="5" velocity="6"/><dynamics damping="0.5"/></joint>
+<joint name="sole" type="fixed"><parent link="l2"/><child link="l3"/><origin xyz="0 0 -0.4" rpy="0 0.2 0"/></joint>
+<joint name="toe" type="revolute"><parent link="l2"/><child link="l4"/><origin xyz="0.1 0 -0.4"/><axis xyz="0 0 1"/>
+  <limit lower="-2" upper="2" effort="5" velocity="6"/><mimic joint="knee" multiplier="0.5" offset="0.1"/></joint>
+</robot>""".format(
+    links="".join(
+        f"""<link name="l{k}"><inertial><origin xyz="0.0{k} 0.01 0"/><mass value="{k}"/>
+<inertia ixx="0.{k}" iyy="0.{k}" izz="0.{k}" ixy="0.01" ixz="0" iyz="0"/></inertial></link>"""
+        for k in range(1, 5)
+    )
+)
+
+
+@pytest.mark.parametrize("locked", [{"knee": 0.3}, {"hip": -0.5}, {"toe": 0.2}, {"hip": 0.1, "knee": -1.0}])
+def test_joints_are_locked_after_reading_as_while_reading(locked):
+    expected = hp.Mechanism.from_urdf(LEG, locked=locked)
+    found = hp.Mechanism.from_urdf(LEG).with_locked(locked)
+    assert (found.names, found.links, found.tips) == (expected.names, expected.links, expected.tips)
+    assert found.tree.source == expected.tree.source
+    assert str(found) == str(expected)
+    assert found.tree.frames.keys() == expected.tree.frames.keys()
+    for one, other in zip(found.tree.joints, expected.tree.joints, strict=True):
+        assert one.load == other.load
+        for got, wanted in ((one.u, other.u), (one.S, other.S), (one.body.inertia, other.body.inertia)):
+            assert np.abs(got - wanted).max() <= 16 * 2.0**-53
+        assert np.abs(one.body.center_of_mass - other.body.center_of_mass).max() <= 16 * 2.0**-53
+    again = expected.with_locked({})
+    assert (again.names, again.tips) == (expected.names, expected.tips)
+
+
+def test_a_locked_joint_must_exist():
+    with pytest.raises(ArgumentError, match="locked: expected"):
+        hp.Mechanism.from_urdf(LEG).with_locked({"ankle": 0})
