@@ -6,7 +6,7 @@ import reprlib
 from collections.abc import Collection, Sequence
 
 # A longer text of a value is cut to this length, and the text of an array of more entries is left out.
-_MAX_CHARACTERS_OR_ARRAY_ELEMENTS_OF_VALUE_IN_MESSAGE = 120
+_MAX_SHOWN = 120
 
 
 class HingePairError(Exception):
@@ -137,23 +137,11 @@ def shorten(value: object) -> str:
     breaks and cut to 120 characters; for an array of more than 120 elements, only its shape. The work is bounded
     however large the value is.
     """
-    if getattr(value, "size", 0) > _MAX_CHARACTERS_OR_ARRAY_ELEMENTS_OF_VALUE_IN_MESSAGE and hasattr(
-        value, "shape"
-    ):  # its text would be cut
+    if getattr(value, "size", 0) > _MAX_SHOWN and hasattr(value, "shape"):  # its text would be cut
         return f"an array of shape {value.shape}"
     plain_value = value.tolist() if hasattr(value, "tolist") else value
-    text = " ".join(
-        (
-            plain_value[: 2 * _MAX_CHARACTERS_OR_ARRAY_ELEMENTS_OF_VALUE_IN_MESSAGE]
-            if isinstance(plain_value, str)
-            else _brief(plain_value)
-        ).split()
-    )
-    return (
-        text
-        if len(text) <= _MAX_CHARACTERS_OR_ARRAY_ELEMENTS_OF_VALUE_IN_MESSAGE
-        else text[: _MAX_CHARACTERS_OR_ARRAY_ELEMENTS_OF_VALUE_IN_MESSAGE - 3] + "..."
-    )
+    text = " ".join((plain_value[: 2 * _MAX_SHOWN] if isinstance(plain_value, str) else _brief(plain_value)).split())
+    return text if len(text) <= _MAX_SHOWN else text[: _MAX_SHOWN - 3] + "..."
 
 
 def _brief(value: object) -> str:
@@ -161,10 +149,8 @@ def _brief(value: object) -> str:
     string only the two ends. An integer with too many digits to be written is described by its type.
     """
     brief = reprlib.Repr()
-    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = (
-        _MAX_CHARACTERS_OR_ARRAY_ELEMENTS_OF_VALUE_IN_MESSAGE // 4
-    )
-    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_CHARACTERS_OR_ARRAY_ELEMENTS_OF_VALUE_IN_MESSAGE
+    brief.maxlist = brief.maxtuple = brief.maxdict = brief.maxset = brief.maxfrozenset = _MAX_SHOWN // 4
+    brief.maxlong = brief.maxstring = brief.maxother = 2 * _MAX_SHOWN
     try:
         return brief.repr(value)
     except ValueError:  # an integer with too many digits to be written
@@ -175,9 +161,7 @@ def quoted(value: object) -> object:
     """Return a value for the argument `got` of an ArgumentError: for a string, the repr of its first 240 characters,
     since '2' is not 2; any other value unchanged.
     """
-    return (
-        repr(value[: 2 * _MAX_CHARACTERS_OR_ARRAY_ELEMENTS_OF_VALUE_IN_MESSAGE]) if isinstance(value, str) else value
-    )
+    return repr(value[: 2 * _MAX_SHOWN]) if isinstance(value, str) else value
 
 
 def nearest(name: str, known_names: Collection[str]) -> str:

@@ -202,7 +202,7 @@ def test_forms_run_the_same_equations_as_numbers():
     """No step but the sines and cosines is another function."""
     for name in SPATIAL_MOTION_KIND.levels:
         numeric = {step.result: step for step in (*LEVER_CONSTANT_STEPS, *make_plan((name,)).steps)}
-        steps = make_plan((name,), "XYZ", True, closed_forms._TRIG_FUNCTIONS_OF_EULER_AND_HINGE_ANGLES).steps
+        steps = make_plan((name,), "XYZ", True, closed_forms.TRIG_FUNCTIONS).steps
         own = {step.result for step in steps if step != numeric[step.result]}
         assert own <= {"trig", "hinge", "cosine"}
 
@@ -391,7 +391,7 @@ def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
 
 @pytest.mark.slow
 def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(closed_forms, "MAX_SYMBOLS_PER_OUTPUT_COMPONENT", 100)
+    monkeypatch.setattr(closed_forms, "MAX_COMPONENT_SYMBOLS", 100)
     with pytest.raises(hp.ArgumentError, match="at most 100 symbols"):
         _ = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(1, 1, 0))).a2
     found = scene(tmp_path, phi_x='"sin(sin(sin(t)))"')

@@ -17,7 +17,7 @@ from hingepair.errors import ArgumentError, HingePairError, MissingDependencyErr
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.robots import load_robot, robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
-from hingepair.formats.xml_text import DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME, commented
+from hingepair.formats.xml_text import DEFAULT_LIMITS, commented
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
@@ -212,7 +212,7 @@ def _print_assumed_limits(robot: Mechanism) -> None:
         joints = [joint.name for joint in limited if np.isinf(getattr(joint, attribute))]
         if joints:
             more = f" and {len(joints) - 3} more" * (len(joints) > 3)
-            value = DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME[name]
+            value = DEFAULT_LIMITS[name]
             assumed.append(f"{name} {value:g} of {', '.join(joints[:3])}{more}")
     if assumed:
         print(f"hingepair: assumed, since URDF wants a limit: {'; '.join(assumed)}", file=sys.stderr)

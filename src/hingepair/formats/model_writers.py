@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.formats.xml_text import (
-    DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME,
+    DEFAULT_LIMITS,
     add_element,
     add_urdf_joint,
     axis_for_urdf,
@@ -47,16 +47,16 @@ WORLD_LINK_NAME, BODY1_LINK_NAME, BODY2_LINK_NAME = "world", "body1", "body2"
 BODY2_AT_HINGE_LINK_NAME = "body2_at_hinge"  # its origin is the hinge point
 BASE_JOINT_NAME, HINGE_JOINT_NAME = "base", "hinge"
 
-_ZERO_ROLL_PITCH_YAW_IN_RADIANS = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
+_NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 # Beyond, a viewer shows nothing, and what is drawn has the size of one metre.
-_DRAWABLE_LENGTH_RANGE_IN_METRES = (1e-9, 1e9)
-_INERTIA_TRIANGLE_MARGIN_TO_LARGEST_MOMENT_RATIO = 2.0**-46
+_DRAWABLE = (1e-9, 1e9)
+_INERTIA_MARGIN = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
 2^-50 was enough in all of 1,000 flat bodies.
 """
 # Nothing of the model is left to the compiler's judgement: its masses are those written, and body2 stays a body.
-_TEXT_BY_MJCF_COMPILER_ATTRIBUTE_NAME = {
+_MJCF_COMPILER = {
     "angle": "radian",
     "autolimits": "true",
     "inertiafromgeom": "false",
@@ -159,7 +159,7 @@ def to_urdf(
     if hinge_load.damping or hinge_load.friction:
         add_element(hinge, "dynamics", damping=hinge_load.damping, friction=hinge_load.friction)
     to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE_LINK_NAME, BODY2_LINK_NAME)
-    add_element(to_body2, "origin", xyz=-pair.u2, rpy=_ZERO_ROLL_PITCH_YAW_IN_RADIANS)
+    add_element(to_body2, "origin", xyz=-pair.u2, rpy=_NO_TURN)
     return _document(robot, parts)
 
 
@@ -218,7 +218,7 @@ def to_mjcf(
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
     part1, part2 = _pair_parts(pair, base)
     root = ET.Element("mujoco", {"model": pair.name})
-    add_element(root, "compiler", **_TEXT_BY_MJCF_COMPILER_ATTRIBUTE_NAME)
+    add_element(root, "compiler", **_MJCF_COMPILER)
     add_element(root, "option", gravity=one_constant("gravity", gravity, 3))
     pose: dict[str, Any] = {}
     if body1 is not None:
@@ -311,7 +311,7 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
     check_pair(pair)
     check_single_pair(pair)
     reach = math.hypot(*pair.u1) + math.hypot(*pair.u2)
-    size = reach if _DRAWABLE_LENGTH_RANGE_IN_METRES[0] <= reach <= _DRAWABLE_LENGTH_RANGE_IN_METRES[1] else 1.0
+    size = reach if _DRAWABLE[0] <= reach <= _DRAWABLE[1] else 1.0
     pin = Cylinder(_round_for_drawing(0.04 * size), _round_for_drawing(0.3 * size), pair.u1, pair.n)
     sleeve = Cylinder(_round_for_drawing(0.06 * size), _round_for_drawing(0.15 * size), pair.u2, _axis_in_body2(pair))
     one = pair.body1.shapes if pair.body1 else ()
@@ -377,7 +377,7 @@ def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
     given rounded.
     """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
-    lift = _INERTIA_TRIANGLE_MARGIN_TO_LARGEST_MOMENT_RATIO * largest + largest - sum(smaller)
+    lift = _INERTIA_MARGIN * largest + largest - sum(smaller)
     return inertia + lift * np.eye(3) if lift > 0 else inertia
 
 
@@ -387,7 +387,7 @@ def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
     """
     box = Box(np.full(3, _round_for_drawing(0.12 * size)))
     length = math.hypot(*u)
-    if not 0.01 * size < length < _DRAWABLE_LENGTH_RANGE_IN_METRES[1]:
+    if not 0.01 * size < length < _DRAWABLE[1]:
         return (box,)
     return box, Cylinder(_round_for_drawing(0.025 * size), length, u / 2, u)
 
@@ -406,10 +406,7 @@ def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> di
     if limits is None and set(pair_limits.values()) == {None}:
         return {}
     range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
-    return range_ | {
-        key: DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME[key] if value is None else value
-        for key, value in pair_limits.items()
-    }
+    return range_ | {key: DEFAULT_LIMITS[key] if value is None else value for key, value in pair_limits.items()}
 
 
 def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
@@ -420,7 +417,7 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
     if part.body is not None:
         inertial = add_element(link, "inertial")
         place = part.body.center_of_mass - part.origin
-        add_element(inertial, "origin", xyz=place, rpy=_ZERO_ROLL_PITCH_YAW_IN_RADIANS)
+        add_element(inertial, "origin", xyz=place, rpy=_NO_TURN)
         add_element(inertial, "mass", value=part.body.mass)
         moments = dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _moments(part.body), strict=True))
         add_element(inertial, "inertia", **moments)
@@ -442,7 +439,7 @@ def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
         x, y, z = map(float, shape.axis)
         rpy = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
         return "cylinder", {"radius": shape.radius, "length": shape.length}, rpy
-    return "sphere", {"radius": shape.radius}, _ZERO_ROLL_PITCH_YAW_IN_RADIANS
+    return "sphere", {"radius": shape.radius}, _NO_TURN
 
 
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:

@@ -37,16 +37,12 @@ from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation
 
 # Columns that results have and a recording of poses does not need.
-_IGNORED_RESULT_COLUMN_NAME_PATTERN = re.compile(
-    r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?"
-)
+_IGNORED_COLUMNS = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
 
 # Names, in small letters, that other recorders give the column t.
-_LOWER_CASE_TIME_COLUMN_ALIASES_FOR_HINTS = frozenset(
-    {"time", "times", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"}
-)
+_TIME_ALIASES = frozenset({"time", "times", "timestamp", "stamp", "seconds", "sec", "time_s", "t_s"})
 # Names, in small letters, that other recorders give the columns x, y, z, x1 and so on.
-_LOWER_CASE_POSITION_COLUMN_ALIAS_PATTERN_FOR_HINTS = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
+_POSITION_ALIAS = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
 
 
 class Recording(NamedTuple):
@@ -279,7 +275,7 @@ def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encod
             if name in wanted:
                 raise ArgumentError(name, "a column once", "a second one")
             wanted.append(name)
-        elif not _IGNORED_RESULT_COLUMN_NAME_PATTERN.fullmatch(name):
+        elif not _IGNORED_COLUMNS.fullmatch(name):
             short = repr(name[:40])
             meant = _column_hint(name, known_names)
             reads_angle = (
@@ -295,8 +291,6 @@ def _column_hint(name: str, known_names: Sequence[str]) -> str:
     `known_names` is near.
     """
     lower = name.lower()
-    position = _LOWER_CASE_POSITION_COLUMN_ALIAS_PATTERN_FOR_HINTS.fullmatch(lower)
-    column = (
-        "t" if lower in _LOWER_CASE_TIME_COLUMN_ALIASES_FOR_HINTS else "".join(position.groups()) if position else ""
-    )
+    position = _POSITION_ALIAS.fullmatch(lower)
+    column = "t" if lower in _TIME_ALIASES else "".join(position.groups()) if position else ""
     return f" (nearest: {column})" if column in known_names else nearest(name, known_names)

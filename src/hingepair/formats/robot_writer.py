@@ -15,7 +15,7 @@ import numpy as np
 
 from hingepair.errors import URDFError
 from hingepair.formats.xml_text import (
-    DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME,
+    DEFAULT_LIMITS,
     add_element,
     add_urdf_joint,
     axis_for_urdf,
@@ -150,8 +150,7 @@ class _UrdfWriter:
         upper_limits = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
         if kind != "continuous" or np.isfinite(list(upper_limits.values())).any():
             limit = {
-                key: value if math.isfinite(value) else DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME[key]
-                for key, value in upper_limits.items()
+                key: value if math.isfinite(value) else DEFAULT_LIMITS[key] for key, value in upper_limits.items()
             }
             if bounded or kind == "prismatic":  # without numbers, readers hold a slider at 0; infinity is the largest
                 limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))

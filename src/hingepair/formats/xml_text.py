@@ -11,11 +11,11 @@ import numpy as np
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array
 
-DEFAULT_URDF_LIMIT_BY_ATTRIBUTE_NAME = {"effort": 1000.0, "velocity": 100.0}
+DEFAULT_LIMITS = {"effort": 1000.0, "velocity": 100.0}
 """Limits to write where URDF demands them and none are given: [N m or N] and [rad/s or m/s] that stop nothing."""
 
 # Compiled when used, which takes milliseconds.
-_INVALID_XML_CHARACTER_PATTERN_TEXT = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+_INVALID = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 
 def check_xml_text(argument: str, text: str) -> None:
@@ -25,7 +25,7 @@ def check_xml_text(argument: str, text: str) -> None:
     Raises:
         ArgumentError: there is such a character; the error names the argument.
     """
-    if re.search(_INVALID_XML_CHARACTER_PATTERN_TEXT, text):
+    if re.search(_INVALID, text):
         raise ArgumentError(argument, "characters that XML can hold", quoted(text))
 
 

@@ -22,7 +22,7 @@ from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.plans import autodiff
 from hingepair.plans.arguments import Arguments, CoordinateNames, check_out, read_arguments
 from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
-from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE, check_rotation
+from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotation
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
 _ATTITUDES: Final = ("S1", "S2", *QUATERNIONS)  # inputs that a prepared call checks
@@ -282,7 +282,7 @@ def _compute_chunk(
 
 def _limits(name: str) -> Mapping[int, float]:
     """Return the limits of the check of an attitude, by the size of a number in bytes."""
-    return {8: 1.0, 4: 1.0} if name in QUATERNIONS else MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE  # of a zero, 2
+    return {8: 1.0, 4: 1.0} if name in QUATERNIONS else MAX_ORTHOGONALITY_ERRORS  # of a zero, 2
 
 
 def _check_attitudes(values: Mapping[str, Any], labels: Mapping[str, str] | None = None) -> None:

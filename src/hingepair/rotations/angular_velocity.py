@@ -16,7 +16,7 @@ from hingepair.numeric.finite_differences import stencils
 from hingepair.numeric.instants import instants_of
 from hingepair.rotations.matrices import check_rotation, rotation_exp, rotation_vector
 
-ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY = (2, 4, 6, 8)  # in the time step
+ORDERS = (2, 4, 6, 8)  # in the time step
 
 
 @overload
@@ -141,10 +141,8 @@ def angular_velocity_from_samples(
     >>> hp.angular_velocity_from_samples(t, hp.rotation_exp(t[:, None] * (0, 0, 2))).round(12)[5] + 0.0
     array([0., 0., 2.])
     """
-    if not isinstance(order, int | np.integer) or order not in ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY:
-        raise ArgumentError(
-            "order", f"one of {', '.join(map(str, ALLOWED_ERROR_ORDERS_OF_ANGULAR_VELOCITY))}", quoted(order)
-        )
+    if not isinstance(order, int | np.integer) or order not in ORDERS:
+        raise ArgumentError("order", f"one of {', '.join(map(str, ORDERS))}", quoted(order))
     time, attitude = instants_of("t", t, order), vectors("S", S, 3, 3)
     dtype = result_dtype((np.asarray(t), attitude))
     if attitude.ndim < 3 or attitude.shape[-3] != time.size:

@@ -25,7 +25,7 @@ from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
 # By the size of a number in bytes: largest element of S S^T - I at which S is accepted as a rotation. A relative
 # error of half this size in the length of a row makes such an element.
-MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE = {4: 2e-5, 8: 2e-9}
+MAX_ORTHOGONALITY_ERRORS = {4: 2e-5, 8: 2e-9}
 
 
 def skew(w: ArrayLike) -> FloatArray:
@@ -327,7 +327,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
         RotationError: names the argument, and recommends project_to_rotation.
     """
     dtype, shape = result_dtype((S,)), S.shape[:-2]
-    tolerance = MAX_ORTHOGONALITY_ERROR_BY_DTYPE_ITEMSIZE[dtype.itemsize]
+    tolerance = MAX_ORTHOGONALITY_ERRORS[dtype.itemsize]
     if shape == ():
         one = _rotation_errors({"S": S.ravel().tolist()})
         if one["error"] <= tolerance and one["volume"] >= 0:

@@ -16,7 +16,7 @@ from hingepair.scenes.load import load_pair, load_tables
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.robot_scene import RobotScene
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.closed_forms import PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS
+from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS
 from hingepair.symbolic.derivation import Derivation
 from hingepair.symbolic.exact_constants import axis_rotation, exact_unit_axis, roll_pitch_yaw_rotation
 from hingepair.symbolic.exact_expressions import SYMPY_ERRORS, to_sympy
@@ -139,7 +139,7 @@ def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
     """Return the argument `symbolic` as a tuple of names."""
-    allowed_names = (*(key for key in PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS if hasattr(pair, key)), *constants)
+    allowed_names = (*(key for key in SYMBOLIC_CONSTANTS if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(allowed_names)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
         raise ArgumentError("symbolic", f"a tuple of {expected}", quoted(symbolic))

@@ -23,7 +23,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, make_plan
-from hingepair.symbolic.exact_constants import MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT, exact
+from hingepair.symbolic.exact_constants import MAX_ROOT_DENOMINATOR, exact
 from hingepair.symbolic.exact_expressions import derivatives, time_symbol
 from hingepair.symbolic.kinks import Expr, real_symbol
 from hingepair.symbolic.printers import count_symbols, latex_name, sorted_terms
@@ -32,13 +32,12 @@ from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, tri
 SumTerms: TypeAlias = tuple[Expr, ...]
 """Terms of a sum, or components of a constant."""
 
-MAX_SYMBOLS_PER_OUTPUT_COMPONENT: Final = 5_000
-"""Largest number of symbols in a component, counted with repetition; a longer one is not readable."""
-PAIR_CONSTANT_NAMES_ALLOWED_AS_SYMBOLS: Final = ("u1", "u2", "n")
+MAX_COMPONENT_SYMBOLS: Final = 5_000
+"""Largest number of symbols in a component, with repetition; a longer one is not readable."""
+SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
-PAIR_CONSTANT_NAMES: Final = ("u1", "u2", "n", "home")
-"""Constants of a pair that closed forms hold."""
-_PLAN_INPUT_NAMES_OF_Q_QD_QDD: Final = ("q", "qd", "qdd")  # coordinates and their derivatives as inputs of plans
+_CONSTANTS: Final = (*SYMBOLIC_CONSTANTS, "home")
+_COORDINATES: Final = ("q", "qd", "qdd")  # as plans have them
 
 
 class ClosedForms:
@@ -84,7 +83,7 @@ class ClosedForms:
         self._sequence = None if self._planar else sequence
         self._home = "home" in constants
         self._working_forms: dict[str, Any] = constants | dict(
-            zip(_PLAN_INPUT_NAMES_OF_Q_QD_QDD, zip(*coordinates, strict=True), strict=True)
+            zip(_COORDINATES, zip(*coordinates, strict=True), strict=True)
         )
         self._display_forms: dict[str, tuple[Expr, ...]] = {}
 
@@ -126,9 +125,7 @@ class ClosedForms:
     def _distinct_constants(
         self, exprs: Iterable[Expr], given: Collection[str], symbolic: Collection[str]
     ) -> dict[Expr, Expr]:
-        """Return the symbols that replace the constants of a scene in expressions: those whose names are in use, as
-        the names of coordinates, components and outputs are, get an underscore.
-        """
+        """Return the symbols that replace the constants of a scene; names in use get an underscore."""
         used = ["t", *(label for name in self.names for label in self.labels(name))]
         used += [name + "d" * order for name in self.kind.coordinates if name not in given for order in range(3)]
         used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]
@@ -138,12 +135,7 @@ class ClosedForms:
         return {symbol: real_symbol(taken[symbol.name]) for symbol in constants}
 
     def terms(self, name: str) -> tuple[SumTerms, ...]:
-        """Return a tuple of the components of the output called `name`, each a tuple of the terms of its sum, in the
-        order of display. Intermediate results are computed once and stored. Raise an ArgumentError for an unknown
-        output, or one whose form is too long.
-
-        Args:
-            name: one of `names`.
+        """Return the components of the output called `name`, each as the terms of its sum in the order of display.
 
         Raises:
             ArgumentError: no such output, or its closed form is too long to be of use.
@@ -153,37 +145,34 @@ class ClosedForms:
             (name,),
             self._sequence,
             self._home,
-            _TRIG_FUNCTIONS_OF_EULER_AND_HINGE_ANGLES,
+            TRIG_FUNCTIONS,
             self.kind,
-            _PLAN_INPUT_NAMES_OF_Q_QD_QDD,
+            _COORDINATES,
         )
         for result, function, arguments in plan.steps:
             if result not in self._working_forms:
                 value = function(*[self._working_forms[key] for key in arguments])
                 keep = (
                     result in ("angles", "phi2")  # sums of angles
-                    or bool({*arguments} & {*_PLAN_INPUT_NAMES_OF_Q_QD_QDD})
+                    or bool({*arguments} & {*_COORDINATES})
                     or isinstance(components(value)[0], tuple)
                 )
                 self._working_forms[result] = value if keep else self._shorten(result, value)
         return tuple(map(sorted_terms, self._display_forms.get(name, components(self._working_forms[name]))))
 
     def _shorten(self, result_name: str, value: Any) -> Any:
-        """Return the value of the result called `result_name`, one expression or a tuple of components, in the forms
-        that further steps use. Store its forms to display. Raise an ArgumentError if a component has more than
-        MAX_SYMBOLS_PER_OUTPUT_COMPONENT symbols.
-        """
+        """Return a result in the form that further steps use, and store the form that is displayed."""
         pairs = [self._choose_forms(sympy.sympify(part)) for part in components(value)]
         longest = max(count_symbols(working) for working, _ in pairs)
-        if longest > MAX_SYMBOLS_PER_OUTPUT_COMPONENT:
-            expected = f"an output whose components have at most {MAX_SYMBOLS_PER_OUTPUT_COMPONENT} symbols"
+        if longest > MAX_COMPONENT_SYMBOLS:
+            expected = f"an output whose components have at most {MAX_COMPONENT_SYMBOLS} symbols"
             raise ArgumentError("outputs", expected, f"{result_name} with {longest}")
         working, self._display_forms[result_name] = zip(*pairs, strict=True)
         return working if isinstance(value, tuple) else working[0]
 
     def _choose_forms(self, expr: Expr) -> tuple[Expr, Expr]:
-        """Return (working, display): the form of an expression for further steps and its form for display. Each is
-        either the expression itself or its sum of sines and cosines, whichever has fewer symbols.
+        """Return the form for further steps and that for display: the expression itself or its sum of sines and
+        cosines.
         """
         as_sum = trig_sum(expr)
         if as_sum is None:
@@ -202,13 +191,10 @@ def _unknown_function(name: str) -> tuple[Expr, Expr, Expr]:
 def constant_inputs(
     pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, SumTerms]
 ) -> dict[str, SumTerms]:
-    """Return a dict of the pair's constants u1, u2, n and home, as far as it has them, by name; each is a tuple of
-    expressions. The components of a constant named in `symbolic` are symbols, those of a constant in the dict
-    `exact_values` are given there, and all others are exact numbers made from the pair's floats.
-    """
+    """Return the pair's constants as expressions: symbols, `exact_values`, or exact numbers made of its floats."""
     inputs: dict[str, SumTerms] = {}
     values = pair.constants.values
-    for key, value in ((key, values[key]) for key in PAIR_CONSTANT_NAMES if key in values):
+    for key, value in ((key, values[key]) for key in _CONSTANTS if key in values):
         if key in symbolic:
             inputs[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
         elif key in exact_values:
@@ -219,29 +205,25 @@ def constant_inputs(
 
 
 def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
-    """Return a unit axis, given as three floats, as a tuple of three exact expressions: roots of simple rational
-    numbers if they equal the components within rounding, otherwise the rational numbers that the shortest decimals of
-    the components show.
-
-    The tolerance is two units in the last place, since 0.3 counts as 3/10, as everywhere in closed forms.
+    """Return a unit axis as roots of simple fractions if they equal its components within rounding, otherwise as the
+    numbers that the shortest decimals show.
     """
-    squares = [Fraction(c * c).limit_denominator(MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT) for c in n]
+    squares = [Fraction(c * c).limit_denominator(MAX_ROOT_DENOMINATOR) for c in n]
     roots = tuple(
         sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
     )
+    # Two units in the last place, since 0.3 counts as 3/10.
     matches = all(abs(float(root) - c) <= 2 * math.ulp(c) for root, c in zip(roots, n, strict=True))
     return roots if matches and sum(squares) == 1 else tuple(map(exact, n))
 
 
 def _angle_trig(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
-    """Return the sine and cosine of each angle of phi in turn, a flat tuple (sin, cos, sin, cos, ...)."""
     return tuple(function(angle) for angle in phi for function in (sine_expression, cosine_expression))
 
 
 def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
-    """Return the pair (sin psi, 1 - cos psi) as expressions."""
     return sine_expression(psi), 1 - cosine_expression(psi)
 
 
-_TRIG_FUNCTIONS_OF_EULER_AND_HINGE_ANGLES: Final = (_angle_trig, _hinge_trig)
-"""Functions that plans take for the sines and cosines of the Euler angles and of psi."""
+TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
+"""(sin, cos, sin, cos, ...) of the Euler angles, and (sin psi, 1 - cos psi), as plans take them."""

@@ -10,19 +10,17 @@ from typing import Final
 import sympy
 
 from hingepair.equations import spatial as eq
+from hingepair.symbolic.constants import shown_fraction
 from hingepair.symbolic.kinks import Expr
 
-MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT: Final = 1_000
+MAX_ROOT_DENOMINATOR: Final = 1_000
 """Largest denominator of the fraction whose square root an entry of a rotation or a unit vector is recognised as."""
-_MAX_ERROR_OF_RECOGNISED_ROTATION_ENTRY: Final = 4 * 2.0**-53
-"""Largest difference of an entry of a rotation from an exact number that it is taken for; relative to a root."""
-_MAX_ERROR_OF_RECOGNISED_ANGLE_RAD: Final = 4 * 2.0**-53
-"""Largest difference [rad] of an angle from an exact number that it is taken for."""
+_ROUNDING: Final = 4 * 2.0**-53  # of an entry of a rotation, relative to a root, or of an angle [rad]
 
 
 def exact(value: float) -> Expr:
     """Return a finite number as the rational SymPy number that its shortest decimal form shows: 0.1 becomes 1/10."""
-    return sympy.Rational(Fraction(repr(value if isinstance(value, int) else float(value))))
+    return sympy.Rational(shown_fraction(value))
 
 
 def exact_entry(value: float) -> Expr:
@@ -34,11 +32,11 @@ def exact_entry(value: float) -> Expr:
     (0, sqrt(2)/2, -1/4)
     """
     nearest = float(round(value))
-    if abs(value - nearest) <= _MAX_ERROR_OF_RECOGNISED_ROTATION_ENTRY:
+    if abs(value - nearest) <= _ROUNDING:
         return sympy.Integer(int(nearest))
-    square = Fraction(value * value).limit_denominator(MAX_DENOMINATOR_UNDER_RECOGNISED_ROOT)
+    square = Fraction(value * value).limit_denominator(MAX_ROOT_DENOMINATOR)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
-    return root if abs(float(root) - value) <= _MAX_ERROR_OF_RECOGNISED_ROTATION_ENTRY * abs(value) else exact(value)
+    return root if abs(float(root) - value) <= _ROUNDING * abs(value) else exact(value)
 
 
 def exact_angle(value: float) -> Expr:
@@ -49,10 +47,10 @@ def exact_angle(value: float) -> Expr:
     (pi/4, 3/10)
     """
     step = math.pi / 12
-    if abs(value - round(value / step) * step) <= _MAX_ERROR_OF_RECOGNISED_ANGLE_RAD:
+    if abs(value - round(value / step) * step) <= _ROUNDING:
         return sympy.pi * sympy.Rational(round(value / step), 12)
     roundings = (round(value, decimals) for decimals in range(18))  # 17 decimals are closer than the tolerance
-    return exact(next(number for number in roundings if abs(number - value) <= _MAX_ERROR_OF_RECOGNISED_ANGLE_RAD))
+    return exact(next(number for number in roundings if abs(number - value) <= _ROUNDING))
 
 
 def value_without_nested_roots(function: Callable[..., Expr], *arguments: Expr) -> Expr:

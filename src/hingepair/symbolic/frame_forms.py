@@ -12,7 +12,7 @@ import sympy
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.symbolic.exact_constants import exact
-from hingepair.symbolic.frame_program import NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC, FrameProgram
+from hingepair.symbolic.frame_program import POINTS, FrameProgram
 from hingepair.symbolic.kinks import Expr, constant_value
 from hingepair.symbolic.printers import (
     sorted_terms,
@@ -32,10 +32,10 @@ from hingepair.symbolic.written_forms import (
     wrap_equation,
 )
 
-FRAME_OUTPUT_NAMES: Final = ("R", "S", "jacobian", "v", "omega")
+FRAME_OUTPUTS: Final = ("R", "S", "jacobian", "v", "omega")
 """Outputs of a robot's frame, all of which are derived by default."""
 # Descriptions of the outputs with their units.
-_DESCRIPTION_BY_FRAME_OUTPUT_NAME: Final = {
+_DESCRIPTIONS: Final = {
     "R": "position of the frame's origin, world axes [m]",
     "S": "rotation from the frame's axes to those of the world",
     "jacobian": "(v, omega) = jacobian @ qd, world axes",
@@ -74,7 +74,7 @@ class FrameForms(WrittenForms):
 
     __slots__ = ("_notes", "_program", "_title")
 
-    names: Final = FRAME_OUTPUT_NAMES
+    names: Final = FRAME_OUTPUTS
     writers = to_decimal_text, lambda label: to_decimal_text(sympy.Symbol(label)), to_decimal_latex
     abbreviated = True
 
@@ -89,10 +89,10 @@ class FrameForms(WrittenForms):
             expected = "a robot with base='fixed': the motion of its frames relative to its base"
             raise ArgumentError("scene_or_pair", expected, f"base={robot.base!r}")
         symbols = symbolic if isinstance(symbolic, str) or not isinstance(symbolic, Iterable) else tuple(symbolic)
-        if symbols not in ((), (NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC,)):
+        if symbols not in ((), (POINTS,)):
             raise ArgumentError(
                 "symbolic",
-                f"({NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC!r},): points of a robot's joints, or nothing",
+                f"({POINTS!r},): points of a robot's joints, or nothing",
                 quoted(symbolic),
             )
         end_links = robot.tree.single().tips
@@ -165,9 +165,6 @@ class FrameForms(WrittenForms):
     # ---- lines
 
     def _checked_names(self, names: Iterable[str] | None) -> tuple[str, ...]:
-        """Return `names`, an iterable of names of outputs (not a single string), as a tuple; for None, return the
-        names of all outputs. Raise an ArgumentError for an unknown name.
-        """
         checked = self.names if names is None else tuple(names)
         for name in checked:
             if name not in self.names:
@@ -175,7 +172,7 @@ class FrameForms(WrittenForms):
         return checked
 
     def _legend(self) -> str:
-        """Return a string that says which joint each coordinate q_1, q_2, ... belongs to."""
+        """Return which joint each coordinate q_1, q_2, ... belongs to."""
         joints = (
             f"{symbol} {joint.name}{' [m]' * (joint.unit == 'm')}" for symbol, joint in self._program.joints.items()
         )
@@ -185,7 +182,6 @@ class FrameForms(WrittenForms):
         return "; ".join(joints) + others
 
     def _labelled_components(self, names: Iterable[str]) -> Iterator[tuple[str, Expr]]:
-        """Yield (label, expression) for every component of the outputs in `names`."""
         for name in names:
             if name == "jacobian":
                 columns = range(1, self._program.dof + 1)
@@ -196,10 +192,7 @@ class FrameForms(WrittenForms):
             yield from zip(labels, self._program.results[name], strict=True)
 
     def _display_lines(self, names: Iterable[str], short: bool) -> list[_EquationLine]:
-        """Return a list of the _EquationLines of the named outputs in the order of display. Columns of the Jacobian
-        for joints that do not move the frame are left out. If `short`, sines, cosines and repeated sums are
-        abbreviated.
-        """
+        """Return the equations of the named outputs, without columns of joints that do not move the frame."""
         hidden = {number for number, q in enumerate(self.q, 1) if q not in self._program.joints}
         columns = tuple(f"_{axis}{number}" for axis in "xyz" for number in hidden)
         return self._ordered_lines(
@@ -207,9 +200,8 @@ class FrameForms(WrittenForms):
         )
 
     def _ordered_lines(self, labelled_components: Iterable[tuple[str, Expr]], short: bool) -> list[_EquationLine]:
-        """Return a list of _EquationLines (labels, SymPy expression) for `labelled_components`, pairs of a label and
-        an expression. Components with equal expressions share a line, and those that are 0 are in the last line. If
-        `short`, sines, cosines and repeated sums are abbreviated, and each line follows the lines that it uses.
+        """Return the lines of components: equal ones share a line, and those that are 0 are in the last one. If
+        `short`, each line follows the lines that it uses.
         """
         labels_by_expr: dict[tuple[bool, Expr], list[str]] = {}
         for label, expr in labelled_components:
@@ -221,14 +213,12 @@ class FrameForms(WrittenForms):
         return [*rows, _EquationLine(tuple(zeros), sympy.S.Zero)] if zeros else rows
 
     def _point_values(self, rows: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return a dict of the exact values [m] of the symbols of points that occur in equation lines, by symbol."""
+        """Return the values [m] of the symbols of points in the lines."""
         symbols = set().union(*(row.expr.free_symbols for row in rows))
         return {symbol: exact(value) for symbol, value in self._program.numbers.items() if symbol in symbols}
 
     def _used_trig(self, lines: Iterable[_EquationLine]) -> dict[Expr, Expr]:
-        """Return a dict of the sines and cosines that equation lines use, by the symbols that stand for them, in the
-        order of display.
-        """
+        """Return the sines and cosines that the lines use, by their symbols, in the order of display."""
         symbols = set().union(*(row.expr.free_symbols for row in lines))
         used_items = [item for item in self._program.waves.items() if item[0] in symbols]
         return dict(
@@ -236,25 +226,19 @@ class FrameForms(WrittenForms):
         )
 
     def _in_coordinates(self, expr: Expr) -> Expr:
-        """Return an expression in q and qd, in which the symbols of sums, sines and cosines are replaced by their
-        definitions.
-        """
+        """Return an expression in q and qd alone."""
         while defined := expr.free_symbols & self._program.definitions.keys():
             expr = expr.xreplace({symbol: self._program.definitions[symbol] for symbol in defined})
         return expr.xreplace(self._program.waves)
 
     def _with_primes(self, expr: Expr) -> Expr:
-        """Return an expression in which each symbol qd_1, qd_2 and so on is replaced by a symbol q_1', q_2' and so
-        on.
-        """
+        """Return an expression with q_1' in place of qd_1, and so on."""
         return expr.xreplace(
             {rate: sympy.Symbol(f"{q.name}'", real=True) for rate, q in zip(self.qd, self.q, strict=True)}
         )
 
     def _function_source(self, name: str) -> str:
-        """Return the Python source of a NumPy function that computes the output called `name` from q, or, if this is
-        v or omega, from q and qd.
-        """
+        """Return the source of a NumPy function of q, or of q and qd."""
         rows = self._ordered_lines(self._labelled_components((name,)), short=True)
         waves = self._used_trig(rows)
         symbols = set().union(*(expr.free_symbols for expr in [*waves.values(), *(row.expr for row in rows)]))
@@ -265,7 +249,7 @@ class FrameForms(WrittenForms):
         gives = f"give{'s' * (not moves)} {shape_text(tail)}"
         return function_source(
             name,
-            f": {_DESCRIPTION_BY_FRAME_OUTPUT_NAME[name]}; {takes} {gives}.",
+            f": {_DESCRIPTIONS[name]}; {takes} {gives}.",
             arguments=arguments,
             numbers=[f"{symbol}={value!r}" for symbol, value in self._program.numbers.items() if symbol in symbols],
             steps=[
@@ -285,8 +269,8 @@ class FrameForms(WrittenForms):
 
 
 class _LineNamer:
-    """Helper whose method `ordered` returns equation lines in an order in which each line uses only earlier ones,
-    with further lines that define the names k_1, k_2 and so on of repeated expressions.
+    """Puts equation lines in an order in which each uses only earlier ones, and names repeated expressions k_1, k_2
+    and so on.
     """
 
     def __init__(self, definitions: Mapping[Expr, Expr], rows: Iterable[_EquationLine]) -> None:
@@ -304,17 +288,13 @@ class _LineNamer:
         self._name_count = 0
 
     def ordered(self) -> list[_EquationLine]:
-        """Return a list of the equation lines, each after the lines that it uses. The list includes the lines that
-        define the names k_1, k_2 and so on.
-        """
+        """Return the lines, those of the names included."""
         for row in self._components:
             self._add_line(row)
         return self._lines
 
     def _count_uses(self) -> Counter[Expr]:
-        """Return a Counter that says how often each defined symbol is used in the lines and in the definitions that
-        they need.
-        """
+        """Return how often each symbol is used in the lines and in the definitions that they need."""
         uses: Counter[Expr] = Counter()
         waiting = [row.expr for row in self._components]
         while waiting:
@@ -326,8 +306,8 @@ class _LineNamer:
         return uses
 
     def _add_line(self, line: _EquationLine) -> None:
-        """Append the equation line of a component to the ordered lines, after those lines that it uses and that are
-        not among them yet. If the line defines a symbol, its label replaces this symbol in later lines.
+        """Append the line of a component, after those that it uses; if it defines a symbol, its label replaces the
+        symbol in later lines.
         """
         symbol = _defined_symbol(line, self._definitions)
         if symbol is None or symbol in self._names or self._defining_lines[symbol] is not line:
@@ -338,16 +318,12 @@ class _LineNamer:
         self._names[symbol] = sign * sympy.Symbol(line.labels[0], real=True)
 
     def _replace_symbols(self, expr: Expr) -> Expr:
-        """Return an expression in which defined symbols are replaced by the labels or names of lines. Append the
-        lines of these names that are not among the ordered lines yet.
-        """
+        """Return an expression in the labels and names of lines; lines that are missing are appended."""
         defined = sorted(expr.free_symbols & self._definitions.keys(), key=lambda symbol: int(symbol.name[1:]))
         return expr.xreplace({symbol: self._resolved_symbol(symbol) for symbol in defined})
 
     def _resolved_symbol(self, symbol: Expr) -> Expr:
-        """Return what replaces a defined symbol: the label or the name of its line, which is appended if it is
-        missing, or the symbol's definition if the symbol is used only once.
-        """
+        """Return what replaces a symbol: the label or name of its line, or its definition if it is used once."""
         if symbol not in self._names:
             meaning = self._replace_symbols(self._definitions[symbol])
             if self._uses[symbol] == 1:
@@ -360,16 +336,12 @@ class _LineNamer:
 
 
 def _defined_symbol(line: _EquationLine, definitions: Mapping[Expr, Expr]) -> Expr | None:
-    """Return the symbol of `definitions` that is, perhaps with a minus sign, the whole expression of an equation
-    line; return None if there is no such symbol.
-    """
+    """Return the symbol that is, perhaps with a minus sign, the whole line."""
     return next((symbol for symbol in (line.expr, -line.expr) if symbol in definitions), None)
 
 
 def _with_decimals(expr: Expr) -> Expr:
-    """Return a copy of an expression in which each constant part that is not an integer is replaced by a symbol whose
-    name is its decimal text. Powers that contain a symbol stay unchanged.
-    """
+    """Return an expression whose constant parts are symbols named by their decimals, but in powers of a symbol."""
     if not expr.free_symbols:
         value = constant_value(expr)
         symbol = expr if expr.is_Integer else sympy.Symbol(repr(abs(value)))

@@ -34,42 +34,31 @@ VectorExpr: TypeAlias = tuple[Expr, Expr, Expr]
 MatrixExpr: TypeAlias = tuple[Expr, ...]
 """Nine entries, row by row."""
 
-NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC: Final = "u"
+POINTS: Final = "u"
 """Name of the constants of a robot that can stay symbols: the points of its joints and the frame's origin."""
-_PARALLEL_AXES_COMPONENT_TOLERANCE: Final = 16 * 2.0**-53
-"""Difference of the components of two unit axes that are parallel but for the rounding of products of rotations."""
-_RIGHT_ANGLE_MULTIPLE_TOLERANCE_RAD: Final = 4 * 2.0**-53
-"""Largest difference [rad] from a multiple of pi/2 of an angle that counts as such a multiple."""
-_ZERO_TO_LARGEST_POINT_COMPONENT_TOLERANCE: Final = 4 * 2.0**-53
-"""Largest size, relative to the largest component of a point, of a component that counts as 0."""
-_ZERO_VECTOR_EXPR: Final = (sympy.S.Zero,) * 3  # as expressions
-# The rotation by no angle, row by row.
-_IDENTITY_MATRIX_EXPR: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
+# What rounding leaves: of the components of parallel axes, of right angles [rad], of components of a point beside
+# its largest one.
+_PARALLEL, _RIGHT_ANGLE, _ZERO = 16 * 2.0**-53, 4 * 2.0**-53, 4 * 2.0**-53
+_ORIGIN: Final = (sympy.S.Zero,) * 3
+_IDENTITY: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
 
 
 class _GroupLever(NamedTuple):
-    """Vector that is fixed in a body of a group of parallel joints: `vector` holds its components at angle 0, and
-    `angle` is the angle by which the group rotates it.
-    """
+    """Vector that is fixed in a body of a group of parallel joints."""
 
     angle: Expr  # that rotates it about the group's axis [rad]
     vector: VectorExpr  # at angle 0, in the axes of the group [m]
 
 
 class _GroupHinge(NamedTuple):
-    """Hinge in a group of parallel joints: `column` is the index of its coordinate in q, and `ratio` is its rate
-    about the group's axis divided by the rate of this coordinate.
-    """
+    """Hinge in a group of parallel joints."""
 
     column: int  # of its coordinate in q
     ratio: Expr  # of its rate about the group's axis to that of the coordinate
 
 
 class _GroupSlider(NamedTuple):
-    """Slider in a group of parallel joints: `angle` is the angle by which the group rotates it, `direction` its unit
-    vector at angle 0, `shift` its position along this direction, `column` the index of its coordinate in q, and
-    `ratio` its rate divided by the rate of this coordinate.
-    """
+    """Slider in a group of parallel joints."""
 
     angle: Expr  # that rotates it about the group's axis [rad]
     direction: VectorExpr  # at angle 0, in the axes of the group
@@ -79,62 +68,48 @@ class _GroupSlider(NamedTuple):
 
 
 class _ParallelJoints:
-    """Group of consecutive joints with parallel axes, and of the sliders between them, to which joints are appended.
-    The list `members` holds the levers, hinges and sliders of the group; all vectors are in the axes of the first
-    joint's parent body.
-
-    The first group has no axis: it holds the levers and sliders before the first hinge.
+    """Consecutive joints with parallel axes, and the sliders between them, in the axes of the first one's parent
+    body. The first group has no axis: it holds what comes before the first hinge.
     """
 
     def __init__(self, axis: Float64Array | None = None) -> None:
         self.direction = axis
-        self.axis: VectorExpr = (
-            _ZERO_VECTOR_EXPR if axis is None else _vector([exact_entry(part) for part in axis.tolist()])
-        )
+        self.axis: VectorExpr = _ORIGIN if axis is None else _vector([exact_entry(part) for part in axis.tolist()])
         self.angle: Expr = sympy.S.Zero
         self.fixed = np.eye(3)  # rotation from the axes of the last body at angle 0
         self.members: list[_GroupLever | _GroupHinge | _GroupSlider] = []
 
     def sign(self, axis: Float64Array) -> int:
-        """Return 1 if `axis`, in the axes of the last body, has the direction of the group's axis, -1 if it has the
-        opposite direction, and 0 otherwise.
-        """
+        """Return 1 if `axis`, in the axes of the last body, is along the group's axis, -1 if opposite, else 0."""
         if self.direction is None:
             return 0
         turned = self.fixed @ axis
-        return next(
-            (k for k in (1, -1) if np.abs(turned - k * self.direction).max() <= _PARALLEL_AXES_COMPONENT_TOLERANCE), 0
-        )
+        return next((k for k in (1, -1) if np.abs(turned - k * self.direction).max() <= _PARALLEL), 0)
 
     def to_group_axes(self, vector: Sequence[Expr]) -> VectorExpr:
-        """Return a vector in the axes of the last body, converted to the axes of the group at angle 0."""
         return _vector(eq.rotate(self.fixed_rotation(), tuple(vector)))
 
     def append_lever(self, point: Sequence[Expr]) -> None:
-        """Append a vector that is fixed in the last body, such as the vector to a joint's point, to the members of
-        the group.
-        """
+        """Append a vector that is fixed in the last body."""
         vector = self.to_group_axes(point)
         turns = any(eq.cross(self.axis, vector))
         self.members.append(_GroupLever(self.angle if turns else sympy.S.Zero, vector))
 
     def fixed_rotation(self) -> MatrixExpr:
-        """Return the rotation from the axes of the last body to the axes of the group at angle 0, as a tuple of nine
-        exact expressions, row by row.
-        """
+        """Return the rotation from the axes of the last body to those of the group at angle 0."""
         return tuple(exact_entry(entry) for entry in self.fixed.ravel().tolist())
 
     def append_rotation(self, S: Float64Array) -> None:
-        """Rotate the axes of the last body by the rotation matrix S (3, 3). If S rotates about the group's axis, its
-        angle is added to the group's angle instead, unless it is a multiple of a right angle about x, y or z.
+        """Rotate the axes of the last body; a rotation about the group's axis, unless it is a multiple of a right
+        angle about x, y or z, is added to the group's angle.
         """
         n = None if self.direction is None else self.fixed.T @ self.direction
-        if n is not None and np.abs(S @ n - n).max() <= _PARALLEL_AXES_COMPONENT_TOLERANCE:
+        if n is not None and np.abs(S @ n - n).max() <= _PARALLEL:
             doubled_sines = np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))
             angle = math.atan2(float(n @ doubled_sines) / 2, float(np.trace(S) - 1) / 2)
             quarters = round(angle / (math.pi / 2))
-            is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE_MULTIPLE_TOLERANCE_RAD
-            if not is_right or (quarters and np.count_nonzero(np.abs(n) > _PARALLEL_AXES_COMPONENT_TOLERANCE) > 1):
+            is_right = abs(angle - quarters * (math.pi / 2)) <= _RIGHT_ANGLE
+            if not is_right or (quarters and np.count_nonzero(np.abs(n) > _PARALLEL) > 1):
                 self.angle += exact_angle(angle)
                 return
         self.fixed = self.fixed @ S  # a right angle about x, y or z only exchanges components
@@ -147,7 +122,7 @@ class FrameProgram:
     Args:
         tree: the robot, whose base rests at the origin.
         frame: one of its frames.
-        symbolic: if it contains NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC, components of joint points and of the
+        symbolic: if it contains POINTS, components of joint points and of the
             frame's origin that are not 0 are symbols.
 
     Attributes:
@@ -169,7 +144,7 @@ class FrameProgram:
         self.numbers: dict[Expr, float] = {}
         self.largest_rounded = 0.0
         self._trig_symbols: dict[Expr, tuple[Expr, Expr]] = {}
-        self._points_are_symbols = NAME_OF_JOINT_POINTS_IN_ARGUMENT_SYMBOLIC in symbolic
+        self._points_are_symbols = POINTS in symbolic
         self._columns = {joint.name: column for column, joint in enumerate(coordinates)}
         chain = _joint_path(tree, frame.body)
         columns = sorted({self._column(tree, tree.joints[number - 1]) for number in chain})
@@ -184,10 +159,7 @@ class FrameProgram:
     # ---- groups of joints
 
     def _groups(self, tree: Tree, joint_numbers: Sequence[int]) -> list[_ParallelJoints]:
-        """Return a list of groups of consecutive joints with parallel axes. They are made of the joints of `tree` on
-        a path from the base, whose numbers, counted from 1, are `joint_numbers`. If points are symbolic, the values
-        of their symbols are stored in `numbers`.
-        """
+        """Return the groups of the joints with these numbers, counted from 1, on a path from the base."""
         groups = [_ParallelJoints()]
         for number in joint_numbers:
             joint, group = tree.joints[number - 1], groups[-1]
@@ -220,20 +192,16 @@ class FrameProgram:
         return groups
 
     def _column(self, tree: Tree, joint: Joint) -> int:
-        """Return the index in q of the coordinate of a joint or, for a mimic joint, of the joint that it follows."""
         leader = joint if joint.mimic is None else tree.joints[joint.mimic.leader - 1]
         return self._columns[leader.name]
 
     def _point_vector(self, name: str, point: Float64Array) -> VectorExpr:
-        """Return a point [m] as a tuple of three exact numbers. If points are symbolic, components that are not 0
-        become new symbols instead whose names begin with `name`, and their values are stored in `numbers`. Components
-        that are only rounding errors become 0 and are recorded in `largest_rounded`.
-        """
+        """Return a point [m] as exact numbers, or symbols whose names begin with `name`; what rounding left is 0."""
         size = float(np.abs(point).max())
         parts = []
         for axis, value in zip("xyz", point.tolist(), strict=True):
             number = exact(value)
-            if abs(value) <= _ZERO_TO_LARGEST_POINT_COMPONENT_TOLERANCE * size:
+            if abs(value) <= _ZERO * size:
                 self.largest_rounded = max(self.largest_rounded, abs(value))
                 number = sympy.S.Zero
             if number and self._points_are_symbols:
@@ -246,18 +214,14 @@ class FrameProgram:
     # ---- sines, cosines and named sums
 
     def _rotation(self, axis: VectorExpr, angle: Expr) -> MatrixExpr:
-        """Return the matrix of the rotation by `angle` about a group's axis (E6) as nine expressions, row by row.
-        They contain symbols of the angle's sine and cosine, which are defined at their first use.
-        """
+        """Return the rotation about a group's axis (E6), in symbols of the angle's sine and cosine."""
         if not angle:
-            return _IDENTITY_MATRIX_EXPR
+            return _IDENTITY
         s, c = self._trig_of(angle)
         return tuple(sympy.expand(entry) for entry in eq.hinge_rotation(axis, (s, 1 - c)))
 
     def _trig_of(self, angle: Expr) -> tuple[Expr, Expr]:
-        """Return (sine, cosine) of an angle as symbols such as s_23 and c_23 for q_2 + q_3, perhaps with a minus
-        sign. Store their definitions in `waves` at their first use.
-        """
+        """Return the symbols of the sine and cosine of an angle, such as s_23 and c_23 for q_2 + q_3."""
         indices = [number for number, q in enumerate(self.q, 1) if q in angle.free_symbols]
         if angle.coeff(self.q[indices[0] - 1]).is_negative:
             s, c = self._trig_of(-angle)
@@ -272,13 +236,10 @@ class FrameProgram:
         return self._trig_symbols[angle]
 
     def _name_sums(self, components: Sequence[Expr]) -> tuple[Expr, ...]:
-        """Return components in which each sum is replaced by a symbol. Define new symbols in `definitions`."""
         return tuple(self._name_sum(sympy.sympify(expr)) for expr in components)
 
     def _name_sum(self, expr: Expr) -> Expr:
-        """Return a symbol, perhaps with a minus sign, in place of an expression that is a sum; return any other
-        expression unchanged. Store the definition of a new symbol in `definitions`.
-        """
+        """Return a symbol, perhaps with a minus sign, in place of a sum."""
         if not expr.is_Add:
             return expr
         if expr.could_extract_minus_sign():
@@ -292,11 +253,8 @@ class FrameProgram:
     # ---- attitudes outward, levers inward
 
     def _attitudes(self, groups: Sequence[_ParallelJoints]) -> tuple[list[MatrixExpr], list[MatrixExpr]]:
-        """Return two lists of rotation matrices, each of nine expressions: the attitudes at the start of each group
-        of parallel joints and of the frame, and the attitudes after the rotation of each group. Store the definitions
-        of new symbols in `definitions`.
-        """
-        attitudes: list[MatrixExpr] = [_IDENTITY_MATRIX_EXPR]
+        """Return the attitudes at the start of each group and of the frame, and those after each group's rotation."""
+        attitudes: list[MatrixExpr] = [_IDENTITY]
         rotated: list[MatrixExpr] = []
         for group in groups:
             rotated.append(self._name_sums(eq.compose(attitudes[-1], self._rotation(group.axis, group.angle))))
@@ -309,13 +267,10 @@ class FrameProgram:
         attitudes: Sequence[MatrixExpr],
         rotated_attitudes: Sequence[MatrixExpr],
     ) -> dict[str, tuple[Expr, ...]]:
-        """Return a dict of R, jacobian, v and omega of the frame, each a tuple of expressions, from the groups of
-        parallel joints and the attitudes before and after each group's rotation. Store the definitions of new symbols
-        in `definitions`.
-        """
-        lever = _ZERO_VECTOR_EXPR
+        """Return R, jacobian, v and omega of the frame."""
+        lever = _ORIGIN
         columns: dict[int, tuple[VectorExpr, VectorExpr]] = {}
-        v, omega = _ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR
+        v, omega = _ORIGIN, _ORIGIN
         for group, P, P_rotated in reversed(list(zip(groups, attitudes, rotated_attitudes, strict=False))):
             parts = group.members
             lever = group.to_group_axes(lever)
@@ -326,7 +281,7 @@ class FrameProgram:
                 lever, parts = self._named_vector(eq.add(last.vector, lever)), parts[:-1]
             unrotated_lever = lever
             lever = self._named_vector(eq.rotate(self._rotation(group.axis, group.angle), lever))
-            drift: VectorExpr = _ZERO_VECTOR_EXPR  # velocity of the frame in the axes of the group
+            drift: VectorExpr = _ORIGIN  # velocity of the frame in the axes of the group
             spin: Expr = sympy.S.Zero  # rate about the group's axis
             for part in reversed(parts):
                 match part:
@@ -337,7 +292,7 @@ class FrameProgram:
                     case _GroupSlider():
                         direction = _vector(eq.rotate(self._rotation(group.axis, part.angle), part.direction))
                         lever = self._named_vector(eq.add(eq.scale(direction, part.shift), lever))
-                        linear, angular = direction, _ZERO_VECTOR_EXPR
+                        linear, angular = direction, _ORIGIN
                     case _GroupHinge():
                         linear, angular = _vector(eq.cross(group.axis, lever)), group.axis
                         spin += part.ratio * self.qd[part.column]
@@ -352,14 +307,14 @@ class FrameProgram:
                     v = _vector(eq.add(eq.scale(moves, rate), v))
                 else:
                     drift = _vector(eq.add(drift, eq.scale(linear, rate)))
-                columns_so_far = columns.get(part.column, (_ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR))
+                columns_so_far = columns.get(part.column, (_ORIGIN, _ORIGIN))
                 columns[part.column] = (
                     _vector(eq.add(columns_so_far[0], eq.scale(moves, part.ratio))),
                     _vector(eq.add(columns_so_far[1], eq.scale(eq.rotate(P, angular), part.ratio))),
                 )
             v = _vector(eq.add(eq.rotate(P, self._named_vector(drift)), v))
             omega = _vector(eq.add(eq.scale(eq.rotate(P, group.axis), spin), omega))
-        zero_column = (_ZERO_VECTOR_EXPR, _ZERO_VECTOR_EXPR)
+        zero_column = (_ORIGIN, _ORIGIN)
         jacobian = [
             columns.get(column, zero_column)[row // 3][row % 3] for row in range(6) for column in range(self.dof)
         ]
@@ -367,16 +322,11 @@ class FrameProgram:
         return {name: self._name_sums(parts) for name, parts in named.items()}
 
     def _named_vector(self, components: Sequence[Expr]) -> VectorExpr:
-        """Return a vector in which each component that is a sum is replaced by a symbol. Store the definitions of new
-        symbols in `definitions`.
-        """
         return _vector(self._name_sums(components))
 
 
 def _joint_path(tree: Tree, body: int) -> list[int]:
-    """Return a list of the numbers, counted from 1, of the joints on the path from the base to the body with the
-    number `body`.
-    """
+    """Return the numbers, counted from 1, of the joints from the base to a body."""
     numbers = []
     while body:
         numbers.append(body)
@@ -385,11 +335,9 @@ def _joint_path(tree: Tree, body: int) -> list[int]:
 
 
 def _vector(components: Sequence[Expr]) -> VectorExpr:
-    """Return three components as a tuple of SymPy expressions."""
     x, y, z = map(sympy.sympify, components)
     return x, y, z
 
 
 def _count_all_symbols(components: VectorExpr) -> int:
-    """Return the number of symbols in the components of a vector, counted with repetition."""
     return sum(map(count_symbols, components))

@@ -20,43 +20,34 @@ from sympy.printing.str import StrPrinter
 from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
-# Largest denominator with which a fraction is always printed as such.
-_MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_EXACT_PRINTERS: Final = 1_000
-# Largest numerator or denominator with which a fraction that has no finite decimal form is printed as such.
-_MAX_INTEGER_IN_NON_TERMINATING_PRINTED_FRACTION: Final = 10**6
-_MAX_EXACT_FLOAT_INTEGER: Final = 2**53  # integers below are exact as floats
-# Characters of an exact number; a longer one is printed as a decimal of 17 digits.
-_MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER: Final = 18
-# A sum of constants that is smaller, relative to its largest term, counts as 0.
-_ZERO_SUM_TO_LARGEST_TERM_TOLERANCE: Final = 1e-60
-# Largest denominator with which a fraction among decimals, such as the lengths of a robot, is always printed as such.
-_MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_DECIMAL_PRINTERS: Final = 4
-_GREEK_LETTER_BY_NAME = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
-_LATEX_BY_JACOBIAN_BLOCK_NAME = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
-_SUPERSCRIPT_TRANSLATION_TABLE = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
+_MAX_DENOMINATOR: Final = 1_000  # of a fraction that is always printed as such
+_DECIMAL_DENOMINATOR: Final = 4  # of one among decimals, such as the lengths of a robot
+_MAX_INTEGER: Final = 10**6  # in a fraction that has no finite decimal form
+_EXACT_FLOATS: Final = 2**53  # integers below are exact as floats
+_MAX_CHARACTERS: Final = 18  # of an exact number; a longer one is printed as a decimal of 17 digits
+_CANCELLED: Final = 1e-60  # a sum of constants this small, relative to its largest term, is 0
+_GREEK = {"omega": "ω", "alpha": "α", "phi": "φ", "psi": "ψ", "Jomega": "Jω"}  # in text  # noqa: RUF001
+_JACOBIANS = {"Jv": "J^{v}", "Jomega": "J^{\\omega}"}  # rows of the Jacobian for v and omega
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # of exponents in text
 
 Writer: TypeAlias = Callable[[Expr], str]
 """Function that formats an expression as text."""
 
 
 def join_terms(terms: Iterable[Expr], write: Writer) -> str:
-    """Return the text of a sum of terms in the given order. Each term is formatted by `write`, a function from an
-    expression to its text.
-    """
+    """Return the text of a sum of terms in the given order."""
     text = " ".join(signed_terms(terms, write))
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
 
 
 def signed_terms(terms: Iterable[Expr], write: Writer) -> list[str]:
-    """Return a list of the texts of the terms of a sum in the given order, each after its sign: `+ x'`, `- 2 sin t`.
-    `write` is a function from an expression to its text.
-    """
+    """Return the texts of terms, each after its sign: `+ x'`, `- 2 sin t`."""
     return [f"- {write(-x)}" if x.as_coeff_Mul()[0].is_negative else f"+ {write(x)}" for x in terms]
 
 
 def with_symbols(exprs: Iterable[Expr], derivative_mark: str) -> list[Expr]:
-    """Return a list of the expressions in which symbols replace functions of t and their derivatives. The names of
-    derivatives repeat `derivative_mark`: psi' and psi'' for the mark '.
+    """Return the expressions with symbols in place of functions of t; the names of derivatives repeat
+    `derivative_mark`: psi' and psi'' for the mark '.
     """
     expressions = list(exprs)
     symbols = {
@@ -83,41 +74,25 @@ def latex_name(name: str) -> str:
     index = index.replace("_", ",")
     if letter[-1:].isdigit():
         letter, index = letter[:-1], ",".join(filter(None, (letter[-1], index)))
-    if letter in _LATEX_BY_JACOBIAN_BLOCK_NAME:
-        letter = _LATEX_BY_JACOBIAN_BLOCK_NAME[letter]
+    if letter in _JACOBIANS:
+        letter = _JACOBIANS[letter]
     else:
-        letter = (
-            f"\\{letter}"
-            if letter in _GREEK_LETTER_BY_NAME
-            else letter
-            if len(letter) == 1
-            else f"\\mathrm{{{letter}}}"
-        )
+        letter = f"\\{letter}" if letter in _GREEK else letter if len(letter) == 1 else f"\\mathrm{{{letter}}}"
     dots = len(name) - len(bare)
     dotted = f"\\{'d' * dots}ot{{{letter}}}" if dots else letter
     return f"{dotted}_{{{index}}}" if index else dotted
 
 
-def _decimal_text(
-    value: Expr, max_denominator: int = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_EXACT_PRINTERS
-) -> str | None:
-    """Return the decimal text of a rational number, or None if its fraction is easier to read. Fractions whose
-    denominator is at most `max_denominator` stay fractions.
-    """
-    if value.q <= max_denominator and abs(value.p) < _MAX_EXACT_FLOAT_INTEGER:
+def _decimal_text(value: Expr, max_denominator: int = _MAX_DENOMINATOR) -> str | None:
+    """Return the decimal text of a rational number, or None if its fraction is easier to read."""
+    if value.q <= max_denominator and abs(value.p) < _EXACT_FLOATS:
         return None
     terminates = pow(10, int(value.q).bit_length(), int(value.q)) == 0
-    return (
-        _float_text(value)
-        if terminates or max(abs(value.p), value.q) > _MAX_INTEGER_IN_NON_TERMINATING_PRINTED_FRACTION
-        else None
-    )
+    return _float_text(value) if terminates or max(abs(value.p), value.q) > _MAX_INTEGER else None
 
 
 def _float_text(value: Expr) -> str:
-    """Return a rational number as decimal text: the shortest text that gives the same float, or 17 digits if the
-    number is beyond the range of floats.
-    """
+    """Return the shortest text that gives the same float, or 17 digits of a number beyond the range of floats."""
     with contextlib.suppress(OverflowError):
         number = int(value.p) / int(value.q)
         if number:
@@ -153,11 +128,8 @@ class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries n
         super().__init__({"allow_unknown_functions": False})
 
     def _print(self, expr: Expr, **settings: Any) -> str:
-        """Return the NumPy source of an expression. An expression without symbols becomes an integer, a fraction of
-        integers or its nearest float.
-        """
         if isinstance(expr, sympy.Expr) and not expr.free_symbols:
-            if expr.is_Rational and max(abs(expr.p), expr.q) < _MAX_EXACT_FLOAT_INTEGER:
+            if expr.is_Rational and max(abs(expr.p), expr.q) < _EXACT_FLOATS:
                 return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
             value = constant_value(expr)
             return f"numpy.float64({value!r})" if math.isfinite(value) else f"numpy.float64('{value!r}')"
@@ -165,7 +137,7 @@ class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries n
 
 
 # SymPy's names of functions with kinks.
-_SYMPY_FUNCTION_NAME_BY_KINKED_CLASS: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
+_IN_SYMPY: Final[Mapping[type, str]] = {Larger: "Max", Smaller: "Min", Remainder: "Mod"}
 
 
 class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
@@ -174,16 +146,15 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
     """
 
     def _print_Function(self, expr: Expr) -> str:
-        """Return the source of a function call. Functions with kinks become SymPy's Max, Min, Mod or Piecewise."""
-        if type(expr) in _SYMPY_FUNCTION_NAME_BY_KINKED_CLASS:
-            return f"{_SYMPY_FUNCTION_NAME_BY_KINKED_CLASS[type(expr)]}({', '.join(map(self._print, expr.args))})"
+        if type(expr) in _IN_SYMPY:
+            return f"{_IN_SYMPY[type(expr)]}({', '.join(map(self._print, expr.args))})"
         if isinstance(expr, Where):
             x, y = map(self._print, expr.args[1:])
             return f"Piecewise(({x}, {self._condition_source(expr.guard)}), ({y}, True))"
         return str(super()._print_Function(expr))
 
     def _condition_source(self, guard: Expr) -> str:
-        """Return the source of the condition that `guard` is at least 0, as `sympy.sympify` reads it."""
+        """Return the source of the condition that `guard` is at least 0."""
         match guard:
             case Smaller() | Larger():
                 sign = " & " if isinstance(guard, Smaller) else " | "
@@ -195,8 +166,8 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
         return f"{self._print(guard)} >= 0"
 
     def _condition_just_after(self, value: Expr, *rates: Expr) -> str:
-        """Return the source of the condition that a function is at least 0 just after t, as `sympy.sympify` reads it.
-        `value` and the further arguments `rates` are the function's value and its derivatives at t.
+        """Return the source of the condition that a function is at least 0 just after t, from its value and its
+        derivatives at t.
         """
         shown = self._print(value)
         if not rates or (value.is_number and value != 0):
@@ -215,13 +186,12 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
     \sin 2 t.
     """
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_EXACT_PRINTERS
+    max_denominator = _MAX_DENOMINATOR
 
     def _print_Symbol(self, expr: Expr, **_: Any) -> str:
         return latex_name(expr.name)
 
     def _print_Rational(self, expr: Expr) -> str:
-        """Return the LaTeX of a rational number: a fraction, or a decimal if that is easier to read."""
         shown = _decimal_text(expr, self.max_denominator)
         if shown is None:
             sign = "-" if expr.p < 0 else ""
@@ -237,10 +207,9 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
         return str(super()._print_Function(expr, exp))
 
     def _print_Mul(self, expr: Expr) -> str:
-        """Return the LaTeX of a product, with its rational coefficient in front of the other factors."""
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         fraction = any(map(_is_inverse, sympy.Mul.make_args(rest)))
-        if fraction or (coefficient.q == 1 and abs(coefficient) < _MAX_EXACT_FLOAT_INTEGER):
+        if fraction or (coefficient.q == 1 and abs(coefficient) < _EXACT_FLOATS):
             return str(super()._print_Mul(expr))
         shown = self._print(rest)
         return f"{self._print(coefficient)} " + (f"\\left({shown}\\right)" if rest.is_Add else shown)
@@ -251,13 +220,13 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     t²)`.
     """
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_EXACT_PRINTERS
+    max_denominator = _MAX_DENOMINATOR
     needs_parentheses = False  # whether it prints inside a power or fraction, where functions need parentheses
 
     def _print_Symbol(self, expr: Expr) -> str:
         base, mark, index = expr.name.partition("_")
         bare = base.rstrip("'")
-        return f"{_GREEK_LETTER_BY_NAME.get(bare, bare)}{base[len(bare) :]}{mark}{index}"
+        return f"{_GREEK.get(bare, bare)}{base[len(bare) :]}{mark}{index}"
 
     def _print_Rational(self, expr: Expr) -> str:
         return _decimal_text(expr, self.max_denominator) or (f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p))
@@ -274,7 +243,6 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return join_terms(sorted_terms(expr), self._print)
 
     def _print_Function(self, expr: Expr) -> str:
-        """Return the text of a function call. The sine and cosine of t, 3t and the like have no parentheses."""
         outer, self.needs_parentheses = self.needs_parentheses, False
         arguments = [self._print(part) for part in expr.args]
         self.needs_parentheses = outer
@@ -287,27 +255,23 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     _print_ExpBase = _print_Function  # noqa: N815
 
     def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
-        """Return the text of a power: x², √x or x^(a + b). A power with a negative exponent is a fraction."""
         if _is_inverse(expr):
             return self._print_Mul(expr)
         base = self._parenthesise(expr.base)
         if _is_root(expr):
             return f"√{base}"
         if expr.exp.is_Integer:
-            return base + str(expr.exp).translate(_SUPERSCRIPT_TRANSLATION_TABLE)
+            return base + str(expr.exp).translate(_SUPERSCRIPTS)
         return f"{base}^{self._parenthesise(expr.exp)}"
 
     def _print_Mul(self, expr: Expr) -> str:
-        """Return the text of a product. Factors with a negative exponent form the denominator after a slash."""
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         factors = sympy.Mul.make_args(rest)
         over = sorted((f for f in factors if not _is_inverse(f) and f != 1), key=_factor_key)
         under = [1 / f for f in factors if _is_inverse(f)]
         sign, size = "-" if coefficient.is_negative else "", abs(coefficient)
         if not under:
-            close = (
-                size.is_Integer and size < _MAX_EXACT_FLOAT_INTEGER and over[0].is_Symbol and len(over[0].name) == 1
-            )
+            close = size.is_Integer and size < _EXACT_FLOATS and over[0].is_Symbol and len(over[0].name) == 1
             number = "" if size == 1 else self._print(size) + " " * (not close)
             return sign + number + " ".join(self._print_factor(f) for f in over)
         top, bottom = (
@@ -318,11 +282,9 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return f"{sign}{' '.join(above)}/{below[0] if len(below) == 1 else '(' + ' '.join(below) + ')'}"
 
     def _print_factor(self, expr: Expr) -> str:
-        """Return the text of a factor of a product, in parentheses if it needs them."""
         return str(self.parenthesize(expr, PRECEDENCE["Mul"]))
 
     def _operand(self, expr: Expr) -> str:
-        """Return the text of a factor of a fraction, in parentheses if it needs them; square roots do not."""
         return str(self._print(expr)) if expr.is_Pow and _is_root(expr) else self._parenthesise(expr)
 
     def _parenthesise(self, expr: Expr) -> str:
@@ -337,8 +299,8 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
 
 @functools.lru_cache(maxsize=4096)  # long forms repeat their parts
 def with_short_constants(expr: Expr) -> Expr:
-    """Return an expression in which each constant part is a single number: its exact form or, if this form is too
-    long, the rational number that the shortest decimal of its float shows.
+    """Return an expression whose constant parts are one number each: exact, or the shortest decimal of its float
+    where that is long.
 
     >>> x = sympy.Symbol("x", real=True)
     >>> to_text(with_short_constants(sympy.sqrt(3) / 4 + x * (sympy.cos(1) ** 2 + sympy.sin(2) / 5)))
@@ -361,37 +323,28 @@ def _has_symbols(expr: Expr) -> bool:
 
 
 def _short_constant(constant: Expr) -> Expr:
-    """Return a constant unchanged if its exact text is short; otherwise return the rational number that the shortest
-    decimal of its float shows, or 0 for a sum whose terms cancel.
-    """
-    if constant.is_Rational or len(to_text(constant)) <= _MAX_CHARACTERS_OF_PRINTED_EXACT_NUMBER:
+    if constant.is_Rational or len(to_text(constant)) <= _MAX_CHARACTERS:
         return constant
     value = constant_value(constant)
-    if abs(value) <= _ZERO_SUM_TO_LARGEST_TERM_TOLERANCE * max(
-        abs(constant_value(term)) for term in sympy.Add.make_args(constant)
-    ):
+    if abs(value) <= _CANCELLED * max(abs(constant_value(term)) for term in sympy.Add.make_args(constant)):
         return sympy.S.Zero
     return exact(value) if math.isfinite(value) else constant
 
 
 @functools.lru_cache(maxsize=65536)
 def count_symbols(expr: Expr) -> int:
-    """Return the number of symbols in an expression, counted with repetition; x(t) and its derivatives count as
-    symbols, numbers do not.
-    """
+    """Return the number of symbols in an expression, with repetition; x(t) and its derivatives count as symbols."""
     if not expr.args or expr.is_Derivative or isinstance(expr, AppliedUndef):
         return 0 if expr.is_number else 1
     return sum(map(count_symbols, expr.args))
 
 
 def sorted_terms(expr: Expr, by_symbols: bool = False) -> tuple[Expr, ...]:
-    """Return the terms of a sum as a sorted tuple: terms with few symbols first, but if possible a term without a
-    minus sign at the front. Terms with equally many symbols are sorted by coefficient or, if `by_symbols`, by their
-    symbols, short names first.
+    """Return the terms of a sum, those with few symbols first, but if possible one without a minus sign at the front.
+    Of equally many symbols, the coefficient decides or, if `by_symbols`, the names, short ones first.
     """
 
     def key(term: Expr) -> tuple[int, Any, Any]:
-        """Return the sort key of a term."""
         coefficient, factor = term.as_coeff_Mul(rational=True)
         symbols = sorted((len(symbol.name), symbol.name[1:], symbol.name) for symbol in term.free_symbols)
         return count_symbols(term), symbols if by_symbols else abs(coefficient), factor.sort_key()
@@ -410,13 +363,13 @@ def _factor_key(factor: Expr) -> tuple[bool, bool, Any]:
 class _DecimalText(_TextPrinter):
     """Printer of plain text, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_DECIMAL_PRINTERS
+    max_denominator = _DECIMAL_DENOMINATOR
 
 
 class _DecimalLatex(_LatexPrinter):
     """Printer of LaTeX, with decimals where a fraction has no small denominator."""
 
-    max_denominator = _MAX_DENOMINATOR_ALWAYS_PRINTED_AS_FRACTION_BY_DECIMAL_PRINTERS
+    max_denominator = _DECIMAL_DENOMINATOR
 
 
 # The printers of expressions as functions.

@@ -16,10 +16,9 @@ import sympy
 from hingepair.symbolic.exact_constants import value_without_nested_roots
 from hingepair.symbolic.kinks import Expr
 
-MAX_TRIG_SUM_TERMS: Final = 200
+MAX_TERMS: Final = 200
 """Largest number of terms of a sum; a longer one would not be readable."""
-MAX_TERM_PAIRS_IN_PRODUCT_OF_TRIG_SUMS: Final = 10_000
-"""Largest number of pairs of terms in one multiplication."""
+_MAX_PAIRS: Final = 10_000  # of terms in one multiplication
 
 _MAX_ANGLE_NODES: Final = (
     24  # of one sine; sums of longer angles are no easier to read than products, and take minutes
@@ -27,8 +26,8 @@ _MAX_ANGLE_NODES: Final = (
 
 
 class _TrigTerm(NamedTuple):
-    """Term of a sum without its rational coefficient: rest * sin(angle) if `is_sine` is True, otherwise rest *
-    cos(angle). A term without a sine or cosine has angle 0.
+    """Term of a sum without its rational coefficient: rest * sin(angle) or rest * cos(angle); the angle is 0 if there
+    is neither.
     """
 
     rest: Expr
@@ -66,9 +65,7 @@ def trig_sum(expr: Expr) -> Expr | None:
 
 
 def _sum_by_wave(coefficients_by_constant: dict[Expr, dict[Expr, Expr]]) -> Expr:
-    """Return the sum of the products constant * coefficient * wave as an expression in which each wave, a sine or
-    cosine, occurs once. `coefficients_by_constant` maps each constant to a dict of coefficients by wave.
-    """
+    """Return the sum of the products constant * coefficient * wave, in which each sine or cosine occurs once."""
     waves: dict[Expr, list[Expr]] = {}
     for constant, coefficients in coefficients_by_constant.items():
         for wave, coefficient in coefficients.items():
@@ -80,23 +77,16 @@ def _sum_by_wave(coefficients_by_constant: dict[Expr, dict[Expr, Expr]]) -> Expr
 
 
 def sine_expression(angle: Expr) -> Expr:
-    """Return the sine of an angle as an expression; it is left unevaluated if SymPy's value would be an algebraic
-    function or have nested roots.
-    """
+    """Return the sine of an angle, unevaluated if SymPy's value would be algebraic or have nested roots."""
     return _evaluate_trig(sympy.sin, angle)
 
 
 def cosine_expression(angle: Expr) -> Expr:
-    """Return the cosine of an angle as an expression; it is left unevaluated if SymPy's value would be an algebraic
-    function or have nested roots.
-    """
+    """Return the cosine of an angle, likewise."""
     return _evaluate_trig(sympy.cos, angle)
 
 
 def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
-    """Return the sine or cosine (`function`) of an angle as an expression; it is left unevaluated if SymPy's value is
-    neither a sine nor a cosine, or has nested roots.
-    """
     if not angle.free_symbols:
         return value_without_nested_roots(function, angle)
     value = function(angle)
@@ -106,14 +96,12 @@ def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
 
 @functools.lru_cache(maxsize=512)
 def _expand_terms(expr: Expr) -> _TrigTerms:
-    """Expand an expression to a sum and return a dict of coefficients (Fractions) by term. The result is cached and
-    must not be changed. Raise a _TooManyTermsError if the sum is too long.
-    """
+    """Return the coefficients of an expression by term; the dict is cached and must not be changed."""
     if expr.is_Add:
         return _collect_terms(item for part in expr.args for item in _expand_terms(part).items())
     if expr.is_Mul:
         return functools.reduce(_multiply_sums, map(_expand_terms, expr.args))
-    if expr.is_Pow and expr.exp.is_Integer and 1 < expr.exp <= MAX_TRIG_SUM_TERMS and expr.free_symbols:
+    if expr.is_Pow and expr.exp.is_Integer and 1 < expr.exp <= MAX_TERMS and expr.free_symbols:
         return functools.reduce(_multiply_sums, [_expand_terms(expr.base)] * int(expr.exp))
     if isinstance(expr, sympy.sin | sympy.cos) and expr.free_symbols:
         if sum(1 for _ in sympy.preorder_traversal(expr.args[0])) > _MAX_ANGLE_NODES:
@@ -124,10 +112,7 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
 
 
 def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
-    """Return the product of two sums; the sums and the product are dicts of coefficients by term. Raise a
-    _TooManyTermsError if the product is too long.
-    """
-    if len(a) * len(b) > MAX_TERM_PAIRS_IN_PRODUCT_OF_TRIG_SUMS:
+    if len(a) * len(b) > _MAX_PAIRS:
         raise _TooManyTermsError
     return _collect_terms(
         (wave, x * y * z) for v, x in a.items() for w, y in b.items() for wave, z in _multiply_terms(v, w)
@@ -135,24 +120,19 @@ def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
 
 
 def _collect_terms(items: Iterable[tuple[_TrigTerm, Fraction]]) -> _TrigTerms:
-    """Return a dict of coefficients by term from pairs (term, coefficient). Coefficients of equal terms are
-    added, and terms with a zero coefficient are left out. Raise a _TooManyTermsError for more than
-    MAX_TRIG_SUM_TERMS terms.
-    """
+    """Add the coefficients of equal terms, and leave out terms that cancel."""
     total: _TrigTerms = {}
     for wave, coefficient in items:
         total[wave] = total.get(wave, Fraction()) + coefficient
     total = {wave: coefficient for wave, coefficient in total.items() if coefficient}
-    if len(total) > MAX_TRIG_SUM_TERMS:
+    if len(total) > MAX_TERMS:
         raise _TooManyTermsError
     return total
 
 
 @functools.lru_cache(maxsize=65536)
 def _multiply_terms(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Fraction], ...]:
-    """Return the product of two terms as a tuple of (term, coefficient) pairs, by formulas such as 2 sin a cos b =
-    sin(a - b) + sin(a + b).
-    """
+    """Return the product of two terms, by formulas such as 2 sin a cos b = sin(a - b) + sin(a + b)."""
     coefficient, rest = _split_rational(a.rest * b.rest)
     if a.angle == 0 or b.angle == 0:
         angle, is_sine = (b.angle, b.is_sine) if a.angle == 0 else (a.angle, a.is_sine)
@@ -172,9 +152,7 @@ def _multiply_terms(a: _TrigTerm, b: _TrigTerm) -> tuple[tuple[_TrigTerm, Fracti
 
 @functools.lru_cache(maxsize=65536)
 def _normalise_trig(angle: Expr, is_sine: bool) -> tuple[tuple[_TrigTerm, Fraction], ...]:
-    """Return the sine (if `is_sine` is True) or the cosine of an angle in SymPy's standard form, so that equal terms
-    compare equal. The result is a tuple of one pair (term, coefficient), or an empty tuple if the value is 0.
-    """
+    """Return a sine or cosine in SymPy's standard form, so that equal terms compare equal; nothing if it is 0."""
     coefficient, wave = _split_rational(sine_expression(angle) if is_sine else cosine_expression(angle))
     if not coefficient:
         return ()
@@ -184,8 +162,6 @@ def _normalise_trig(angle: Expr, is_sine: bool) -> tuple[tuple[_TrigTerm, Fracti
 
 
 def _split_rational(expr: Expr) -> tuple[Fraction, Expr]:
-    """Return (coefficient, rest) for an expression: its rational factor as a Fraction, and the product of its other
-    factors.
-    """
+    """Return the rational factor of an expression and the product of the others."""
     coefficient, rest = expr.as_coeff_Mul(rational=True)
     return Fraction(int(coefficient.p), int(coefficient.q)), rest
