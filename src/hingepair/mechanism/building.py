@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.folding import JointPart, fold_parts, mass_properties, unphysical_reason
 from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.mujoco_model import parts_of_mjcf
@@ -19,9 +19,10 @@ from hingepair.mechanism.samples import Payload, Samples
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.sources import body_inertia, parts_of_pairs, parts_of_urdf
-from hingepair.mechanism.tree import Frame, Joint, MassProperties, Source, Tree
+from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Source, Tree
 from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only
 from hingepair.pair.body import Body
+from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import MimicRecord
@@ -146,6 +147,30 @@ def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
     added = placed_shapes(body.shapes, FramePose(frame.S, frame.R))
     drawings[frame.body] = BodyDrawing((*shapes, *added), is_complete, (*visuals, *added))
     return replace(_with_mass(tree, frame.body, payload), notes=notes, drawings=tuple(drawings))
+
+
+def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
+    """Return a copy of a tree in which joints, by name, have other loads.
+
+    Raises:
+        ArgumentError: no such joint, no HingeLoad, or one of which a robot's joint has no part.
+    """
+    if not isinstance(loads, Mapping):
+        raise ArgumentError("loads", "HingeLoads by the joint's name", quoted(loads))
+    names = [joint.name for joint in tree.joints]
+    for name, load in loads.items():
+        if name not in names:
+            raise ArgumentError("loads", choices(names) + nearest(str(name), names), quoted(name))
+        if not isinstance(load, HingeLoad):
+            raise ArgumentError(f"loads[{name!r}]", "a HingeLoad", quoted(load))
+        if load != replace(NO_LOAD, stops=load.stops, **{field: getattr(load, field) for field in LOAD_FIELDS}):
+            expected = "stiffness, rest, damping, friction and stops alone, which joints of a robot have"
+            raise ArgumentError(f"loads[{name!r}]", expected, quoted(load))
+    joints = {joint.name: joint for joint in tree.joints}
+    for name, load in loads.items():
+        limits = load.stops or joints[name].position_limits
+        joints[name] = replace(joints[name], load=replace(load, stops=None), position_limits=limits)
+    return replace(tree, joints=tuple(joints.values()), source=None)
 
 
 def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:

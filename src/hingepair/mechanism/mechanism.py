@@ -420,6 +420,24 @@ class Mechanism(MechanismMethods):
         tree = building.lock_joints(self.tree, self.base, positions)
         return _new_mechanism(type(self), tree, self.base)
 
+    def with_joint_loads(self, loads: Mapping[str, HingeLoad]) -> Mechanism:
+        """Return a copy of the robot, a Mechanism, whose joints have other springs, dampers and dry friction. The
+        robot itself is not changed. Joints that are not named keep their loads (`joint_loads`).
+
+        Args:
+            loads: dict of HingeLoads by joint name, with stiffness, rest, damping and friction; of a slider in N/m,
+                m, N s/m and N. Their `stops`, if given, become the position limits.
+
+        Raises:
+            ArgumentError: the robot has no such joint, or a load has other parts, such as a motor.
+
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot").with_joint_loads({"elbow_joint": hp.HingeLoad(damping=2)})
+        >>> robot.joint_loads["elbow_joint"].damping
+        2.0
+        """
+        return _new_mechanism(type(self), building.set_loads(self.tree, loads), self.base)
+
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
