@@ -610,3 +610,20 @@ def test_arrays_to_write_that_do_not_fit_are_refused(lead):
         one.rows(*given, out={"y": itself, "trace": trace})
     assert not y.any()
     assert not memory.any()
+
+
+def test_arrays_that_were_written_before_are_refused_once_they_do_not_fit():
+    one, (unused, m, x) = call(), arrays([()] * 3)
+    both = np.zeros((2, 3, 3))
+    out = {"y": np.zeros(3), "trace": np.zeros(())}
+    one.rows(unused, m, x)
+    for _ in range(3):
+        one.rows(unused, m, x, out=out)
+        np.testing.assert_allclose(out["y"], expected(unused, m, x)[0], rtol=1e-14)
+    out["y"] = both[0, 0]  # whose memory a matrix shares
+    one.rows(unused, m, x, out=out)
+    with pytest.raises(ArgumentError, match="overlaps m"):
+        one.rows(unused, both[0], x, out=out)
+    assert one.rows(unused, m, x, out={**out, "nonsense": np.zeros(3)}) is None
+    with pytest.raises(ArgumentError, match="array to write into"):
+        one.rows(unused, m, x, out={"y": None, "trace": out["trace"]})

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
+import weakref
 from collections.abc import Callable, Sequence
 from types import CodeType
 from typing import Any, NamedTuple
@@ -60,7 +61,8 @@ def rows_function(
     names = tuple(one.name for one in outputs if one.limit is None)
     scope: dict[str, Any] = {
         "ndarray": np.ndarray, "array": np.array, "freeze": np.ndarray.setflags, "dtype": dtype, "names": names,
-        "kernel": kernel.call, "packed": packed.call, "owners": (kernel, packed),
+        "ref": weakref.ref, "known": [(*[object] * len(names), set())],  # no array is what object() returns
+        "kernel": kernel.call, "packed": packed.call, "kept": (kernel, packed),
         "general": general, "refuse": refuse,
         "Result": shown, "new": shown.__new__, "set_content": Results.__dict__["_content"].__set__,
     }  # fmt: skip
@@ -112,7 +114,7 @@ def _source(
         *_indented(2, _memory_lines(shapes, outputs, other)),
         "        try:",
         f"            {targets} = kernel({arguments}, {targets})",
-        "        except ValueError:",  # an array that cannot be written: the general function says which
+        "        except (ValueError, TypeError):",  # an array that cannot be written: the general function says which
         f"            {other}",
         *_indented(2, _result_lines(outputs, slots, arguments, written=True)),
         f"    lead = {lead}",
@@ -150,26 +152,44 @@ def _packed_lines(layout: Layout, is_result: bool, arguments: str) -> list[str]:
 
 
 def _memory_lines(shapes: Sequence[tuple[int, ...]], outputs: Sequence[Output], other: str) -> list[str]:
-    """Return the lines that take the arrays of `out`, unless one is missing, does not fit, or might share memory."""
+    """Return the lines that take the arrays of `out`, unless one is missing, does not fit, or might share memory. The
+    arrays of the last such call need no second look, since their memory stays theirs.
+    """
     shown = [(k, one) for k, one in enumerate(outputs) if one.limit is None]
+    written = [f"out{k}" for k, _ in shown]
     lines = ["try:", *(f"    out{k} = out[{one.name!r}]" for k, one in shown), "except KeyError:", f"    {other}"]
     lines += [f"out{k} = None" for k, one in enumerate(outputs) if one.limit is not None]
+    lines += [
+        f"{''.join(f'{array}_ref, ' for array in written)}owners = known[0]",
+        f"if not (len(out) == {len(shown)} and {' and '.join(f'{one}_ref() is {one}' for one in written)}):",
+    ]
     fits = (f"type(out{k}) is ndarray and out{k}.dtype is dtype and out{k}.shape == {one.shape}" for k, one in shown)
-    lines += [f"if not (len(out) == {len(shown)} and {' and '.join(fits)}):", f"    {other}"]
+    checks = [f"if not (len(out) == {len(shown)} and {' and '.join(fits)}):", f"    {other}"]
+    for array in written:
+        checks += _owner_lines(array, f" and {array}.flags.c_contiguous", other)
+    checks += [
+        f"owners = {{{''.join(f'id({array}_owner), ' for array in written)}}}",
+        f"if len(owners) != {len(written)}:",
+        f"    {other}",
+        f"known[0] = {''.join(f'ref({array}), ' for array in written)}owners",
+    ]
+    lines += _indented(1, checks)
     read = [f"in{k}" for k, shape in enumerate(shapes) if shape]
-    written = [f"out{k}" for k, _ in shown]
-    for array in (*read, *written):
-        dense = f" and {array}.flags.c_contiguous" if array in written else ""
-        lines += [
-            f"{array}_owner = {array}.base",
-            f"if {array}_owner is None:",
-            f"    {array}_owner = {array}",
-            f"elif not (type({array}_owner) is ndarray and {array}_owner.base is None{dense}):",
-            f"    {other}",
-        ]
-    theirs, ours = ("".join(f"id({array}_owner), " for array in arrays) for arrays in (read, written))
-    lines += [f"seen = {{{ours}}}", f"if len(seen) != {len(written)} or not seen.isdisjoint(({theirs})):"]
-    return [*lines, f"    {other}"]
+    for array in read:
+        lines += _owner_lines(array, "", other)
+    theirs = "".join(f"id({array}_owner), " for array in read)
+    return [*lines, f"if not owners.isdisjoint(({theirs})):", f"    {other}"]
+
+
+def _owner_lines(array: str, dense: str, other: str) -> list[str]:
+    """Return the lines that find the array that owns the memory of another one."""
+    return [
+        f"{array}_owner = {array}.base",
+        f"if {array}_owner is None:",
+        f"    {array}_owner = {array}",
+        f"elif not (type({array}_owner) is ndarray and {array}_owner.base is None{dense}):",
+        f"    {other}",
+    ]
 
 
 def _result_lines(outputs: Sequence[Output], slots: Sequence[str] | None, arguments: str, written: bool) -> list[str]:
