@@ -125,7 +125,7 @@ def test_data_frames_go_by_the_names_of_joints():
     ("call", "message"),
     [
         (lambda q: ROBOT.jacobian(q[:, :2], "rod"), r"q: expected shape \(..., 3\)"),
-        (lambda q: ROBOT.jacobian(q, "hook"), "frame: expected"),
+        (lambda q: ROBOT.jacobian(q, "hook"), "frames: expected"),
         (lambda q: ROBOT.jacobian(q, "rod", out=np.empty((COUNT, 6, 3))), "out: expected None, since Dask"),
         (lambda q: ROBOT.forward_dynamics(q, q[:7], q), r"qd: expected leading shape that broadcasts with \(50,\)"),
     ],

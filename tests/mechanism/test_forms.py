@@ -204,7 +204,7 @@ REFUSED = {
         r"frame: expected one of .*panda_rightfinger.* \(nearest: panda_link7\), got",
     ),
     "no_frame": (lambda r, q: r.forward_kinematics(q, frames=()), "frames: expected names of links or joints"),
-    "one_frame": (lambda r, q: r.jacobian(q), "frame: expected the name of a link or joint"),
+    "one_frame": (lambda r, q: r.jacobian(q), "frames: expected the name of a link or joint"),
     "rates": (lambda r, q: r.forward_kinematics(q, outputs=("v",)), "qd: .*output v needs them"),
     "output": (lambda r, q: r.forward_kinematics(q, outputs=("tau",)), "outputs: expected one of R, S, d"),
     "base": (
@@ -219,7 +219,7 @@ REFUSED = {
     "shapes": (lambda r, q: r.inverse_dynamics(q, q[:3], q), "qd: expected leading shape"),
     "gravity": (lambda r, q: r.gravity_forces(q, gravity=(1, 2)), r"gravity: expected shape \(3,\)"),
     "out": (lambda r, q: r.mass_matrix(q, out=np.empty(3)), r"out: expected shape \(4, 5, 7, 7\)"),
-    "out_array": (lambda r, q: r.inverse_dynamics(q, q, q, out=q), "out: expected a dict of arrays by output name"),
+    "out_array": (lambda r, q: r.forward_kinematics(q, out=q), "out: expected a dict of arrays by output name"),
     "out_prepared": (
         lambda r, q: r.prepare("mass_matrix", backend="numpy")(q, out=[q]),
         "out: expected a dict of arrays by output name, or one array",

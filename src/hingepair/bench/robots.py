@@ -172,7 +172,7 @@ def hingepair_job(task: Task) -> Job:
     robot, tip = task.robot, task.tip
     calls: dict[str, Any] = {
         POSE: partial(robot.forward_kinematics, frames=(tip,), outputs=("R", "S")),
-        JACOBIAN: partial(robot.jacobian, frame=tip),
+        JACOBIAN: partial(robot.jacobian, frames=tip),
         INVERSE: partial(robot.inverse_dynamics, outputs=("tau",), joint_loads=False),
         FORWARD: partial(robot.forward_dynamics, joint_loads=False),
         TORQUE_SLOPES: partial(robot.inverse_dynamics_derivatives, outputs=("tau_q", "tau_qd"), joint_loads=False),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from hingepair.engine.loops import Loop
 from hingepair.engine.results import Results
+from hingepair.equations.quantities import QUANTITIES
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.constants import (
     RobotConstants,
@@ -17,7 +18,15 @@ from hingepair.mechanism.constants import (
     robot_constants,
     split_numbers,
 )
-from hingepair.mechanism.states import MechanismDerivatives
+from hingepair.mechanism.states import (
+    JointWrenches,
+    MechanismAccelerations,
+    MechanismDerivatives,
+    MechanismForces,
+    MechanismState,
+    joint_results_class,
+    mechanism_state_class,
+)
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.caching import lock_free_cached_property
@@ -25,55 +34,99 @@ from hingepair.pair.body_motion import BodyMotion, motion_inputs
 from hingepair.plans.arguments import Arguments, CoordinateNames, read_arguments
 from hingepair.plans.computation import Computation
 from hingepair.plans.derivatives import body_constants
-from hingepair.plans.trees import Request, estimated_operations, input_shapes, request_loop
+from hingepair.plans.trees import (
+    BASE_LOADS,
+    BASE_MOTION,
+    COORDINATES,
+    FRAME_OUTPUTS,
+    JACOBIANS,
+    Request,
+    estimated_operations,
+    input_shapes,
+    output_shape,
+    request_loop,
+)
 
-BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME: Final = {
-    f"{letter}1": letter for letter in ("R", "S", "v", "omega", "a", "alpha")
-}
-"""Attributes of a BodyMotion by the names of the inputs that describe the base's motion."""
-
-BASE_LABELS: Final = {
-    name: f"base_motion.{letter}" for name, letter in BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME.items()
-}
-"""Names of these inputs in messages."""
-
-RESTING_BASE_VALUE_BY_INPUT_NAME: Final[Mapping[str, tuple[float, ...]]] = {
-    **dict.fromkeys(("R1", "v1", "omega1", "a1", "alpha1"), (0.0, 0.0, 0.0)),
+BASE_LABELS: Final = {name: f"base_motion.{name[:-1]}" for name in BASE_MOTION}
+"""Inputs of the base's motion as messages name them."""
+RESTING_BASE: Final[Mapping[str, tuple[float, ...]]] = {
+    **dict.fromkeys((*BASE_MOTION, *BASE_LOADS), (0.0, 0.0, 0.0)),
     "S1": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
 }
-"""Inputs of a base that rests at the origin, by name."""
-
-ZERO_BASE_LOAD_BY_INPUT_NAME: Final[Mapping[str, tuple[float, ...]]] = dict.fromkeys(
-    ("force1", "torque1"), (0.0, 0.0, 0.0)
-)
-"""Inputs of a base without loads, by name."""
+"""Inputs of a base that rests at the origin, without loads."""
 
 
-def read_robot_arguments(
-    joint_names: tuple[str, ...],
-    coordinates: Mapping[str, Any],
-    base_motion: BodyMotion | None,
-    needed_inputs: Iterable[str],
-    labelled_loads: Mapping[str, Any],
-) -> Arguments:
-    """Check the arguments of a robot's method, and return them in the form that calls take.
+Loads: TypeAlias = Mapping[str, tuple[Any, str]]
+"""Forces and torques by input name: the value, and its name in messages."""
 
-    Args:
-        joint_names: names of the joints with a coordinate, in order.
-        coordinates: q, qd, qdd or tau by argument name.
-        base_motion: the motion of the base; None where it rests at the origin.
-        needed_inputs: names of the inputs that the outputs need.
-        labelled_loads: forces and torques by input name: a value, and its name for messages.
 
-    Raises:
-        ArgumentError: an argument cannot be used; the error names it and the joint.
-    """
-    base = base_inputs(base_motion, needed_inputs)
-    labels = BASE_LABELS | {name: label for name, (_, label) in labelled_loads.items()}
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys((*base, *labelled_loads), (3,))
-    shapes |= {"S1": (3, 3), **dict.fromkeys(coordinates, (len(joint_names),))}
-    given = {**coordinates, **base, **{name: value for name, (value, _) in labelled_loads.items()}}
-    return read_arguments(given, shapes, CoordinateNames(joint_names, noun="joints"), labels)
+class Task(NamedTuple):
+    """What can be asked of a robot: by the method of this name, and by `prepare`."""
+
+    given: tuple[str, ...]
+    outputs: tuple[str, ...]
+    result: type[Results] | None = None  # None: the only output as an array
+
+
+MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # what is asked of frames, by order
+FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
+ONE_FRAME: Final = ("acceleration_bias",)  # outputs of a single frame
+OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, *ONE_FRAME)
+OF_BODIES: Final = ("torque_regressor",)  # outputs of all bodies, each with a frame of its own
+_MOTION: Final = ("q", "qd", "qdd")
+
+TASKS: Final[Mapping[str, Task]] = {
+    **{
+        level: Task(
+            _MOTION[: order + 1],
+            tuple(name for name in FRAME_OUTPUTS if QUANTITIES[name].order <= order),
+            MechanismState,
+        )
+        for order, level in enumerate(MOTION_LEVELS)
+    },
+    "jacobian": Task(("q",), ("jacobian",)),
+    "jacobian_in_frame": Task(("q",), ("jacobian_in_frame",)),
+    "acceleration_bias": Task(("q", "qd"), ("acceleration_bias",)),
+    "inverse_dynamics": Task(_MOTION, ("tau", "force1", "torque1"), MechanismForces),
+    "joint_wrenches": Task(_MOTION, ("force", "torque"), JointWrenches),
+    "torque_regressor": Task(_MOTION, ("torque_regressor",)),
+    "forward_dynamics": Task(("q", "qd", "tau"), ("qdd", *FREE_BASE_OUTPUTS), MechanismAccelerations),
+    "mass_matrix": Task(("q",), ("mass_matrix",)),
+    "bias_forces": Task(("q", "qd"), ("bias_forces",)),
+    "gravity_forces": Task(("q",), ("gravity_forces",)),
+    "centre_of_mass": Task(("q",), ("centre_of_mass",)),
+    "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",)),
+    "centre_of_mass_bias": Task(("q", "qd"), ("centre_of_mass_bias",)),
+    "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",)),
+    "energy": Task(("q", "qd"), ("kinetic", "potential"), Results),
+    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Results),
+}
+"""All that can be asked of a robot."""
+
+_RESULTS: Final = {
+    **{name: task.result for task in TASKS.values() for name in task.outputs},
+    **dict.fromkeys(FRAME_OUTPUTS, MechanismState),
+}
+ALL_OUTPUTS: Final = tuple(_RESULTS)
+
+
+PREPARED_WORDS: Final = tuple(name for name in TASKS if name not in {"energy", "momentum"})  # which have no class
+_PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)
+
+
+def result_class(
+    outputs: tuple[str, ...], frames: tuple[str, ...], constants: RobotConstants
+) -> type[Results] | None:
+    """Return the class of a result with these outputs; None for a bare array. The first output decides."""
+    kind = _RESULTS.get(outputs[0], Results)
+    if kind is None:
+        return Results if len(outputs) > 1 else None
+    if kind is MechanismState:
+        further = tuple(name for name in outputs if name not in FRAME_OUTPUTS)
+        return mechanism_state_class(frames, constants.tree.frame_names, further)
+    if kind is JointWrenches:
+        return joint_results_class(kind, tuple(joint.name for joint in constants.tree.joints))
+    return Results if kind is Results else joint_results_class(kind, constants.names)  # type: ignore[arg-type]
 
 
 def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
@@ -90,51 +143,31 @@ def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) ->
     at_rest = arrays.keys() <= {"R1", "S1"}
     for name in needed_inputs:
         if name in BASE_LABELS and name not in arrays and (name in {"R1", "S1"} or not at_rest):
-            letter = BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME[name]
-            expected = f"a value, as in BodyMotion(..., {letter}=...): an output needs it"
+            expected = f"a value, as in BodyMotion(..., {name[:-1]}=...): an output needs it"
             raise ArgumentError(BASE_LABELS[name], expected, None)
     return arrays
 
 
-def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Check the argument `wrenches`, None or a dict of pairs by link, and return a dict of (force, torque) by link,
-    which is empty for None. The forces and torques are not checked.
+def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> tuple[Loads, tuple[str, ...]]:
+    """Return the argument `wrenches`, pairs (force, torque) by link, as loads, and the names of the links.
 
     Raises:
-        ArgumentError: an unknown link, or no pair of vectors; the error names it.
+        ArgumentError: an unknown link, or no pair.
     """
     if wrenches is None:
-        return {}
+        return {}, ()
     if not isinstance(wrenches, Mapping):
         raise ArgumentError("wrenches", "(force, torque) by the link's name", quoted(wrenches))
-    for link, value in wrenches.items():
+    loads = {}
+    for k, (link, value) in enumerate(wrenches.items()):
         if link not in links:
-            link_names = tuple(links)
-            raise ArgumentError("wrenches", choices(link_names) + nearest(str(link), link_names), quoted(link))
+            names = tuple(links)
+            raise ArgumentError("wrenches", choices(names) + nearest(str(link), names), quoted(link))
         if not isinstance(value, tuple | list) or len(value) != 2:
             raise ArgumentError(f"wrenches[{link!r}]", "a pair (force, torque)", quoted(value))
-    return {link: (value[0], value[1]) for link, value in wrenches.items()}
-
-
-MASS_INDEPENDENT_OUTPUT_NAMES = (
-    "R",
-    "S",
-    "d",
-    "v",
-    "omega",
-    "a",
-    "alpha",
-    "jacobian",
-    "jacobian_in_frame",
-    "acceleration_bias",
-    "torque_regressor",
-)
-"""Outputs that do not depend on masses."""
-
-_BASE_SHAPES: Final = {
-    **dict.fromkeys((*BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, *ZERO_BASE_LOAD_BY_INPUT_NAME), (3,)),
-    "S1": (3, 3),
-}
+        for place, kind in enumerate(("force", "torque")):
+            loads[f"{kind}_{k}"] = value[place], f"wrenches[{link!r}][{place}]"
+    return loads, tuple(wrenches)
 
 
 class RobotComputation(Computation):
@@ -165,7 +198,7 @@ class RobotComputation(Computation):
             numbers += load_numbers(constants.tree)
         folded, parameters = split_numbers(numbers)
         self.constants, self.frames, self.form = constants, frames, constants.form
-        self.needs_masses = any(name not in MASS_INDEPENDENT_OUTPUT_NAMES for name in outputs)
+        self.needs_masses = not {*outputs} <= {*OF_FRAMES, *OF_BODIES}
         samples = constants.tree.samples
         has_samples = samples is not None and bool(constants.varied) and (self.needs_masses or bool(samples.points))
         bodies = tuple(frame.body for frame in frames)
@@ -175,8 +208,7 @@ class RobotComputation(Computation):
         self.inputs = input_shapes(self.form, self.request)
         self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
         known: dict[str, Any] = {
-            **RESTING_BASE_VALUE_BY_INPUT_NAME,
-            **ZERO_BASE_LOAD_BY_INPUT_NAME,
+            **RESTING_BASE,
             "constants": read_only(np.array([*constants.numbers, *parameters], dtype=np.float64)),
             "axes": np.array(constants.axes).ravel(),
         }
@@ -184,7 +216,7 @@ class RobotComputation(Computation):
             known["samples"] = constants.samples
         super().__init__(
             self._request_loop, outputs,
-            {**_BASE_SHAPES, **dict.fromkeys(("q", "qd", "qdd", "tau"), (self.form.dof,)), **self.inputs},
+            {**{name: output_shape(name, self.form, self.request) for name in _PREPARED_ARGUMENTS}, **self.inputs},
             known, result, CoordinateNames(constants.names, noun="joints"), derivatives=MechanismDerivatives,
             owner="robot", shape=constants.sample_shape if has_samples else (),
             operations=estimated_operations(self.form, self.request),
@@ -203,60 +235,49 @@ class RobotComputation(Computation):
     def _request_loop(self, outputs: tuple[str, ...], _: tuple[str, ...]) -> Loop:
         return request_loop(self.form, self.request._replace(outputs=outputs))
 
+    def given(
+        self, coordinates: Mapping[str, Any], base_motion: BodyMotion | None, loads: Loads, moving: bool = False
+    ) -> tuple[dict[str, Any], dict[str, str]]:
+        """Return arguments by input name, and their labels in messages.
+
+        Args:
+            coordinates: q, qd, qdd or tau by name.
+            base_motion: motion of the base; None where it rests at the origin.
+            loads: forces and torques by input name, each with its label.
+            moving: whether the base's angular velocity is needed in any case.
+
+        Raises:
+            ArgumentError: what the outputs need of `base_motion` is missing.
+        """
+        base = base_inputs(base_motion, (*self.inputs, *(("omega1",) if moving else ())))
+        given = {**coordinates, **base, **{name: value for name, (value, _) in loads.items()}}
+        return given, BASE_LABELS | {name: label for name, (_, label) in loads.items()}
+
+    def read(self, coordinates: Mapping[str, Any], base_motion: BodyMotion | None, loads: Loads) -> Arguments:
+        """Return checked arguments, as `given` takes them."""
+        given, labels = self.given(coordinates, base_motion, loads)
+        return read_arguments(given, self.shapes, self.coordinates, labels)
+
     def complete(self, arguments: Arguments, gravity: tuple[float, ...]) -> dict[str, Any]:
         """Return the values of all inputs of the program, given or known."""
         values = {**self.known, "gravity": gravity, **arguments.values}
         return {name: values[name] for name in self.inputs}
 
 
-ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME: Final = {
-    "pose": ("q",),
-    "velocity": ("q", "qd"),
-    "acceleration": ("q", "qd", "qdd"),
-    "jacobian": ("q",),
-    "jacobian_in_frame": ("q",),
-    "acceleration_bias": ("q", "qd"),
-    "inverse_dynamics": ("q", "qd", "qdd"),
-    "joint_wrenches": ("q", "qd", "qdd"),
-    "torque_regressor": ("q", "qd", "qdd"),
-    "forward_dynamics": ("q", "qd", "tau"),
-    "mass_matrix": ("q",),
-    "bias_forces": ("q", "qd"),
-    "gravity_forces": ("q",),
-    "centroidal_momentum_matrix": ("q",),
-}
-"""Names of the arguments of a prepared call, by the method or level of motion for which it is prepared."""
-
-_JOINT_ARGUMENT_NAMES: Final = ("q", "qd", "qdd", "tau")  # which have a component for each coordinate
-# Names that the argument `given` of `prepare` may hold.
-_ARGUMENT_NAMES_OF_PREPARED_CALLS: Final = (
-    *_JOINT_ARGUMENT_NAMES,
-    *BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME,
-    *ZERO_BASE_LOAD_BY_INPUT_NAME,
-)
-
-
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
-    """Check the argument `given` of `prepare`, the name of a computation or an iterable of argument names, and return
-    a tuple of the names of the call's arguments.
-
-    Raises:
-        ArgumentError: an unknown name, or one twice.
-    """
-    try:
-        names = ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME[given] if isinstance(given, str) else tuple(given)
-    except (KeyError, TypeError):
-        raise ArgumentError(
-            "given",
-            f"{choices(tuple(ARGUMENT_NAMES_BY_PREPARED_COMPUTATION_NAME))}, or a tuple of names",
-            quoted(given),
-        ) from None
+    """Return the names of a prepared call's arguments, for which `given` may be the name of a task."""
+    if isinstance(given, str) and given in PREPARED_WORDS:
+        names = TASKS[given].given
+    elif isinstance(given, Iterable) and not isinstance(given, str):
+        names = tuple(given)
+    else:
+        raise ArgumentError("given", f"{choices(PREPARED_WORDS)}, or a tuple of names", quoted(given))
     for name in names:
-        if name not in _ARGUMENT_NAMES_OF_PREPARED_CALLS:
-            raise ArgumentError("given", choices(_ARGUMENT_NAMES_OF_PREPARED_CALLS), quoted(name))
+        if name not in _PREPARED_ARGUMENTS:
+            raise ArgumentError("given", choices(_PREPARED_ARGUMENTS), quoted(name))
     if len({*names}) < len(names):
         raise ArgumentError("given", "each name once", quoted(names))
     for name in needed_inputs:
-        if name in _JOINT_ARGUMENT_NAMES and name not in names:
+        if name in COORDINATES and name not in names:
             raise ArgumentError("given", f"{name} too, since the outputs need it", ", ".join(names))
     return names

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -12,100 +13,54 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import execution_of
 from hingepair.engine.loops import OperationCounts
 from hingepair.engine.outputs import Out
-from hingepair.engine.results import Results, writable_arrays
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.engine.results import Results
+from hingepair.errors import ArgumentError, quoted
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
 from hingepair.mechanism import conventions
 from hingepair.mechanism.accuracy import error_bounds, slope_bounds
 from hingepair.mechanism.computations import (
-    BASE_LABELS,
+    ALL_OUTPUTS,
+    FREE_BASE_OUTPUTS,
+    MOTION_LEVELS,
+    OF_BODIES,
+    OF_FRAMES,
+    ONE_FRAME,
+    TASKS,
+    Loads,
     RobotComputation,
-    base_inputs,
     checked_given,
-    read_robot_arguments,
     read_wrenches,
+    result_class,
 )
 from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
 from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
 from hingepair.mechanism.rollout import Rollout, rolled_out
 from hingepair.mechanism.states import (
-    JointResults,
     JointWrenches,
     MechanismAccelerations,
     MechanismDerivatives,
     MechanismForces,
     MechanismState,
-    joint_results_class,
-    mechanism_state_class,
 )
-from hingepair.mechanism.tree import Frame, Tree, loads_note
-from hingepair.numeric.arrays import (
-    Float64Array,
-    FloatArray,
-    check_choice,
-    is_zero,
-    one_constant,
-)
+from hingepair.mechanism.tree import Tree, loads_note
+from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, is_zero, one_constant
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
-from hingepair.plans.arguments import CoordinateNames, Coordinates
+from hingepair.plans.arguments import CoordinateNames, Coordinates, check_outputs, renamed_out, requested_outputs
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
-from hingepair.plans.trees import FRAME_OUTPUTS, input_shapes
+from hingepair.plans.trees import COORDINATES, FRAME_OUTPUTS, input_shapes
 from hingepair.rollouts.tracks import Feedback
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
-# Outputs of motion at the levels of pose, velocity and acceleration.
-_OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL = (("R", "S", "d"), ("v", "omega"), ("a", "alpha"))
-_MOTION_LEVEL_NAMES: Final = ("pose", "velocity", "acceleration")  # as `prepare` takes them
-_SINGLE_FRAME_OUTPUT_NAMES: Final = ("acceleration_bias",)  # which are computed for a single frame
-_JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # outputs by axes
-_FRAMED: Final = (*_SINGLE_FRAME_OUTPUT_NAMES, *_JACOBIANS.values())
-_INVERSE_DYNAMICS_OUTPUT_NAMES = ("tau", "force1", "torque1")  # of inverse dynamics
-_JOINT_WRENCHES = ("force", "torque")
-_ACCELERATION_OUTPUT_NAMES = ("qdd", "a1", "alpha1")  # of forward dynamics
-_JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME: Final[Mapping[str, type[JointResults]]] = {
-    **dict.fromkeys(_INVERSE_DYNAMICS_OUTPUT_NAMES, MechanismForces),
-    **dict.fromkeys(_JOINT_WRENCHES, JointWrenches),
-    **dict.fromkeys(_ACCELERATION_OUTPUT_NAMES, MechanismAccelerations),
-}
-"""Classes of the results, by the first output; results of motion are a MechanismState."""
-_PREPARABLE_BARE_ARRAY_OUTPUT_NAMES: Final = (
-    "jacobian",
-    "jacobian_in_frame",
-    "acceleration_bias",
-    "mass_matrix",
-    "bias_forces",
-    "gravity_forces",
-    "centroidal_momentum_matrix",
-)
-"""Outputs of methods that return a bare array, which `prepare` takes too, also beside others."""
-_BARE_ARRAY_OUTPUT_NAMES: Final = (
-    *_PREPARABLE_BARE_ARRAY_OUTPUT_NAMES,
-    "torque_regressor",
-    "centre_of_mass",
-    "centre_of_mass_jacobian",
-    "centre_of_mass_bias",
-)
-"""Outputs that are returned as bare arrays if they are the only output."""
-_OUTPUT_NAMES_WITH_ERROR_BOUNDS: Final = (
-    *FRAME_OUTPUTS,
-    *_INVERSE_DYNAMICS_OUTPUT_NAMES,
-    *_BARE_ARRAY_OUTPUT_NAMES,
-    "qdd",
-    "kinetic",
-    "potential",
-    "linear",
-    "angular_about_origin",
-    "angular_about_centre",
-)
-"""Outputs whose rounding errors `error_bounds` bounds, for any base."""
-_TORQUE_SLOPES: Final = ("tau_q", "tau_qd")  # whose errors it bounds, too
+_JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # tasks by axes
+_SOLVED: Final = TASKS["forward_dynamics"].outputs
+_TORQUE_SLOPES: Final = ("tau_q", "tau_qd")  # derivatives whose rounding errors are bounded
 
 
 class MechanismMethods(Shown):
@@ -201,30 +156,23 @@ class MechanismMethods(Shown):
         >>> state.R.shape, state["tool0"].S.shape
         ((5, 2, 3), (5, 3, 3))
         """
-        values = (q,) if qd is None and qdd is None else (q, qd) if qdd is None else (q, qd, qdd)
-        key = "kinematics", frames, outputs, len(values), backend
-        result: MechanismState | None = self._run_again(key, values, base_motion, out, workers)
-        if result is not None:
-            return result
-        if qdd is not None and qd is None:
+        given: tuple[Any, ...]
+        if qdd is None:
+            given = (q,) if qd is None else (q, qd)
+        elif qd is None:
             raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
-        coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
-        names = self._requested_outputs(outputs, len(coordinates) - 1, out)
-        computation = self._computation(names, self._named_frames("frames", frames))
-        self._check_needed_inputs(computation, coordinates, names)
-        # What is asked for by lists, or by the arrays of `out`, can be something else the next time.
-        lasts = isinstance(frames, str | tuple | None) and isinstance(outputs, tuple | None if out is None else tuple)
-        found: MechanismState = self._run(
-            computation, coordinates or {"q": q}, base_motion, out, workers, backend, key=key if lasts else None
+        else:
+            given = q, qd, qdd
+        state: MechanismState = self._ask(
+            MOTION_LEVELS[len(given) - 1], given, base_motion, out, workers, backend, outputs=outputs, frames=frames
         )
-        return found
+        return state
 
     def jacobian(
         self,
         q: Coordinates,
-        frame: str | None = None,
-        *,
         frames: str | Iterable[str] | None = None,
+        *,
         axes: str = "world",
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
@@ -263,17 +211,15 @@ class MechanismMethods(Shown):
         (5, 2, 6, 6)
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return self._run_array(
-            _JACOBIANS[axes], {"q": q}, base_motion, out, workers, backend, frame=frame, frames=frames
-        )
+        J: FloatArray = self._ask(_JACOBIANS[axes], (q,), base_motion, out, workers, backend, frames=frames)
+        return J
 
     def jacobian_rate(
         self,
         q: Coordinates,
         qd: Coordinates,
-        frame: str | None = None,
-        *,
         frames: str | Iterable[str] | None = None,
+        *,
         axes: str = "world",
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
@@ -293,16 +239,14 @@ class MechanismMethods(Shown):
         True
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        chosen = self._named_frames("frames", self._frame_or_only_tip(frame, frames))
-        return self._rate(_JACOBIANS[axes], {"q": q, "qd": qd}, chosen, base_motion, out, workers, backend)
+        return self._rate(_JACOBIANS[axes], q, qd, base_motion, out, workers, backend, frames)
 
     def acceleration_bias(
         self,
         q: Coordinates,
         qd: Coordinates,
-        frame: str | None = None,
-        *,
         frames: str | Iterable[str] | None = None,
+        *,
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
@@ -324,9 +268,8 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").acceleration_bias(np.zeros(6), np.zeros(6), "tool0").tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        return self._run_array(
-            "acceleration_bias", {"q": q, "qd": qd}, base_motion, out, workers, backend, frame=frame, frames=frames
-        )
+        bias: FloatArray = self._ask("acceleration_bias", (q, qd), base_motion, out, workers, backend, frames=frames)
+        return bias
 
     def inverse_kinematics(
         self,
@@ -535,7 +478,7 @@ class MechanismMethods(Shown):
         """
         coordinates = {name: value for name, value in (("q", q), ("qd", qd), ("qdd", qdd)) if value is not None}
         coordinates |= {} if tau is None else {"tau": tau}
-        labelled_loads = self._loads_on_base(force1, torque1)
+        labelled_loads = self._base_loads(force1, torque1)
         if holds_dask(coordinates, base_motion, labelled_loads):
             dof = (len(self._constants.names),)
             tails = {
@@ -547,23 +490,21 @@ class MechanismMethods(Shown):
             loads = {name: value for name, (value, _) in labelled_loads.items()}
             arguments = {**coordinates, **loads, "base_motion": base_motion, **options}
             return apply_to_chunks(self.error_bounds, arguments, tails, self._table_columns)
-        accepted_names = (*_OUTPUT_NAMES_WITH_ERROR_BOUNDS, *(("a1", "alpha1") if self.base == "free" else ()))
-        level = sum(name in coordinates for name in ("qd", "qdd"))
-        asked = self._requested_outputs(outputs, level, None, (*accepted_names, *_TORQUE_SLOPES))
+        accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in TASKS["joint_wrenches"].outputs)
+        asked = requested_outputs(
+            outputs, None, (*accepted, *_TORQUE_SLOPES), TASKS[self._level(coordinates)].outputs
+        )
         bounds: dict[str, Float64Array] = {}
         for slopes in (False, True):
             names = tuple(name for name in asked if (name in _TORQUE_SLOPES) == slopes)
             if not names:
                 continue
-            torques = _INVERSE_DYNAMICS_OUTPUT_NAMES if self.base == "free" else ("tau",)
-            wanted, chosen = (torques, {}) if slopes else (names, self._named_frames("frames", frames))
+            wanted, chosen = (self._all_efforts("inverse_dynamics"), ()) if slopes else (names, self._frames(frames))
             computation = self._computation(wanted, chosen)
             self._check_needed_inputs(computation, coordinates, wanted)
             if computation.needs_masses:
                 self._check_masses()
-            values = read_robot_arguments(
-                self._constants.names, coordinates or {"q": q}, base_motion, computation.inputs, labelled_loads
-            )
+            values = computation.read(coordinates, base_motion, labelled_loads)
             vector = _checked_gravity(gravity)
             if slopes:
                 computation.check_differentiable(Derivative("matrices", names, ()), tuple(coordinates))
@@ -628,20 +569,11 @@ class MechanismMethods(Shown):
         >>> robot.inverse_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
         (6,)
         """
-        key = "inverse dynamics", outputs, wrenches, backend, joint_loads
-        again: MechanismForces | None = self._run_again(key, (q, qd, qdd), base_motion, out, workers, gravity)
-        if again is not None:
-            return again
-        coordinates = {"q": q, "qd": qd, "qdd": qdd}
-        names = _checked_outputs(outputs, out, _INVERSE_DYNAMICS_OUTPUT_NAMES)
-        labelled_loads, frames = self._wrench_inputs(wrenches)
-        computation = self._computation(names, frames, len(frames), self._loaded(joint_loads))
-        kept = wrenches is None and isinstance(outputs, tuple | None)
-        result: MechanismForces = self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads,
-            key=key if kept else None,
+        forces: MechanismForces = self._ask(
+            "inverse_dynamics", (q, qd, qdd), base_motion, out, workers, backend,
+            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
         )  # fmt: skip
-        return result
+        return forces
 
     def forward_dynamics(
         self,
@@ -704,25 +636,13 @@ class MechanismMethods(Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        coordinates = {"q": q, "qd": qd, "tau": tau}
-        key = None
-        if wrenches is None and type(force1) is int and type(torque1) is int and force1 == torque1 == 0:
-            key = "forward dynamics", outputs, backend, joint_loads
-        result: Any = None
-        if key is not None:
-            result = self._run_again(key, coordinates.values(), base_motion, out, workers, gravity)
-        if result is None:
-            names = _checked_outputs(outputs, out, _ACCELERATION_OUTPUT_NAMES if self.base == "free" else ("qdd",))
-            labelled_loads, frames = self._wrench_inputs(wrenches)
-            labelled_loads |= self._loads_on_base(force1, torque1)
-            computation = self._computation(names, frames, len(frames), self._loaded(joint_loads))
-            result = self._run(
-                computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads,
-                key=key if isinstance(outputs, tuple | None) else None,
-            )  # fmt: skip
+        found: MechanismAccelerations = self._ask(
+            "forward_dynamics", (q, qd, tau), base_motion, out, workers, backend,
+            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
+            loads=self._base_loads(force1, torque1),
+        )  # fmt: skip
         if self._constants.may_be_singular:
-            self._warn_where_singular(result, coordinates)
-        found: MechanismAccelerations = result
+            self._warn_where_singular(found, {"q": q})
         return found
 
     def joint_wrenches(
@@ -765,14 +685,11 @@ class MechanismMethods(Shown):
         >>> robot.joint_wrenches(np.zeros(6), np.zeros(6), np.zeros(6))["wrist_3_joint"].force.shape
         (3,)
         """
-        names = _checked_outputs(outputs, out, _JOINT_WRENCHES)
-        labelled_loads, frames = self._wrench_inputs(wrenches)
-        computation = self._computation(names, frames, len(frames))
-        coordinates = {"q": q, "qd": qd, "qdd": qdd}
-        result: JointWrenches = self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, labelled_loads
-        )
-        return result
+        found: JointWrenches = self._ask(
+            "joint_wrenches", (q, qd, qdd), base_motion, out, workers, backend,
+            gravity=gravity, outputs=outputs, wrenches=wrenches,
+        )  # fmt: skip
+        return found
 
     def torque_regressor(
         self,
@@ -802,8 +719,10 @@ class MechanismMethods(Shown):
         >>> Y.shape, np.allclose(Y @ robot.inertial_parameters, robot.inverse_dynamics(q, q, q).tau)
         ((6, 60), True)
         """
-        coordinates = {"q": q, "qd": qd, "qdd": qdd}
-        return self._run_array("torque_regressor", coordinates, base_motion, out, workers, backend, gravity)
+        Y: FloatArray = self._ask(
+            "torque_regressor", (q, qd, qdd), base_motion, out, workers, backend, gravity=gravity
+        )
+        return Y
 
     def inverse_dynamics_derivatives(
         self,
@@ -855,10 +774,10 @@ class MechanismMethods(Shown):
         >>> d.tau_q.shape, np.allclose(d.tau_qdd, robot.mass_matrix(np.zeros(6)))
         ((6, 6), True)
         """
-        coordinates = {"q": q, "qd": qd, "qdd": qdd}
         return self._derivatives(
-            "tau", coordinates, gravity, wrenches, joint_loads, base_motion, outputs, out, workers, backend
-        )
+            "inverse_dynamics", (q, qd, qdd), base_motion, out, workers, backend,
+            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads, loads={},
+        )  # fmt: skip
 
     def forward_dynamics_derivatives(
         self,
@@ -895,98 +814,15 @@ class MechanismMethods(Shown):
         >>> robot.forward_dynamics_derivatives(np.zeros(6), np.zeros(6), np.zeros(6)).qdd_tau.shape
         (6, 6)
         """
-        coordinates, loads = {"q": q, "qd": qd, "tau": tau}, self._loads_on_base(force1, torque1)
-        return self._derivatives(
-            "qdd", coordinates, gravity, wrenches, joint_loads, base_motion, outputs, out, workers, backend, loads
-        )
-
-    def _derivatives(
-        self,
-        output: str,
-        coordinates: Mapping[str, Any],
-        gravity: ArrayLike,
-        wrenches: Wrenches,
-        joint_loads: bool | None,
-        base_motion: BodyMotion | None,
-        outputs: Iterable[str] | None,
-        out: Out,
-        workers: int,
-        backend: str,
-        loads: Mapping[str, tuple[Any, str]] | None = None,
-    ) -> MechanismDerivatives:
-        """Compute the derivatives of the output "tau" or "qdd", and of those of a free base, by coordinates."""
-        key, result = None, None
-        if wrenches is None and not loads and isinstance(outputs, tuple | None):
-            key = "derivatives", output, outputs, backend, joint_loads
-            result = self._run_again(key, coordinates.values(), base_motion, out, workers, gravity)
-        if result is None:
-            accepted = tuple(f"{output}_{name}" for name in coordinates)
-            names = _checked_outputs(outputs, out, accepted)
-            labelled_loads, frames = self._wrench_inputs(wrenches)
-            all_outputs = _INVERSE_DYNAMICS_OUTPUT_NAMES if output == "tau" else _ACCELERATION_OUTPUT_NAMES
-            computation = self._computation(
-                all_outputs if self.base == "free" else (output,), frames, len(frames), self._loaded(joint_loads)
-            )
-            size = self._constants.form.dof + 6 * (self.base == "free")
-            derivative = Derivative("matrices", names, tuple((name.partition("_")[2], (size,)) for name in names))
-            result = self._derive(
-                computation, derivative, coordinates, base_motion, out, workers, backend, gravity, wrenches,
-                labelled_loads | dict(loads or {}), key,
-            )  # fmt: skip
-        if output == "qdd" and self._constants.may_be_singular:  # where one derivative is NaN, all are
-            first = result[result.outputs[0]][..., 0]
-            self._warn_where_singular(Results({"qdd": first}, result.shape), coordinates)
-        found: MechanismDerivatives = result
+        found = self._derivatives(
+            "forward_dynamics", (q, qd, tau), base_motion, out, workers, backend,
+            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
+            loads=self._base_loads(force1, torque1),
+        )  # fmt: skip
+        if self._constants.may_be_singular:  # where one derivative is NaN, all are
+            first = found[found.outputs[0]][..., 0]
+            self._warn_where_singular(Results({"qdd": first}, found.shape), {"q": q})
         return found
-
-    def _derive(
-        self,
-        computation: RobotComputation,
-        derivative: Derivative,
-        coordinates: Mapping[str, Any],
-        base_motion: BodyMotion | None,
-        out: Out,
-        workers: int,
-        backend: str,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
-        wrenches: Wrenches = None,
-        loads: Mapping[str, tuple[Any, str]] | None = None,
-        key: tuple[Any, ...] | None = None,
-    ) -> Any:
-        """Compute a derivative of a RobotComputation, which `_run_again` finds by `key`."""
-        if holds_dask(coordinates, base_motion, wrenches):
-            raise ArgumentError("q", "arrays in memory, to compute derivatives", "a Dask array among the arguments")
-        computation.check_differentiable(derivative, tuple(coordinates))
-        return self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, loads, derivative, key
-        )
-
-    def _rate(
-        self,
-        output: str,
-        coordinates: Mapping[str, Any],
-        frames: Mapping[str, Frame],
-        base_motion: BodyMotion | None,
-        out: FloatArray | None,
-        workers: int,
-        backend: str,
-    ) -> FloatArray:
-        """Return the time derivative of an output that depends on q and the attitude of the base alone."""
-        arrays = None if out is None else {f"rate_{output}": out}
-        key = "rate", output, tuple(frames), backend
-        found = self._run_again(key, coordinates.values(), base_motion, arrays, workers)
-        if found is None:
-            computation, derivative = self._computation((output,), frames), Derivative("rate", (output,), ())
-            try:
-                found = self._derive(
-                    computation, derivative, coordinates, base_motion, arrays, workers, backend, key=key
-                )
-            except ArgumentError as error:
-                if error.name != f"out['rate_{output}']":
-                    raise
-                raise error.renamed("out") from None
-        rate: FloatArray = writable_arrays(found)[f"rate_{output}"]
-        return rate
 
     def rollout(
         self,
@@ -1055,12 +891,12 @@ class MechanismMethods(Shown):
         limit: Any = None if effort_limits is False else effort_limits
         if effort_limits is True:
             limit = np.array([joint.effort_limit for joint in self.tree.coordinates])
-        labelled_loads, frames = self._wrench_inputs(wrenches)
+        loads, links = read_wrenches(wrenches, self.tree.links)
         self._warn_of_masses()
-        computation = self._computation(("qdd",), frames, len(frames), self._loaded(joint_loads))
+        computation = self._computation(("qdd",), links, len(links), self._loaded(joint_loads))
         result = rolled_out(
             computation, q0, qd0, tau, dt, method=method, steps=steps, every=every, limit=limit,
-            gravity=_checked_gravity(gravity), labelled_loads=labelled_loads, base_motion=base_motion, out=out,
+            gravity=_checked_gravity(gravity), loads=loads, base_motion=base_motion, out=out,
             execution=execution_of("auto", workers),
         )  # fmt: skip
         if self._constants.may_be_singular and np.isnan(result.q[..., -1, :]).any():
@@ -1089,7 +925,8 @@ class MechanismMethods(Shown):
         >>> M.shape, bool((M == M.T).all())
         ((6, 6), True)
         """
-        return self._run_array("mass_matrix", {"q": q}, base_motion, out, workers, backend)
+        found: FloatArray = self._ask("mass_matrix", (q,), base_motion, out, workers, backend)
+        return found
 
     def bias_forces(
         self,
@@ -1120,7 +957,8 @@ class MechanismMethods(Shown):
         >>> robot.bias_forces(np.zeros(6), np.zeros(6)).shape
         (6,)
         """
-        return self._run_array("bias_forces", {"q": q, "qd": qd}, base_motion, out, workers, backend, gravity)
+        found: FloatArray = self._ask("bias_forces", (q, qd), base_motion, out, workers, backend, gravity=gravity)
+        return found
 
     def gravity_forces(
         self,
@@ -1145,7 +983,8 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").gravity_forces(np.zeros(6)).shape
         (6,)
         """
-        return self._run_array("gravity_forces", {"q": q}, base_motion, out, workers, backend, gravity)
+        found: FloatArray = self._ask("gravity_forces", (q,), base_motion, out, workers, backend, gravity=gravity)
+        return found
 
     def centre_of_mass(
         self,
@@ -1168,7 +1007,8 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass(np.zeros(6)).shape
         (3,)
         """
-        return self._run_array("centre_of_mass", {"q": q}, base_motion, out, workers, backend)
+        found: FloatArray = self._ask("centre_of_mass", (q,), base_motion, out, workers, backend)
+        return found
 
     def centre_of_mass_jacobian(
         self,
@@ -1192,7 +1032,8 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_jacobian(np.zeros(6)).shape
         (3, 6)
         """
-        return self._run_array("centre_of_mass_jacobian", {"q": q}, base_motion, out, workers, backend)
+        found: FloatArray = self._ask("centre_of_mass_jacobian", (q,), base_motion, out, workers, backend)
+        return found
 
     def centre_of_mass_bias(
         self,
@@ -1220,7 +1061,8 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centre_of_mass_bias(np.zeros(6), np.zeros(6)).shape
         (3,)
         """
-        return self._run_array("centre_of_mass_bias", {"q": q, "qd": qd}, base_motion, out, workers, backend)
+        found: FloatArray = self._ask("centre_of_mass_bias", (q, qd), base_motion, out, workers, backend)
+        return found
 
     def centroidal_momentum_matrix(
         self,
@@ -1245,7 +1087,8 @@ class MechanismMethods(Shown):
         >>> np.allclose(robot.centroidal_momentum_matrix(q) @ qd, [*h.linear, *h.angular])
         True
         """
-        return self._run_array("centroidal_momentum_matrix", {"q": q}, base_motion, out, workers, backend)
+        found: FloatArray = self._ask("centroidal_momentum_matrix", (q,), base_motion, out, workers, backend)
+        return found
 
     def centroidal_momentum_matrix_rate(
         self,
@@ -1268,8 +1111,7 @@ class MechanismMethods(Shown):
         >>> hp.load_robot("ur5_robot").centroidal_momentum_matrix_rate(np.zeros(6), np.ones(6)).shape
         (6, 6)
         """
-        coordinates = {"q": q, "qd": qd}
-        return self._rate("centroidal_momentum_matrix", coordinates, {}, base_motion, out, workers, backend)
+        return self._rate("centroidal_momentum_matrix", q, qd, base_motion, out, workers, backend)
 
     def energy(
         self,
@@ -1278,6 +1120,7 @@ class MechanismMethods(Shown):
         *,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
         base_motion: BodyMotion | None = None,
+        out: Out = None,
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
@@ -1294,9 +1137,8 @@ class MechanismMethods(Shown):
         >>> float(hp.load_robot("ur5_robot").energy(np.zeros(6), np.zeros(6)).kinetic)
         0.0
         """
-        computation = self._computation(("kinetic", "potential"))
-        state = self._run(computation, {"q": q, "qd": qd}, base_motion, None, workers, backend, gravity)
-        return Energy(state["kinetic"], state["potential"])
+        found = self._ask("energy", (q, qd), base_motion, out, workers, backend, gravity=gravity)
+        return Energy(found["kinetic"], found["potential"])
 
     def momentum(
         self,
@@ -1305,6 +1147,7 @@ class MechanismMethods(Shown):
         *,
         about: str = "origin",
         base_motion: BodyMotion | None = None,
+        out: Out = None,
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
@@ -1326,9 +1169,11 @@ class MechanismMethods(Shown):
         """
         check_choice("about", about, ("origin", "centre"))
         angular = f"angular_about_{about}"
-        computation = self._computation(("linear", angular))
-        state = self._run(computation, {"q": q, "qd": qd}, base_motion, None, workers, backend)
-        return Momentum(state["linear"], state[angular])
+        found = self._ask(
+            "momentum", (q, qd), base_motion, renamed_out(out, {"angular": angular}), workers, backend,
+            outputs=("linear", angular),
+        )  # fmt: skip
+        return Momentum(found["linear"], found[angular])
 
     # ---- conventions
 
@@ -1524,19 +1369,18 @@ class MechanismMethods(Shown):
         if loads and self.base != "free":
             raise ArgumentError("given", "no forces on a fixed base (base='free' is moved by them)", ", ".join(loads))
         output_names = self._prepared_outputs(given, names, outputs)
-        framed = any(name in (*FRAME_OUTPUTS, *_FRAMED) for name in output_names)
-        chosen_frames = self._named_frames("frames", frames) if framed else {}
-        self._check_one_frame(output_names, chosen_frames, frames)
-        depends = not {*output_names}.isdisjoint(("tau", *_ACCELERATION_OUTPUT_NAMES))
-        computation = self._computation(output_names, chosen_frames, 0, depends and self._loaded(joint_loads))
+        framed = not {*output_names}.isdisjoint(OF_FRAMES)
+        chosen = self._frames(frames, one=not {*output_names}.isdisjoint(ONE_FRAME)) if framed else ()
+        loaded = not {*output_names}.isdisjoint(("tau", *_SOLVED)) and self._loaded(joint_loads)
+        computation = self._computation(output_names, chosen, 0, loaded)
         names = checked_given(names, computation.inputs)
         if computation.needs_masses:
             self._warn_of_masses()
         remade = functools.partial(
-            self.prepare, names, frames=tuple(chosen_frames) or None, outputs=output_names, gravity=gravity,
+            self.prepare, names, frames=chosen or None, outputs=output_names, gravity=gravity,
             joint_loads=computation.request.joint_loads, workers=workers, backend=backend,
         )  # fmt: skip
-        solved = not {*output_names}.isdisjoint(_ACCELERATION_OUTPUT_NAMES)
+        solved = not {*output_names}.isdisjoint(_SOLVED)
         watch = self._warn_where_singular if solved and self._constants.may_be_singular else None
         return Prepared(computation, names, execution_of(backend, workers), _checked_gravity(gravity), remade, watch)
 
@@ -1580,280 +1424,267 @@ class MechanismMethods(Shown):
         if not 1 <= len(coordinates) <= 3:
             raise ArgumentError("*coordinates", "q, or q and qd, or q, qd and qdd", f"{len(coordinates)} arguments")
         named = dict(zip(("q", "qd", "qdd"), coordinates, strict=False))
-        names = _checked_outputs(outputs, None, (*FRAME_OUTPUTS, *_INVERSE_DYNAMICS_OUTPUT_NAMES))
-        has_frame_outputs = any(name in FRAME_OUTPUTS for name in names)
-        computation = self._computation(names, self._named_frames("frames", frames) if has_frame_outputs else None)
+        names = check_outputs(outputs, (*FRAME_OUTPUTS, *TASKS["inverse_dynamics"].outputs))
+        computation = self._computation(names, () if {*names}.isdisjoint(FRAME_OUTPUTS) else self._frames(frames))
         self._check_needed_inputs(computation, named, names)
-        values = read_robot_arguments(self._constants.names, named, base_motion, computation.inputs, {})
+        values = computation.read(named, base_motion, {})
         return computation.count_operations(values.values, DEFAULT_GRAVITY_VECTOR)
 
-    def _prepared_outputs(
-        self, given: str | Iterable[str], argument_names: tuple[str, ...], outputs: Iterable[str] | None
-    ) -> tuple[str, ...]:
-        """Check the argument `outputs` of `prepare`, None or an iterable of names, and return a tuple of the names of
-        the outputs that the prepared call computes. `given` is the argument `given` of `prepare`, and
-        `argument_names` are the names of the call's arguments.
-        """
-        acceleration_outputs = _ACCELERATION_OUTPUT_NAMES if self.base == "free" else ("qdd",)
-        if isinstance(given, str):
-            outputs_by_name: dict[str, tuple[str, ...]] = {
-                "inverse_dynamics": _INVERSE_DYNAMICS_OUTPUT_NAMES,
-                "joint_wrenches": _JOINT_WRENCHES,
-                "forward_dynamics": acceleration_outputs,
-            }
-            accepted_names = outputs_by_name.get(given, (given,))
-        else:
-            solved = {"tau", "qdd"} & {*argument_names}
-            forces = (*_INVERSE_DYNAMICS_OUTPUT_NAMES, *acceleration_outputs, *_JOINT_WRENCHES) if solved else ()
-            accepted_names = tuple(name for name in forces if name not in argument_names)
-            if outputs is None and {"tau", "force1", "torque1"} & {*argument_names}:
-                return acceleration_outputs
-        if given in _MOTION_LEVEL_NAMES or not isinstance(given, str):
-            level = sum(name in argument_names for name in ("qd", "qdd"))
-            default_names = tuple(
-                name
-                for outputs_by_name in _OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL[: level + 1]
-                for name in outputs_by_name
-            )
-            return _checked_outputs(
-                outputs,
-                None,
-                (
-                    *FRAME_OUTPUTS,
-                    *accepted_names,
-                    *(() if isinstance(given, str) else _PREPARABLE_BARE_ARRAY_OUTPUT_NAMES),
-                ),
-                default_names,
-            )
-        return _checked_outputs(outputs, None, accepted_names)
+    # ---- how methods compute
 
-    # ---- internal
-
-    def _named_frames(self, argument: str, frames: str | Iterable[str] | None) -> dict[str, Frame]:
-        """Return a dict of Frames by name. `frames` is a name, an iterable of names, or None for the last links of
-        all branches.
-        """
-        try:
-            names = self.tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
-        except TypeError:
-            names = ()
-        if not names:
-            raise ArgumentError(argument, "names of links or joints", quoted(frames))
-        if len({*names}) < len(names):
-            raise ArgumentError(argument, "each name once", quoted(names))
-        return {one: self._named_frame(argument, one) for one in names}
-
-    def _check_one_frame(self, outputs: Iterable[str], chosen: Mapping[str, Frame], frames: Any) -> None:
-        """Refuse several frames for outputs of a single one."""
-        if len(chosen) != 1 and any(name in _SINGLE_FRAME_OUTPUT_NAMES for name in outputs):
-            raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
-
-    def _named_frame(self, argument: str, name: Any) -> Frame:
-        """Return the Frame of a link, a joint or a further frame by its name."""
-        frame = self.tree.frame(name) if isinstance(name, str) else None
-        if frame is None:
-            expected = choices(tuple(self.tree.links)) + nearest(str(name), self.tree.frame_names)
-            raise ArgumentError(argument, expected, quoted(name))
-        return frame
-
-    def _frame_or_only_tip(self, frame: str | None, frames: str | Iterable[str] | None = None) -> Any:
-        """Return the argument that names frames, out of the arguments `frame` and `frames` of a method; without one,
-        the name of the last link of the robot's only branch. Whether there are such frames is not checked.
-        """
-        if frames is not None:
-            if frame is not None:
-                raise ArgumentError("frames", "names, or frame= in their place", quoted(frames))
-            return frames
-        if frame is None:
-            if len(self.tree.tips) != 1:
-                expected = f"the name of a link or joint, such as {', '.join(self.tree.tips[:4])}"
-                raise ArgumentError("frame", expected, None)
-            return self.tree.tips[0]
-        if not isinstance(frame, str):
-            raise ArgumentError("frame", "the name of a link or joint", quoted(frame))
-        return frame
-
-    def _requested_outputs(
+    def _ask(
         self,
-        outputs: Iterable[str] | None,
-        level: int,
-        out: Out,
-        accepted_names: tuple[str, ...] = FRAME_OUTPUTS,
-    ) -> tuple[str, ...]:
-        """Check the argument `outputs`, None or an iterable of names, and return a tuple of the names to compute. For
-        None, these are all outputs of motion up to `level` (0 pose, 1 velocity, 2 acceleration), and the accepted
-        keys of `out`.
-        """
-        default_names = tuple(
-            name for names in _OUTPUT_NAMES_ADDED_BY_EACH_MOTION_LEVEL[: level + 1] for name in names
+        task: str,
+        given: tuple[Any, ...],
+        base_motion: BodyMotion | None,
+        out: Out | FloatArray,
+        workers: int,
+        backend: str,
+        *,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        outputs: Iterable[str] | None = None,
+        frames: str | Iterable[str] | None = None,
+        wrenches: Wrenches = None,
+        joint_loads: bool | None = False,
+        loads: Loads | None = None,
+    ) -> Any:
+        """Return what a row of TASKS asks for; `given` are its arguments, `loads` forces on a free base."""
+        key = None
+        if base_motion is None and gravity is DEFAULT_GRAVITY_VECTOR and wrenches is None and not loads:
+            key = task, outputs, frames, backend, joint_loads
+            found = self._again(key, given, out, workers)
+            if found is not None:
+                return found
+        row = TASKS[task]
+        default = self._available(row.outputs)
+        names = requested_outputs(outputs, out, FRAME_OUTPUTS if task in MOTION_LEVELS else default, default)
+        acting, chosen = read_wrenches(wrenches, self.tree.links)
+        computation = self._computation(
+            names, chosen or self._task_frames(task, frames), len(chosen), self._loaded(joint_loads)
         )
-        return _checked_outputs(outputs, out, accepted_names, default_names)
+        coordinates = {name: value for name, value in zip(row.given, given, strict=True) if value is not None}
+        self._check_needed_inputs(computation, coordinates, names)
+        # What lists and the arrays of `out` ask for can be something else the next time.
+        lasts = isinstance(frames, str | tuple | None) and (
+            isinstance(outputs, tuple) or (outputs is None and names == default)
+        )
+        return self._run(
+            computation, coordinates, base_motion, out, workers, backend, gravity, {**acting, **(loads or {})},
+            key=key if lasts else None,
+        )  # fmt: skip
 
-    def _computation(
+    def _derivatives(
         self,
-        outputs: tuple[str, ...],
-        frames: Mapping[str, Frame] | None = None,
-        loaded_frame_count: int = 0,
-        joint_loads: bool = False,
-    ) -> RobotComputation:
-        """Return the computation of outputs, which is made once; wrenches act on the first frames."""
-        names = tuple(frames or ())
-        key = outputs, names, loaded_frame_count, joint_loads
-        computations = self._constants.cache.computations
-        result: RobotComputation | None = computations.get(key)
-        if result is None:
-            kind: type[Results] | None = Results
-            if outputs[0] in _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME:
-                base_class = _JOINT_RESULTS_CLASS_BY_FIRST_OUTPUT_NAME[outputs[0]]
-                of_all = base_class is JointWrenches
-                joints = tuple(joint.name for joint in self.tree.joints) if of_all else self._constants.names
-                kind = joint_results_class(base_class, joints)  # type: ignore[arg-type]
-            elif outputs[0] in FRAME_OUTPUTS:
-                kind = mechanism_state_class(names, self.tree.frame_names)
-            elif len(outputs) == 1 and outputs[0] in _BARE_ARRAY_OUTPUT_NAMES:
-                kind = None
-            bodies = tuple((frames or {}).values())
-            if outputs == ("torque_regressor",):
-                bodies = self.tree.body_frames(self.base == "free")
-            whole = not {*outputs}.isdisjoint(_JOINT_WRENCHES)
-            constants = self._whole_constants if whole else self._constants
-            result = RobotComputation(
-                constants, outputs, self.base == "free", bodies, tuple(range(loaded_frame_count)), kind, joint_loads
-            )
-            result.asked = key
-            computations[key] = result
-        return result
+        task: str,
+        given: tuple[Any, ...],
+        base_motion: BodyMotion | None,
+        out: Out,
+        workers: int,
+        backend: str,
+        *,
+        gravity: ArrayLike,
+        outputs: Iterable[str] | None,
+        wrenches: Wrenches,
+        joint_loads: bool | None,
+        loads: Loads,
+    ) -> MechanismDerivatives:
+        """Return derivatives of the first output of a row of TASKS, with those of a free base, by its arguments."""
+        key = None
+        if base_motion is None and gravity is DEFAULT_GRAVITY_VECTOR and wrenches is None and not loads:
+            key = "derivatives", task, outputs, backend, joint_loads
+            found: MechanismDerivatives | None = self._again(key, given, out, workers)
+            if found is not None:
+                return found
+        row = TASKS[task]
+        accepted = tuple(f"{row.outputs[0]}_{name}" for name in row.given)
+        names = requested_outputs(outputs, out, accepted, accepted)
+        acting, links = read_wrenches(wrenches, self.tree.links)
+        computation = self._computation(self._all_efforts(task), links, len(links), self._loaded(joint_loads))
+        size = self._constants.form.dof + 6 * (self.base == "free")
+        derivative = Derivative("matrices", names, tuple((name.partition("_")[2], (size,)) for name in names))
+        found = self._derive(
+            computation, derivative, dict(zip(row.given, given, strict=True)), base_motion, out, workers, backend,
+            gravity, {**acting, **loads}, key if isinstance(outputs, tuple | None) else None,
+        )  # fmt: skip
+        return found
 
-    def _computation_of(
-        self, outputs: tuple[str, ...], frames: tuple[str, ...], loaded_frame_count: int, joint_loads: bool
-    ) -> RobotComputation:
-        chosen = {name: self._named_frame("frames", name) for name in frames}
-        return self._computation(outputs, chosen, loaded_frame_count, joint_loads)
+    def _rate(
+        self,
+        task: str,
+        q: Coordinates,
+        qd: Coordinates,
+        base_motion: BodyMotion | None,
+        out: FloatArray | None,
+        workers: int,
+        backend: str,
+        frames: str | Iterable[str] | None = None,
+    ) -> FloatArray:
+        """Return the time derivative of an output that depends on q and the attitude of the base alone."""
+        key = None if base_motion is not None else ("rate", task, frames, backend)
+        rate: FloatArray | None = None if key is None else self._again(key, (q, qd), out, workers)
+        if rate is None:
+            outputs = TASKS[task].outputs
+            computation = self._computation(outputs, self._task_frames(task, frames))
+            rate = self._derive(
+                computation, Derivative("rate", outputs, ()), {"q": q, "qd": qd}, base_motion, out, workers, backend,
+                key=key if isinstance(frames, str | tuple | None) else None,
+            )  # fmt: skip
+        return rate
 
-    def _check_needed_inputs(
-        self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
-    ) -> None:
-        """Check that the dict `coordinates` holds each of q, qd, qdd and tau that the computation needs."""
-        for name in ("q", "qd", "qdd", "tau"):
-            if name in computation.inputs and name not in coordinates:
-                needs = [
-                    one
-                    for one in outputs
-                    if name in input_shapes(computation.form, computation.request._replace(outputs=(one,)))
-                ]
-                raise ArgumentError(name, f"values of the joints, since output {needs[0]} needs them", None)
+    def _derive(
+        self,
+        computation: RobotComputation,
+        derivative: Derivative,
+        coordinates: Mapping[str, Any],
+        base_motion: BodyMotion | None,
+        out: Out | FloatArray,
+        workers: int,
+        backend: str,
+        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        loads: Loads = MappingProxyType({}),
+        key: tuple[Any, ...] | None = None,
+    ) -> Any:
+        if holds_dask(coordinates, base_motion, loads):
+            raise ArgumentError("q", "arrays in memory, to compute derivatives", "a Dask array among the arguments")
+        computation.check_differentiable(derivative, tuple(coordinates))
+        return self._run(
+            computation, coordinates, base_motion, out, workers, backend, gravity, loads, derivative, key
+        )
 
-    def _wrench_inputs(self, wrenches: Wrenches) -> tuple[dict[str, tuple[Any, str]], dict[str, Frame]]:
-        """Check the argument `wrenches`, None or a dict of (force, torque) by link. Return two dicts: one of (value,
-        name for messages) by input name such as "force_0", and one of the Frames of the loaded links by link name.
-        """
-        by_link = read_wrenches(wrenches, self.tree.links)
-        labelled_loads = {
-            f"{kind}_{k}": (part, f"wrenches[{link!r}][{place}]")
-            for k, (link, pair) in enumerate(by_link.items())
-            for place, (kind, part) in enumerate(zip(("force", "torque"), pair, strict=True))
-        }
-        return labelled_loads, {link: self.tree.links[link] for link in by_link}
-
-    def _loads_on_base(self, force1: ArrayLike, torque1: ArrayLike) -> dict[str, tuple[Any, str]]:
-        """Return a dict of (value, name for messages) with the keys "force1" and "torque1" for the loads on a free
-        base. A load that is the number 0 is left out.
-        """
-        labelled_loads = {}
-        for name, value in (("force1", force1), ("torque1", torque1)):
-            if not is_zero(value):
-                labelled_loads[name] = value, name
-                if self.base != "free":
-                    expected = "0: a fixed base is not moved by forces (base='free' is)"
-                    raise ArgumentError(name, expected, quoted(value))
-        return labelled_loads
+    def _again(self, key: tuple[Any, ...], given: tuple[Any, ...], out: Out | FloatArray, workers: int) -> Any:
+        """Return the results of a call that differs from an earlier one by its arrays alone; None if it may not."""
+        try:
+            cache = self._cached_constants.cache
+        except AttributeError:  # before the first call
+            return None
+        return cache.again(key, given, out, workers)
 
     def _run(
         self,
         computation: RobotComputation,
         coordinates: Mapping[str, Any],
         base_motion: BodyMotion | None,
-        out: Out,
+        out: Out | FloatArray,
         workers: int,
         backend: str,
         gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
-        labelled_loads: Mapping[str, tuple[Any, str]] | None = None,
+        loads: Loads = MappingProxyType({}),
         derivative: Derivative | None = None,
         key: tuple[Any, ...] | None = None,
     ) -> Any:
-        """Compute the outputs of a computation, or a derivative; `labelled_loads` holds values and their names in
-        messages by input name, and `_run_again` finds a plain call by `key`.
-        """
-        execution, gravity_vector = execution_of(backend, workers), _checked_gravity(gravity)
+        """Compute the outputs of a computation, or a derivative; `_again` finds a plain call by `key`."""
+        execution, vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
             self._warn_of_masses()
-        loads, turning = labelled_loads or {}, derivative is not None and derivative.kind == "rate"
-        base = base_inputs(base_motion, (*computation.inputs, *(("omega1",) if turning else ())))
-        plain = key is not None and base_motion is None and gravity is DEFAULT_GRAVITY_VECTOR and not loads
+        moving = derivative is not None and derivative.kind == "rate"
+        given, labels = computation.given(coordinates, base_motion, loads, moving)
         return computation.compute(
-            {**coordinates, **base, **{name: value for name, (value, _) in loads.items()}},
-            execution, gravity_vector, out, derivative=derivative,
-            labels=BASE_LABELS | {name: label for name, (_, label) in loads.items()},
-            keep=(self._constants.cache, key) if plain else None,
-            remade=functools.partial(self._computation_of, *computation.asked),
+            given, execution, vector, out, derivative=derivative, labels=labels,
+            keep=None if key is None else (self._constants.cache, key),
+            remade=functools.partial(self._computation, *computation.asked),
         )  # fmt: skip
 
-    def _run_again(
+    def _computation(
         self,
-        key: tuple[Any, ...],
-        arguments: Iterable[Any],
-        base_motion: BodyMotion | None,
-        out: Out,
-        workers: int,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
-    ) -> Any:
-        """Return the results of a call that differs from an earlier one by its arrays alone, as the key says; None
-        where `_run` has to look at it.
-        """
-        if base_motion is not None or gravity is not DEFAULT_GRAVITY_VECTOR:
-            return None
+        outputs: tuple[str, ...],
+        frames: tuple[str, ...] = (),
+        loaded: int = 0,
+        joint_loads: bool = False,
+    ) -> RobotComputation:
+        """Return the computation of outputs, which is made once; wrenches act on the first `loaded` frames."""
+        key = outputs, frames, loaded, joint_loads
+        computations = self._constants.cache.computations
+        found: RobotComputation | None = computations.get(key)
+        if found is None:
+            free, constants = self.base == "free", self._constants
+            chosen = tuple(self.tree.known_frame("frames", name) for name in frames)
+            if {*outputs} <= {*OF_BODIES}:
+                chosen = self.tree.body_frames(free)
+            if not {*outputs}.isdisjoint(TASKS["joint_wrenches"].outputs):
+                constants = self._whole_constants
+            kind = result_class(outputs, frames, constants)
+            found = RobotComputation(constants, outputs, free, chosen, tuple(range(loaded)), kind, joint_loads)
+            found.asked = key
+            computations[key] = found
+        return found
+
+    def _available(self, outputs: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the outputs that exist for this base."""
+        return outputs if self.base == "free" else tuple(name for name in outputs if name not in FREE_BASE_OUTPUTS)
+
+    def _all_efforts(self, task: str) -> tuple[str, ...]:
+        """Return the outputs of inverse or forward dynamics that have derivatives."""
+        return TASKS[task].outputs if self.base == "free" else TASKS[task].outputs[:1]
+
+    def _level(self, names: Collection[str]) -> str:
+        """Return which motion of frames follows from arguments of these names."""
+        return MOTION_LEVELS[sum(name in names for name in ("qd", "qdd"))]
+
+    def _prepared_outputs(
+        self, given: str | Iterable[str], names: tuple[str, ...], outputs: Iterable[str] | None
+    ) -> tuple[str, ...]:
+        """Return the outputs of a prepared call, of which `names` are the arguments."""
+        if isinstance(given, str):
+            default = self._available(TASKS[given].outputs)
+            accepted = FRAME_OUTPUTS if given in MOTION_LEVELS else default
+            return requested_outputs(outputs, None, accepted, default)
+        pushed = not {"tau", "force1", "torque1"}.isdisjoint(names)
+        default = self._available(TASKS["forward_dynamics" if pushed else self._level(names)].outputs)
+        accepted = tuple(name for name in self._available(ALL_OUTPUTS) if name not in (*names, *OF_BODIES))
+        return requested_outputs(outputs, None, accepted, default)
+
+    def _task_frames(self, task: str, frames: str | Iterable[str] | None) -> tuple[str, ...]:
+        """Return the names of the frames of a row of TASKS, out of the argument `frames` of a method."""
+        if task in MOTION_LEVELS:
+            return self._frames(frames)
+        if task not in OF_FRAMES:
+            return ()
+        if frames is None and len(self.tree.tips) != 1:
+            expected = f"the name of a link or joint, such as {', '.join(self.tree.tips[:4])}"
+            raise ArgumentError("frames", expected, None)
+        return self._frames(frames, one=task in ONE_FRAME)
+
+    def _frames(self, frames: str | Iterable[str] | None, one: bool = False) -> tuple[str, ...]:
+        """Return the names in the argument `frames`; None stands for the last links of all branches."""
         try:
-            cache = self._cached_constants.cache
-        except AttributeError:  # before the first call
-            return None
-        return cache.again(key, arguments, out, workers)
+            names = self.tree.tips if frames is None else (frames,) if isinstance(frames, str) else tuple(frames)
+        except TypeError:
+            names = ()
+        if not names:
+            raise ArgumentError("frames", "names of links or joints", quoted(frames))
+        if one and len(names) != 1:
+            raise ArgumentError("frames", "the name of one link or joint", quoted(frames))
+        if len({*names}) < len(names):
+            raise ArgumentError("frames", "each name once", quoted(names))
+        return names
+
+    def _check_needed_inputs(
+        self, computation: RobotComputation, coordinates: Mapping[str, Any], outputs: tuple[str, ...]
+    ) -> None:
+        """Refuse coordinates that do not suffice for the outputs."""
+        for name in COORDINATES:
+            if name in computation.inputs and name not in coordinates:
+                first = next(
+                    one
+                    for one in outputs
+                    if name in input_shapes(computation.form, computation.request._replace(outputs=(one,)))
+                )
+                raise ArgumentError(name, f"values of the joints, since output {first} needs them", None)
+
+    def _base_loads(self, force1: ArrayLike, torque1: ArrayLike) -> Loads:
+        """Return the loads on a free base that are not the number 0."""
+        loads = {}
+        for name, value in (("force1", force1), ("torque1", torque1)):
+            if not is_zero(value):
+                loads[name] = value, name
+                if self.base != "free":
+                    expected = "0: a fixed base is not moved by forces (base='free' is)"
+                    raise ArgumentError(name, expected, quoted(value))
+        return loads
 
     def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
-        """Return a tuple of the names of those columns of a table, such as a DataFrame, that hold the argument `name`
-        (q, qd, qdd or tau), in the order of q.
-        """
+        """Return the names of the columns of a table that hold q, qd, qdd or tau."""
         return CoordinateNames(self._constants.names).table_columns(name, table)
-
-    def _run_array(
-        self,
-        name: str,
-        coordinates: Mapping[str, Any],
-        base_motion: BodyMotion | None,
-        out: FloatArray | None,
-        workers: int,
-        backend: str,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
-        *,
-        frame: str | None = None,
-        frames: str | Iterable[str] | None = None,
-    ) -> FloatArray:
-        """Return one output as a bare, writable array; write into the array `out` unless it is None. `frame` or
-        `frames` name the frames of Jacobians and the like.
-        """
-        key, arrays = (name, frame, frames, backend), None if out is None else {name: out}
-        result: FloatArray | None = self._run_again(key, coordinates.values(), base_motion, arrays, workers, gravity)
-        if result is None:
-            chosen = None
-            if name in _FRAMED:
-                names = self._frame_or_only_tip(frame, frames)
-                chosen = self._named_frames("frame" if frames is None else "frames", names)
-                self._check_one_frame((name,), chosen, frames)
-            computation, kept = self._computation((name,), chosen), isinstance(frames, str | tuple | None)
-            found: FloatArray = self._run(
-                computation, coordinates, base_motion, arrays, workers, backend, gravity, key=key if kept else None
-            )
-            return found
-        return result
 
     def _check_masses(self) -> None:
         """Refuse a body whose mass was never given, and masses that overflow."""
@@ -1901,7 +1732,7 @@ class MechanismMethods(Shown):
         singular there. The warning names a joint, or the base, whose motion no inertia resists.
         """
         q, arrays = arguments["q"], result.arrays()
-        found = [arrays[name] for name in _ACCELERATION_OUTPUT_NAMES if isinstance(arrays.get(name), np.ndarray)]
+        found = [arrays[name] for name in _SOLVED if isinstance(arrays.get(name), np.ndarray)]
         bad = np.asarray(np.logical_or.reduce([np.isnan(array).any(axis=-1) for array in found] or [np.False_]))
         if not bad.any():
             return
@@ -1920,30 +1751,6 @@ class MechanismMethods(Shown):
             of_joints = np.flatnonzero(first[: len(constants.names)])
             which = labels[int(of_joints[-1]) if of_joints.size else -1]
             warn_of_dynamics(f"{self.tree.name}: no mass resists {which} {where}; accelerations are NaN there")
-
-
-def _checked_outputs(
-    outputs: Iterable[str] | None,
-    out: Out,
-    accepted_names: tuple[str, ...],
-    default_names: tuple[str, ...] | None = None,
-) -> tuple[str, ...]:
-    """Check the argument `outputs`, None or an iterable of names, and return a tuple of the names to compute. For
-    None, these are `default_names` (or, if these are None, all `accepted_names`) and the accepted keys of `out`.
-    """
-    if outputs is None:
-        more = tuple(name for name in out if name in accepted_names) if isinstance(out, Mapping) else ()
-        return tuple(dict.fromkeys((*(accepted_names if default_names is None else default_names), *more)))
-    try:
-        names = () if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
-    except TypeError:
-        names = ()
-    if not names:
-        raise ArgumentError("outputs", f"a tuple of names such as ({accepted_names[0]!r},)", quoted(outputs))
-    for name in names:
-        if name not in accepted_names:
-            raise ArgumentError("outputs", choices(accepted_names), quoted(name))
-    return names
 
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from hingepair.engine.backend import Execution
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.computations import RESTING_BASE_VALUE_BY_INPUT_NAME, RobotComputation
+from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputation
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates, check_out, read_coordinates
@@ -127,7 +127,7 @@ def rolled_out(
     every: int,
     limit: Any,
     gravity: tuple[float, ...],
-    labelled_loads: Mapping[str, tuple[Any, str]],
+    loads: Loads,
     base_motion: Any,
     out: Any,
     execution: Execution,
@@ -150,10 +150,10 @@ def rolled_out(
         read, _ = read_coordinates(f"{name}0", value, computation.coordinates)
         row = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
         starts[name] = np.asarray(row, np.float64)
-    known = {**RESTING_BASE_VALUE_BY_INPUT_NAME, "constants": computation.known["constants"], "gravity": gravity}
+    known = {**RESTING_BASE, "constants": computation.known["constants"], "gravity": gravity}
     known["h"] = finite_number("dt", dt)
     control, tracks = control_tracks(tau, dof, limit)
-    tracks |= {name: track(label, value, 3) for name, (value, label) in labelled_loads.items()}
+    tracks |= {name: track(label, value, 3) for name, (value, label) in loads.items()}
     if request.free:
         for name, tail in BASE_STATE.items():
             given = None if base_motion is None else getattr(base_motion, name[:-1])

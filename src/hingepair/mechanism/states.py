@@ -48,6 +48,7 @@ class MechanismState(Results):
     frames: ClassVar[tuple[str, ...]] = ()
     _robot_frames: ClassVar[tuple[str, ...]] = ()
     """Names of all frames of the robot, computed or not."""
+    _further: ClassVar[tuple[str, ...]] = ()
 
     R: FloatArray
     S: FloatArray
@@ -64,8 +65,6 @@ class MechanismState(Results):
             ArgumentError: the frame is not among those that were computed.
         """
         if name not in self.frames:
-            if name in self.outputs and name not in self._robot_frames:
-                return super().__getitem__(name)
             expected = choices(self.frames)
             if name in self._robot_frames:
                 expected += f", since {name!r} was not computed: ask for it with frames=({name!r},)"
@@ -86,26 +85,30 @@ class MechanismState(Results):
         return f"{type(self).__name__}(shape={self.shape}, frames=({', '.join(frames)}), outputs=({names}))"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild_state, (self.frames, self._robot_frames, self.arrays(), self.shape)
+        return _rebuild_state, (self.frames, self._robot_frames, self._further, self.arrays(), self.shape)
 
 
 @functools.lru_cache(maxsize=256)
-def mechanism_state_class(frames: tuple[str, ...], robot_frames: tuple[str, ...]) -> type[MechanismState]:
-    """Return the cached subclass of MechanismState for frames of these names; `robot_frames` are the names of all
-    frames of the robot.
+def mechanism_state_class(
+    frames: tuple[str, ...], robot_frames: tuple[str, ...], further: tuple[str, ...] = ()
+) -> type[MechanismState]:
+    """Return the cached subclass of MechanismState for frames of these names.
+
+    Args:
+        frames: names of the frames that are computed.
+        robot_frames: names of all frames of the robot.
+        further: outputs that are no motion of frames, which are attributes as well.
     """
-    names = {"frames": frames, "_robot_frames": robot_frames}
-    content = {"__slots__": MechanismState.__slots__, "__module__": __name__, **names}
-    return type("MechanismState", (MechanismState,), content)
+    names = {"frames": frames, "_robot_frames": robot_frames, "_further": further}
+    slots = {**MechanismState.__slots__, **attribute_texts(further)}
+    return type("MechanismState", (MechanismState,), {"__slots__": slots, "__module__": __name__, **names})
 
 
 def _rebuild_state(
-    frames: tuple[str, ...], robot_frames: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
+    frames: tuple[str, ...], robot_frames: tuple[str, ...], further: tuple[str, ...], *content: Any
 ) -> MechanismState:
-    """Return a MechanismState from its pickled contents: the names of its frames, the names of all frames of the
-    robot, a dict of arrays by output name, and the shape of the sample axes.
-    """
-    return mechanism_state_class(frames, robot_frames)(arrays, shape)
+    """Return a MechanismState from its pickled contents."""
+    return mechanism_state_class(frames, robot_frames, further)(*content)
 
 
 class JointResults(Results):
@@ -227,18 +230,16 @@ class JointWrenches(JointResults):
     torque: FloatArray
 
     def __getitem__(self, name: str) -> Any:
-        """Return the JointWrench of a joint, or an output by its name if no joint is called so.
+        """Return the JointWrench of a joint.
 
         Raises:
             ArgumentError: no joint has this name.
         """
         arrays = self.arrays()
-        if name in self.names:
-            place = self.names.index(name)
-            return JointWrench({output: array[..., place, :] for output, array in arrays.items()}, self.shape)
-        if name not in arrays:
+        if name not in self.names:
             raise ArgumentError("joint", choices(self.names) + nearest(str(name), self.names), quoted(name))
-        return arrays[name]
+        place = self.names.index(name)
+        return JointWrench({output: array[..., place, :] for output, array in arrays.items()}, self.shape)
 
     def _table(self) -> tuple[FloatArray, None, list[str]]:
         samples = math.prod(self.shape)

@@ -272,6 +272,11 @@ def check_out(out: Any, outputs: Sequence[str]) -> Mapping[str, Any] | None:
     return out
 
 
+def renamed_out(out: Any, names: Mapping[str, str]) -> Any:
+    """Return the argument `out` with other names for some outputs."""
+    return {names.get(name, name): array for name, array in out.items()} if isinstance(out, Mapping) else out
+
+
 def chosen_names(argument: str, names: Iterable[Any], accepted: Collection[str]) -> tuple[str, ...]:
     """Check the names of an argument, keys of a dict of arrays unless it is `wrt`; return them in the accepted order.
 

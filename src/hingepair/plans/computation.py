@@ -50,7 +50,7 @@ class Cache:
             call = self.calls[key]
         except (KeyError, TypeError):  # another call, or a key that cannot be hashed
             return None
-        return call.rows(*arguments) if out is None else call.rows(*arguments, out=out)
+        return call.rows(*arguments) if out is None else call.rows(*arguments, out=check_out(out, call.outputs))
 
 
 class Computation:
@@ -127,7 +127,7 @@ class Computation:
             call = Call(
                 loop, {name: shapes[name] for name in given},
                 {name: known[name] for name, _ in loop.inputs if name not in given},
-                self.result if derivative is None else self._derivatives,
+                self.result if derivative is None or derivative.kind == "rate" else self._derivatives,
                 shape=self._shape, backend="numpy" if empty else backend, constants_name=self._owner,
                 shared=self._shared and not prepared, limits=checks, on_limit=_check_attitudes,
             )  # fmt: skip

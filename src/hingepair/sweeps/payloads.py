@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.computations import RobotComputation, read_robot_arguments
+from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import (
     RobotConstants,
     exact_mass_numbers,
@@ -177,7 +177,7 @@ class _PayloadForceProgram:
         kind: Any = joint_results_class(MechanismForces, constants.names)
         self._problem = RobotComputation(self._with_payload_parameters(constants), tuple(outputs), free, (), (), kind)
         coordinates = dict(zip(("q", "qd", "qdd"), result.known.arguments(), strict=True))
-        self._values = read_robot_arguments(constants.names, coordinates, result.known.base, self._problem.inputs, {})
+        self._values = self._problem.read(coordinates, result.known.base, {})
         arguments = (*self._values.values, "constants")
         # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
         self._call = self._problem.call(arguments, "compiled", result.scene.gravity)

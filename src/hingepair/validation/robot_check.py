@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.computations import BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME, read_robot_arguments
+from hingepair.mechanism.computations import BASE_LABELS, base_inputs
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.pair.accuracy import unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.arguments import Coordinates
+from hingepair.plans.arguments import CoordinateNames, Coordinates, read_arguments
+from hingepair.plans.trees import BASE_MOTION
 from hingepair.validation.pinocchio_twin import BASE_AT_REST, Twin, frame_motions, import_pinocchio, robot_twin
 from hingepair.validation.report import Comparison, CrossValidation
 from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
@@ -124,8 +125,11 @@ def _compare(case: _Case, ours: dict[str, Float64Array]) -> tuple[Comparison, ..
 def _read_samples(
     robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
 ) -> _Samples:
-    attributes = dict(list(BODY_MOTION_ATTRIBUTE_BY_BASE_INPUT_NAME.items())[: 2 * len(coordinates)])
-    values = read_robot_arguments(robot.names, coordinates, base_motion, tuple(attributes), {})
+    names = BASE_MOTION[: 2 * len(coordinates)]
+    attributes = {name: name[:-1] for name in names}
+    shapes = {**dict.fromkeys(names, (3,)), "S1": (3, 3), **dict.fromkeys(coordinates, (robot.dof,))}
+    given = {**coordinates, **base_inputs(base_motion, names)}
+    values = read_arguments(given, shapes, CoordinateNames(robot.names, noun="joints"), BASE_LABELS)
     shape = broadcast_shape(values.shapes)
     at_rest = {name: np.asarray(getattr(BASE_AT_REST, attribute)) for name, attribute in attributes.items()}
     flat, finite = finite_samples(at_rest | values.values, shape, {"S1": 2})
