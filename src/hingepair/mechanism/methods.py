@@ -1673,7 +1673,9 @@ class MechanismMethods(Shown):
 
     def _base_loads(self, force1: ArrayLike, torque1: ArrayLike) -> Loads:
         """Return the loads on a free base that are not the number 0."""
-        loads = {}
+        loads: dict[str, tuple[Any, str]] = {}
+        if type(force1) is int and type(torque1) is int and force1 == torque1 == 0:  # by default
+            return loads
         for name, value in (("force1", force1), ("torque1", torque1)):
             if not is_zero(value):
                 loads[name] = value, name
