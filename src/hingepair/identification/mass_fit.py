@@ -13,14 +13,13 @@ from hingepair.errors import ArgumentError, DtypeError, FitError, MissingDepende
 from hingepair.identification.consistency import body_units, consistent_parameters
 from hingepair.measured.findings import RANDOM, Check, Finding, exceeded, verdict
 from hingepair.measured.least_squares import neighbour_correlation, sandwich
-from hingepair.mechanism.computations import read_robot_arguments
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only
 from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import Sheet, Shown, align_columns, cell_text, percent
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
-from hingepair.plans.arguments import Coordinates
+from hingepair.plans.arguments import CoordinateNames, Coordinates, read_arguments
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -298,7 +297,8 @@ def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tup
 
 def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
     """Return coordinates in any of their forms as arrays of one shape (..., dof)."""
-    read = read_robot_arguments(robot.names, given, None, (), {})
+    shapes = dict.fromkeys(given, (robot.dof,))
+    read = read_arguments(given, shapes, CoordinateNames(robot.names, noun="joints"))
     if read.library is not None:
         raise DtypeError("q", "NumPy arrays", "arrays of another library")
     parts = [np.stack(np.broadcast_arrays(*one), axis=-1) if isinstance(one, tuple) else np.asarray(one)
