@@ -175,7 +175,7 @@ class RobotComputation(Computation):
 
     Args:
         constants: constants of the robot.
-        outputs: names out of `plans.trees.TREE_OUTPUT_BY_NAME`.
+        outputs: names out of `plans.trees.OUTPUTS`.
         free: whether forces move the base.
         frames: frames whose motion is computed, and frames on which wrenches act.
         loaded_frames: indices of the frames on which wrenches act.
