@@ -194,43 +194,6 @@ def number_bounds(constants: RobotConstants, frames: Iterable[Frame]) -> list[fl
     return [error_bound(*pair) for pair in zip(stored, exact, strict=True)]
 
 
-def exact_mass_numbers(tree: Tree, free: bool) -> list[Fraction]:
-    """Return a list of Fractions as long as a robot's program numbers, with the exact masses and moments of its
-    bodies at their positions, and 0 at all others. The mass of the base counts only if `free` is True, that is, if
-    the base is free.
-    """
-    axes = _axes_of_bodies(tree)
-    poses = [(_exact(S), _exact(u)) for S, u in _poses_in_program_axes(tree, axes)]
-    return _padded_mass_numbers(_mass_moments(tree, free, [_exact(P) for P in axes], poses))
-
-
-def payload_derivatives(tree: Tree, free: bool, frame: Frame) -> list[list[Fraction]]:
-    """Return the exact derivatives of a robot's program numbers with respect to the ten mass properties of a payload
-    in a Frame (T9), as a list of ten lists of Fractions. They are all 0 for a frame of the base unless `free` is
-    True, that is, unless the base is free.
-
-    The ten properties are the mass, the first moment m c (x, y, z) and the second moment (xx, xy, xz, yy, yz, zz)
-    about the frame's origin, in the frame's axes. The numbers are linear in them.
-
-    Returns:
-        Ten rows, each as long as `program_numbers`. They are 0 for a payload of a fixed base, which moves nothing.
-    """
-    axes = _axes_of_bodies(tree)
-    poses = [(_exact(S), _exact(u)) for S, u in _poses_in_program_axes(tree, axes)]
-    nothing = [Fraction(0)] * 10
-    zero = Fraction(0)
-    rows = []
-    for k in range(10):
-        moments = [_MassMoments(zero, [zero] * 3, [zero] * 9) for _ in axes]
-        if frame.body or free:
-            unit = [*nothing[:k], Fraction(1), *nothing[k + 1 :]]
-            moments[frame.body] = _moments_of_payload(
-                _exact(frame.R), _exact(frame.S), _exact(axes[frame.body]), unit
-            )
-        rows.append(_padded_mass_numbers(_shift_to_parents(tree, poses, moments)))
-    return rows
-
-
 def frame_numbers(constants: RobotConstants, frame: Frame) -> list[float]:
     """Return position R and rotation S of a Frame, in the program's axes of its body, as a list of 12 numbers."""
     back = constants.axes[frame.body].T
@@ -387,22 +350,6 @@ def _mass_moments(
     return moments if whole else _shift_to_parents(tree, poses, moments)
 
 
-def _moments_of_payload(R: Exact, S: Exact, axes: Exact, properties: Exact) -> _MassMoments:
-    """Return the exact `_MassMoments` of a payload from its ten mass properties (mass, first and second moment) in a
-    frame. R and S are the position and rotation of this frame in the body's axes. The moments are in the axes in
-    which the generated programs compute, and `axes` is the rotation from these to the body's axes. All arguments are
-    flat lists of Fractions.
-    """
-    m, h = properties[0], _matrix_times_vector(S, properties[1:4])
-    xx, xy, xz, yy, yz, zz = properties[4:]
-    N = _congruence(S, [xx, xy, xz, xy, yy, yz, xz, yz, zz])
-    N = [N[3 * i + j] + h[i] * R[j] + R[i] * h[j] + m * R[i] * R[j] for i in range(3) for j in range(3)]
-    back = _transposed(axes)
-    return _MassMoments(
-        m, _matrix_times_vector(back, [x + m * y for x, y in zip(h, R, strict=True)]), _congruence(back, N)
-    )
-
-
 def _shift_to_parents(
     tree: Tree, poses: Sequence[tuple[Exact, Exact]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
@@ -454,16 +401,6 @@ def _nearest_float(x: Fraction) -> float:
         return float(x)
     except OverflowError:
         return math.inf if x > 0 else -math.inf
-
-
-def _padded_mass_numbers(moments: Sequence[_MassMoments]) -> Exact:
-    """Return a list of Fractions as long as a robot's program numbers. It has the ten mass numbers of each body in
-    `moments` (the base first) at their positions, and 0 at all others.
-    """
-    before = [Fraction(0)] * 12  # in the place of S and u
-    behind = [Fraction(0)] * 4  # in the place of armature, multiplier, offset and pivot threshold
-    joints = (part for body_moments in moments[1:] for part in (*before, *_ten_numbers(body_moments), *behind))
-    return [*_ten_numbers(moments[0]), *joints, Fraction(0), Fraction(0)]  # the last two: pivots of the base
 
 
 def _exact(array: NDArray[np.float64]) -> Exact:

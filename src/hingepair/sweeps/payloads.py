@@ -1,35 +1,19 @@
-"""Variants of a scene that differ in payload alone: one program computes them all, with an axis of variants.
-
-The masses and moments of a robot's program are linear in those of a payload (T9). Their slopes are computed once, in
-exact arithmetic; those of every variant follow in numbers of twice the precision, and are rounded once.
-"""
+"""Variants of a scene that differ in payload alone: one call computes them all, with an axis of variants."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.computations import RobotComputation
-from hingepair.mechanism.constants import (
-    RobotConstants,
-    exact_mass_numbers,
-    payload_derivatives,
-    program_numbers,
-    robot_constants,
-    split_numbers,
-)
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.states import MechanismForces, joint_results_class
+from hingepair.mechanism.states import MechanismForces
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.numeric.twofold import Twofold, exact_product
 from hingepair.pair.body import Body
-from hingepair.plans.computation import Cache
 from hingepair.scenes.pair_table import BODY_KEYS, construct_from_table
 from hingepair.scenes.robot_scene import RobotResult, RobotScene
 from hingepair.scenes.robot_table import with_payload
@@ -82,20 +66,6 @@ class _VariedPayload(NamedTuple):
         moments = np.diagonal(inertia, axis1=1, axis2=2)
         return bool(((moments > 0) & (2 * moments <= moments.sum(axis=1, keepdims=True))).all())
 
-    def mass_moments(self, numbers: Float64Array) -> list[Twofold]:
-        """Return the payload's ten mass moments about the origin of its link (the mass, 3 first and 6 second moments)
-        as a list of Twofold numbers, pairs of arrays (variants,) with twice the precision of doubles.
-        """
-        mass, centre, inertia = self.mass_properties(numbers)
-        first = [Twofold(*exact_product(mass, centre[:, i])) for i in range(3)]
-        entries = [[Twofold(inertia[:, i, j]) for j in range(3)] for i in range(3)]
-        half = (entries[0][0] + entries[1][1] + entries[2][2]) * Twofold(0.5)
-        second = [
-            (half - entries[i][j] if i == j else -entries[i][j]) + first[i] * Twofold(centre[:, j])
-            for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-        ]
-        return [Twofold(mass), *first, *second]
-
 
 class PayloadVariantComputer:
     """Computer of the outputs of a robot's scene for many variants in one call of the method `compute`.
@@ -125,8 +95,10 @@ class PayloadVariantComputer:
         """
         if not all(payload.is_clearly_valid(numbers) for payload in self._payloads):
             return None
-        result, program = self._result, self._program
-        loaded = result if program is None else replace(result, forces=program.compute(self._mass_moments(numbers)))
+        result = self._result
+        loaded = result
+        if result.forces is not None:
+            loaded = replace(result, forces=self._forces(numbers, result.forces.outputs))
         variants_and_samples = (len(numbers), len(result.t))
         arrays = {}
         for (name, array), unloaded in zip(
@@ -136,82 +108,23 @@ class PayloadVariantComputer:
             arrays[name] = np.broadcast_to(by_variant, (*variants_and_samples, *unloaded.shape[1:]))
         return result.t, arrays
 
-    def _mass_moments(self, numbers: Float64Array) -> list[Twofold]:
-        return [moment for payload in self._payloads for moment in payload.mass_moments(numbers)]
-
     @lock_free_cached_property
     def _result(self) -> RobotResult:
         """Result of the scene as its file describes it, computed at first access."""
         result: RobotResult = self._scene.evaluate(self._outputs)
         return result
 
-    @lock_free_cached_property
-    def _program(self) -> _PayloadForceProgram | None:
-        """Program that computes the forces, made at first access, or None if no force is an output."""
-        forces = self._result.forces
-        return (
-            None if forces is None else _PayloadForceProgram(self._result, forces.outputs, self._robot, self._links)
-        )
-
-
-class _PayloadForceProgram:
-    """Program whose method `compute` computes a robot's joint and base forces along a scene's motion for many
-    variants of the payloads in one call.
-    """
-
-    def __init__(self, result: RobotResult, outputs: Sequence[str], robot: Mechanism, links: Sequence[str]) -> None:
-        tree, free = robot.tree, robot.base == "free"
-        slopes = [row for link in links for row in payload_derivatives(tree, free, tree.known_frame("link", link))]
-        exact = exact_mass_numbers(tree, free)
-        self._varied = [column for column in range(len(exact)) if any(row[column] for row in slopes)]
-        self._exact = [_twofold(exact[column]) for column in self._varied]
-        self._slopes = [
-            [(k, _twofold(row[column])) for k, row in enumerate(slopes) if row[column]] for column in self._varied
-        ]
-        constants = robot_constants(tree, free)
-        numbers = program_numbers(constants)
-        self._known = [
-            None if column in self._varied else known for column, known in enumerate(split_numbers(numbers)[0])
-        ]
-        self._numbers = np.array(numbers)
-        kind: Any = joint_results_class(MechanismForces, constants.names)
-        self._problem = RobotComputation(self._with_payload_parameters(constants), tuple(outputs), free, (), (), kind)
-        coordinates = dict(zip(("q", "qd", "qdd"), result.known.arguments(), strict=True))
-        self._values = self._problem.read(coordinates, result.known.base, {})
-        arguments = (*self._values.values, "constants")
+    def _forces(self, numbers: Float64Array, outputs: tuple[str, ...]) -> MechanismForces:
+        """Return the forces of all variants, arrays (variants, samples, ...)."""
+        robot, known = self._robot, self._result.known
+        for link, payload in zip(self._links, self._payloads, strict=True):
+            mass, centre, inertia = (part[:, None] for part in payload.mass_properties(numbers))
+            robot = robot.with_payload(link, mass=mass, centre_of_mass=centre, inertia=inertia)
         # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
-        self._call = self._problem.call(arguments, "compiled", result.scene.gravity)
-
-    def _with_payload_parameters(self, constants: RobotConstants) -> RobotConstants:
-        """Return a copy of the RobotConstants `constants` in which each number that depends on a payload is an
-        argument of the program instead of a constant.
-        """
-        parameters = tuple(self._numbers[self._parameters].tolist())
-        form = constants.form._replace(known=tuple(self._known))
-        return replace(constants, form=form, numbers=parameters, cache=Cache())
-
-    @property
-    def _parameters(self) -> list[int]:
-        return [column for column, known in enumerate(self._known) if known is None]
-
-    def compute(self, mass_moments: Sequence[Twofold]) -> MechanismForces:
-        """Return the MechanismForces of all variants, arrays (variants, samples, ...)."""
-        numbers = np.tile(self._numbers, (len(mass_moments[0].high), 1))
-        for column, exact, slopes in zip(self._varied, self._exact, self._slopes, strict=True):
-            total = exact
-            for k, slope in slopes:
-                total = total + mass_moments[k] * slope
-            numbers[:, column] = total.high
-        constants = np.ascontiguousarray(numbers[:, None, self._parameters] + 0.0)
-        shapes = {**self._values.shapes, "payload": constants.shape[:-1]}
-        forces: MechanismForces = self._call.run({**self._values.values, "constants": constants}, shapes)
-        return forces
-
-
-def _twofold(number: Fraction) -> Twofold:
-    """Return the number of twice the precision of a double that is nearest to a fraction."""
-    high = float(number)
-    return Twofold(high, float(number - Fraction(high)))
+        return robot.inverse_dynamics(
+            *known.arguments(), base_motion=known.base, gravity=self._scene.gravity, joint_loads=False,
+            outputs=outputs, backend="compiled",
+        )  # fmt: skip
 
 
 def payload_variant_computer(
