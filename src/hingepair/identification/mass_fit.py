@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -41,9 +41,9 @@ class MassFit(Frozen, Shown):
     """The result of `fit_masses`: base parameters of a robot, and what its joints do by themselves.
 
     Attributes:
-        robot: the robot with the fitted masses, a Mechanism; also its joints' damping and friction, if fitted. What
-            the motion does not determine is as in the robot that was given to `fit_masses`, or as near to it as the
-            base parameters allow.
+        robot: the robot with the fitted masses, a Mechanism. Of many masses with the fitted base parameters, it has
+            those nearest to the masses described. Fitted friction is in its `joint_loads`, which methods count with
+            `joint_loads=True`; a fitted rotor in its `armature`.
         base: the BaseParameters; `base.values` are those of the robot as described.
         names: names of all parameters: B base parameters, then terms of joints such as "elbow viscous".
         values: estimates, in the order of `names` [kg, kg m, kg m^2; N m s/rad, N m, N m, kg m^2 for hinges].
@@ -525,11 +525,16 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
 
 
 def _fitted_robot(recording: _Recording, parameters: Float64Array, further: Float64Array) -> Mechanism:
-    """Return the robot with fitted masses and rotors; an inertia of a rotor below 0 counts as none."""
+    """Return the robot with fitted masses, rotors and friction, of which what is below 0 counts as none."""
     robot = recording.robot
-    fitted = dict(zip(recording.terms, further.reshape(-1, robot.dof), strict=True))
-    rotors = np.maximum(fitted.get("armature", robot.armature), 0.0)
-    return robot.with_inertial_parameters(parameters, armature=rotors)
+    fitted = dict(zip(recording.terms, np.maximum(further, 0.0).reshape(-1, robot.dof), strict=True))
+    robot = robot.with_inertial_parameters(parameters, armature=fitted.get("armature"))
+    fields = {"viscous": "damping", "coulomb": "friction"}
+    loads = {}
+    for k, joint in enumerate(robot.tree.coordinates):
+        found: dict[str, Any] = {name: fitted[term][k] for term, name in fields.items() if term in fitted}
+        loads[joint.name] = replace(joint.load, **found)
+    return robot.with_joint_loads(loads)
 
 
 def _rms(rows: NDArray[np.float64]) -> Float64Array:
