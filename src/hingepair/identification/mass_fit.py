@@ -31,7 +31,7 @@ _SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of paramete
 _BLOCK = 16384  # samples
 _WEIGHT_ROUNDS = 3  # in which the noise of each joint and the parameters are estimated in turn
 _LEAST_NOISE = 1e-7  # of what the described parameters leave, so that exact torques keep finite weights
-_KNOWN = 0.5  # standard deviation of a parameter, in parts of what such a body may have; above, it is not determined
+_HARDLY_KNOWN, _UNKNOWN = 0.5, 2.0  # from these standard deviations on, in parts of what such a body may have
 _WORSE = 1.5  # error of new samples beside that of those fitted to
 _POOR = 0.2  # of a joint's torque: what is left and not random is not noise, but something else
 
@@ -419,18 +419,15 @@ def _doubts(recording: _Recording, found: _Found, estimate: Float64Array, count:
     robot, base, terms = recording.robot, recording.base, recording.terms
     rates = recording.values["qd"][:count]
     findings, count = [], len(base.names)
-    expected = _KNOWN * np.sqrt((base.matrix**2) @ (_units(robot) ** 2))
-    doubtful = ~(found.std[:count] <= expected)
-    bodies = base.columns // 10
+    doubt = found.std[:count] / np.sqrt((base.matrix**2) @ (_units(robot) ** 2))
     for number, name in enumerate(body_names(robot.tree, False)):
-        of_body = np.flatnonzero(doubtful & (bodies == number))
+        of_body = np.flatnonzero(~(doubt <= _HARDLY_KNOWN) & (base.columns // 10 == number))
         if of_body.size:
             which = ", ".join(base.names[k].removeprefix(f"{name} ") for k in of_body)
-            many = of_body.size > 1
-            findings.append(
-                Finding(f"{which} of {name} {'are' if many else 'is'} not determined by this motion: "
-                        f"let {robot.tree.joints[number].name} and the joints that carry it turn further and faster.")
-            )  # fmt: skip
+            harmless = bool((doubt[of_body] <= _UNKNOWN).all())
+            how = f"{'are' if of_body.size > 1 else 'is'} {'hardly' if harmless else 'not'} determined"
+            advice = f"let {robot.tree.joints[number].name} and the joints that carry it turn further and faster"
+            findings.append(Finding(f"{which} of {name} {how} by this motion: {advice}.", harmless))
     shape = len(terms), robot.dof
     values, std = (array[count:].reshape(shape) for array in (estimate, found.std))
     for k, joint in enumerate(robot.names):
