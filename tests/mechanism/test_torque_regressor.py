@@ -141,20 +141,3 @@ def test_a_robot_with_other_parameters_has_their_torques():
         robot.with_inertial_parameters(p)
     with pytest.raises(hp.ArgumentError, match=r"^parameters"):
         robot.with_inertial_parameters(p[1:])
-
-
-def test_loads_of_joints_are_replaced_by_name():
-    robot = hp.load_robot("ur5_robot")
-    changed = robot.with_joint_loads({"elbow_joint": hp.HingeLoad(damping=2.0, friction=0.5)})
-    again = changed.with_joint_loads(changed.joint_loads)
-    assert again.joint_loads == changed.joint_loads
-    q, qd, qdd = states(robot.dof)
-    added = changed.inverse_dynamics(q, qd, qdd, joint_loads=True).tau - robot.inverse_dynamics(q, qd, qdd).tau
-    expected = np.zeros_like(added)
-    elbow = robot.names.index("elbow_joint")
-    expected[:, elbow] = 2.0 * qd[:, elbow] + 0.5 * np.sign(qd[:, elbow])
-    np.testing.assert_allclose(added, expected, rtol=0, atol=1e-12)
-    with pytest.raises(hp.ArgumentError, match=r"^loads: expected .* \(nearest: elbow_joint\)"):
-        robot.with_joint_loads({"elbow": hp.HingeLoad()})
-    with pytest.raises(hp.ArgumentError, match=r"^loads\['elbow_joint'\]: expected a HingeLoad without a motor"):
-        robot.with_joint_loads({"elbow_joint": hp.HingeLoad(motor=1.0)})

@@ -438,33 +438,6 @@ class Mechanism(MechanismMethods):
         """
         return _new_mechanism(type(self), building.set_loads(self.tree, loads), self.base)
 
-    def with_joint_loads(self, loads: Mapping[str, HingeLoad]) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, with other `joint_loads`. The robot itself is not changed.
-
-        Args:
-            loads: dict of HingeLoads by the names of joints; joints that are not named keep their loads. Spring,
-                damper and dry friction count; stops are the robot's position limits.
-
-        Raises:
-            ArgumentError: the robot has no such joint, or a load is no HingeLoad or has a motor.
-
-        >>> import hingepair as hp
-        >>> robot = hp.load_robot("ur5_robot").with_joint_loads({"elbow_joint": hp.HingeLoad(damping=2)})
-        >>> robot.joint_loads["elbow_joint"].damping
-        2.0
-        """
-        names = tuple(joint.name for joint in self.tree.joints)
-        for name, load in loads.items():
-            if name not in names:
-                raise ArgumentError("loads", choices(names) + nearest(str(name), names), quoted(name))
-            if not isinstance(load, HingeLoad) or load.motor != 0:
-                raise ArgumentError(f"loads[{name!r}]", "a HingeLoad without a motor", quoted(load))
-        joints = tuple(
-            replace(joint, load=replace(loads[joint.name], stops=None)) if joint.name in loads else joint
-            for joint in self.tree.joints
-        )
-        return _new_mechanism(type(self), replace(self.tree, joints=joints, source=None), self.base)
-
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
