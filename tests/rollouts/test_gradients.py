@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
 import hingepair as hp
+import hingepair.rollouts.gradients as rollout_gradients
 from support.trees import Robot, base_motion, random_model, record_of
 
 STEPS, H, MOTIONS = 6, 0.02, 3
 MODEL = random_model(1, 4)
 ROBOT = Robot(record_of(MODEL))
 FREE = Robot(record_of(MODEL), "free")
+ARM = """<robot name="arm"><link name="base"/>{}</robot>""".format("".join(
+    f"""<link name="{link}"><inertial><origin xyz="0.1 0 -0.3"/><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="{link}_joint" type="continuous"><parent link="{parent}"/><child link="{link}"/><axis xyz="{axis}"/>
+    <origin xyz="0.2 0.1 0"/><dynamics damping="0.3" friction="{friction}"/></joint>"""
+    for link, parent, axis, friction in (
+        ("one", "base", "0 1 0", 0.5), ("two", "one", "1 0 0", 0.1),
+        ("three", "two", "0 1 1", 0), ("four", "two", "0 0 1", 2),
+    )
+))  # fmt: skip
+LOADED = hp.Mechanism.from_urdf(ARM)
 DOF = ROBOT.dof
 RNG = np.random.default_rng(3)
 Q, QD = RNG.uniform(-1, 1, (2, MOTIONS, DOF))
@@ -33,6 +47,7 @@ CASES = {
     "limits": (ROBOT, {"tau": TAU}, {"effort_limits": np.full(DOF, 1.5)}),
     "feedback": (ROBOT, DIAGONAL, {}),
     "full_feedback": (ROBOT, FULL, {"every": 2}),
+    "damping_and_friction": (LOADED, {"tau": TAU}, {"joint_loads": True}),
     "free": (FREE, {"tau": TAU}, {"every": 2}),
 }
 
@@ -78,3 +93,32 @@ def test_gradients_are_those_of_central_differences(case, method):
         ahead, behind = (losses(**arguments | {name: moved(name, value, s * e * change)}) for s in (1, -1))
         rate = (gradient[name] * change).reshape(MOTIONS, -1).sum(axis=1)
         np.testing.assert_allclose(rate, (ahead - behind) / (2 * e), rtol=1e-6, atol=1e-6, err_msg=name)
+
+
+REFUSED = {
+    "output": (lambda r: r.vjp({"x": 1}), "^cotangents: expected names out of q, qd"),
+    "nothing": (lambda r: r.vjp({}), "^cotangents: expected at least one"),
+    "shape": (lambda r: r.vjp({"q": np.zeros(2)}), r"^cotangents\['q'\]: expected shape"),
+    "argument": (lambda r: r.vjp({"q": 1}, wrt="K"), "^wrt: expected names out of q0, qd0, tau, got"),
+    "copy": (lambda r: pickle.loads(pickle.dumps(r)).vjp({"q": 1}), "^rollout: expected one that was computed"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_used_is_named(what):
+    call, message = REFUSED[what]
+    with pytest.raises(hp.ArgumentError, match=message):
+        call(ROBOT.rollout(Q, QD, TAU, H))
+
+
+def test_gradients_of_many_motions_are_those_of_each(monkeypatch):
+    """In chunks of motions and of records, by two threads; weights that broadcast."""
+    monkeypatch.setattr(rollout_gradients, "_KEPT_BYTES", 1000)
+    rng = np.random.default_rng(7)
+    q0, tau = rng.uniform(-1, 1, (21, DOF)), rng.uniform(-1, 1, (21, STEPS, DOF))
+    whole = ROBOT.rollout(q0, 0 * q0, tau, H, workers=2).vjp({"qd": 1.0})
+    monkeypatch.undo()
+    for k in (0, 20):
+        one = ROBOT.rollout(q0[k], 0 * q0[k], tau[k], H).vjp({"qd": np.ones((STEPS + 1, DOF))})
+        for name, array in one.items():
+            np.testing.assert_allclose(whole[name][k], array, rtol=1e-12, atol=1e-13)

@@ -205,6 +205,19 @@ def test_rk4_is_of_order_4_and_keeps_energy_and_momentum():
     assert (coarse / fine > 12).all()
 
 
+@pytest.mark.slow
+def test_a_chain_of_ten_hinges_keeps_its_energy():
+    """It falls for 10 s from the horizontal; of its largest kinetic energy, with steps of 1e-4 s."""
+    rod = hp.Body(1.0, inertia=(0.001, 1 / 12, 1 / 12))
+    chain = hp.Mechanism([
+        hp.HingePair(u1=(0.5 if k else 0, 0, 0), u2=(-0.5, 0, 0), n=(0, 1, 0), body2=rod, name=f"hinge{k}")
+        for k in range(10)
+    ])  # fmt: skip
+    r = chain.rollout(np.zeros(10), np.zeros(10), 0, 1e-4, steps=100_000, every=50, method="rk4")
+    energy = chain.energy(r.q, r.qd)
+    assert np.ptp(energy.kinetic + energy.potential) <= 1e-8 * energy.kinetic.max()
+
+
 REFUSED = {
     "method": (lambda: ROBOT.rollout(0 * Q, Q, 0, H, method="euler", steps=1), "^method"),
     "no_steps": (lambda: ROBOT.rollout(Q, Q, 0, H), "^steps: expected a number of steps"),
@@ -216,6 +229,11 @@ REFUSED = {
     "gains": (lambda: ROBOT.rollout(Q, Q, hp.Feedback(np.zeros(2), 0, 0), H, steps=1), r"^tau\.K: expected shape"),
     "every": (lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, every=0), "^every"),
     "dt": (lambda: ROBOT.rollout(Q, Q, 0, np.nan, steps=1), "^dt"),
+    "no_dt": (lambda: ROBOT.rollout(Q, Q, 0, 0, steps=1), "^dt: expected a number above 0"),
+    "limits": (
+        lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, effort_limits=-1),
+        "^effort_limits: expected numbers from 0",
+    ),
     "q0": (lambda: ROBOT.rollout(np.zeros(2), Q, 0, H, steps=1), "^q0"),
     "out": (lambda: ROBOT.rollout(Q, Q, 0, H, steps=1, out={"q": np.zeros((3, DOF))}), r"^out\['q'\]"),
     "base": (

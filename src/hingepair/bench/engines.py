@@ -309,6 +309,8 @@ def compile_loops() -> Any:
     reals = [ctypes.c_double] * 2
     library.system_reach.argtypes = [pointer, *[number] * 3, *reals, *[pointer] * 5]
     library.system_reach.restype = None
+    library.system_roll.argtypes = [pointer, number, number, reals[0], *[pointer] * 3]
+    library.system_roll.restype = None
     return library
 
 

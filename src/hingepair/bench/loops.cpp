@@ -1,4 +1,4 @@
-// Pinocchio's C++ loops for `hingepair bench direct|dynamics|robots|ik --cpp`: what the Python loops of engines.py do, from the
+// Pinocchio's C++ loops for `hingepair bench direct|dynamics|robots|ik|rollouts --cpp`: what the Python loops of engines.py do, from the
 // same inputs. Only headers are used: a library that was compiled for another instruction set aligns otherwise.
 // Pinocchio's variants of joints are longer than Boost's lists are by themselves.
 #define BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS
@@ -195,5 +195,27 @@ extern "C" void system_reach(
       }
     }
     Eigen::Map<Eigen::VectorXd>(out, n) = q;
+  }
+}
+
+// Motions by semi-implicit Euler: what `pinocchio_job` of rollouts.py does. Rows of q and v begin with the start.
+extern "C" void system_roll(System * system, long motions, long steps, double h, const double * tau, double * q, double * v)
+{
+  const long n = system->model.nv;
+  Eigen::VectorXd qi(n), vi(n), load(n);
+  for (long i = 0; i < motions; ++i, q += n, v += n)
+  {
+    qi = Row(q, n);
+    vi = Row(v, n);
+    for (long k = 0; k < steps; ++k, tau += n)
+    {
+      load = Row(tau, n);
+      vi += h * pin::aba(system->model, system->data, qi, vi, load);
+      qi += h * vi;
+      q += n;
+      v += n;
+      Eigen::Map<Eigen::VectorXd>(q, n) = qi;
+      Eigen::Map<Eigen::VectorXd>(v, n) = vi;
+    }
   }
 }

@@ -232,6 +232,29 @@ def bench_ik(
     _run_benchmark(lambda: bench.bench_inverse_kinematics(chosen, size, repeats, cpp), show_json, plot)
 
 
+@bench_app.command("rollouts")
+@with_option_names
+def bench_rollouts(
+    names: Annotated[
+        str, typer.Option(metavar="NAMES", help="Robots of example-robot-data, separated by commas.")
+    ] = "ur5_robot,panda",
+    size: Annotated[int, typer.Option(min=1, max=10**6, help="Number of motions.")] = 4096,
+    steps: Annotated[int, typer.Option(min=1, max=10**6, help="Number of steps of each motion.")] = 100,
+    repeats: RepeatsOption = 5,
+    cpp: CppOption = False,
+    show_json: BenchJsonOption = False,
+) -> None:
+    """Measure motions of robots in time, and gradients through them.
+
+    The engines are hingepair, loops of Pinocchio's forward dynamics, and mujoco.rollout, as far as they are
+    installed. All make the same steps.
+    """
+    from hingepair.bench import rollouts as bench
+
+    chosen = [name.strip() for name in names.split(",")]
+    _run_benchmark(lambda: bench.bench_rollouts(chosen, size, steps, repeats, cpp), show_json)
+
+
 @bench_app.command("scale")
 @with_option_names
 def bench_scale(

@@ -85,6 +85,9 @@ class Rollout(Results):
             raise ArgumentError("rollout", "one that was computed in this process", "a copy from elsewhere")
         return gradients(self._motions, self.arrays(), cotangents, wrt)
 
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), "base_motion", "vjp"]
+
     @property
     def base_motion(self) -> BodyMotion | None:
         """Motion of a free base, for the argument of this name of the robot's methods; None for any other base."""
@@ -152,6 +155,8 @@ def rolled_out(
         starts[name] = np.asarray(row, np.float64)
     known = {**RESTING_BASE, "constants": computation.known["constants"], "gravity": gravity}
     known["h"] = finite_number("dt", dt)
+    if known["h"] <= 0:
+        raise ArgumentError("dt", "a number above 0", quoted(dt))
     control, tracks = control_tracks(tau, dof, limit)
     tracks |= {name: track(label, value, 3) for name, (value, label) in loads.items()}
     if request.free:

@@ -98,6 +98,8 @@ def control_tracks(tau: Any, dof: int, limit: Any) -> tuple[Control, dict[str, T
         ArgumentError: a value cannot be used.
     """
     limited = {} if limit is None else {"limit": track("effort_limits", limit, dof)}
+    if limited and not (limited["limit"].values >= 0).all():
+        raise ArgumentError("effort_limits", "numbers from 0", quoted(limit))
     if not isinstance(tau, Feedback):
         return Control("none", bool(limited)), {"tau": track("tau", tau, dof), **limited}
     tracks = {name: track(f"tau.{name}", getattr(tau, name), dof) for name in ("q_ref", "qd_ref", "tau_ff")}

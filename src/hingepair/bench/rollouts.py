@@ -1,0 +1,181 @@
+"""`hingepair bench rollouts`: motions of robots in time, beside Pinocchio's loops in C++ and Python and MuJoCo's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hingepair.bench import engines
+from hingepair.bench.engines import Array
+from hingepair.bench.harness import HINGEPAIR, Case, Job, Method, Report, installed, measure, print_progress
+from hingepair.bench.robots import load_models
+from hingepair.errors import ArgumentError
+from hingepair.formats.model_writers import to_urdf
+from hingepair.mechanism.mechanism import Mechanism
+
+DT = 1e-3  # s
+MOTION, GRADIENT = "rollout", "gradient"
+REUSED = "hingepair, into the same arrays"
+MUJOCO = "mujoco.rollout"
+_CHECKED = 3  # motions that are compared with those of Pinocchio's loop
+
+
+class Task(NamedTuple):
+    """Motions from random states under random efforts; a larger task begins with the motions of a smaller one."""
+
+    workload: str
+    robot: Mechanism
+    model: Any  # of Pinocchio
+    q0: Array  # (motions, dof)
+    qd0: Array
+    tau: Array  # (motions, steps, dof)
+    weights: Array  # derivatives of a loss by q at all steps, the start included
+
+
+def bench_rollouts(names: Sequence[str], size: int, steps: int, repeats: int, with_cpp: bool) -> Report:
+    """Measure rollouts of the named robots, and gradients through them.
+
+    Args:
+        names: of example-robot-data.
+        size: number of motions.
+        steps: of each motion.
+        repeats: of each measurement.
+        with_cpp: whether the C++ loop of Pinocchio is compiled and measured; if this fails, a note says why.
+    """
+    methods, left_out = installed(METHODS, engines.cpp_reasons(with_cpp))
+    cases = (robot_case(name, workload, methods, size, steps) for name in names for workload in (MOTION, GRADIENT))
+    notes = (
+        f"Steps of semi-implicit Euler of {DT:g} s, each under efforts of its own, on one thread. All states are "
+        "returned. N: steps of a call, of all motions; each: time for one step.",
+        "gradient: of a loss of q at all steps, by the efforts of all steps; for Pinocchio by computeABADerivatives.",
+        "MuJoCo has no contacts, limits, damping or friction. Loops and MuJoCo compute the first motions only.",
+        f"error: largest difference of the results of {_CHECKED} motions from those of Pinocchio's loop in Python, "
+        "relative to the largest component.",
+    )
+    return Report(measure(cases, repeats), "error", [*left_out, *notes])
+
+
+def robot_case(name: str, workload: str, methods: Sequence[Method], size: int, steps: int) -> Case:
+    """Return the case of a robot."""
+    robot, model = load_models(name)
+    able = [method for method in methods if workload == MOTION or method.name in _DIFFERENTIABLE]
+    make = cache(partial(make_task, workload, robot, model, steps))
+    print_progress(f"{name}, {workload}: {_CHECKED} motions by Pinocchio's loop")
+    truth = pinocchio_job(make(min(_CHECKED, size)))()[0]
+    errors = {}
+    for method in able:
+        found = method.make_job(make(min(_CHECKED, size)))()[0]
+        errors[method.name] = float(np.abs(found - truth).max() / np.abs(truth).max())
+    counts = {method.name: min(size, method.max_samples) for method in able}
+    jobs = {method.name: method.make_job(make(counts[method.name])) for method in able}
+    title = f"{robot.name} ({robot.dof} joints), {workload}, {size:,} motions of {steps} steps"
+    return Case(title, jobs, {one: steps * count for one, count in counts.items()}, errors)
+
+
+def make_task(workload: str, robot: Mechanism, model: Any, steps: int, count: int) -> Task:
+    """Return a task of `count` motions, always the same ones.
+
+    Raises:
+        ArgumentError: the robot has joints whose coordinates Pinocchio writes otherwise.
+    """
+    if model.nq != robot.dof or model.nv != robot.dof:
+        raise ArgumentError("names", "robots without continuous or mimic joints", robot.name)
+    numbers = np.random.default_rng(51).uniform(-1, 1, (count, 2 * steps + 3, robot.dof))
+    parts = (numbers[:, 0], numbers[:, 1], numbers[:, 2 : steps + 2], numbers[:, steps + 2 :])
+    return Task(workload, robot, model, *map(np.ascontiguousarray, parts))
+
+
+def hingepair_job(task: Task, out: dict[str, Array] | None = None) -> Job:
+    """Return the job of `Mechanism.rollout`, with `vjp` for a gradient."""
+    roll = partial(task.robot.rollout, task.q0, task.qd0, task.tau, DT, joint_loads=False, out=out)
+    if task.workload == GRADIENT:
+        return lambda: (roll().vjp({"q": task.weights}, wrt="tau")["tau"],)
+    return lambda: (roll().q,)
+
+
+def reused_job(task: Task) -> Job:
+    """Return the job of the same call, which writes into the same arrays each time."""
+    motions, steps, dof = task.tau.shape
+    return hingepair_job(task, {name: np.empty((motions, steps + 1, dof)) for name in ("q", "qd")})
+
+
+def pinocchio_job(task: Task) -> Job:
+    """Return the job of a loop of `pin.aba` in Python; a gradient takes `pin.computeABADerivatives` on the way back."""
+    import pinocchio as pin
+
+    model, data = task.model, task.model.createData()
+    q, v = np.empty((2, *task.weights.shape))
+    q[:, 0], v[:, 0] = task.q0, task.qd0
+    gradient = np.empty_like(task.tau)
+
+    def roll() -> tuple[Array]:
+        for own_q, own_v, own_tau in zip(q, v, task.tau, strict=True):
+            qi, vi = own_q[0], own_v[0]
+            for k, tau in enumerate(own_tau):
+                vi = vi + DT * pin.aba(model, data, qi, vi, tau)
+                qi = qi + DT * vi
+                own_q[k + 1], own_v[k + 1] = qi, vi
+        return (q,)
+
+    def differentiate() -> tuple[Array]:
+        roll()
+        for i, (own_tau, weights) in enumerate(zip(task.tau, task.weights, strict=True)):
+            by_q, by_v = np.zeros((2, model.nv))
+            for k in reversed(range(len(own_tau))):
+                by_q = by_q + weights[k + 1]
+                by_v = by_v + DT * by_q
+                pin.computeABADerivatives(model, data, q[i, k], v[i, k], own_tau[k])
+                load = DT * by_v
+                gradient[i, k] = data.Minv @ load
+                by_q, by_v = by_q + data.ddq_dq.T @ load, by_v + data.ddq_dv.T @ load
+        return (gradient,)
+
+    return roll if task.workload == MOTION else differentiate
+
+
+def pinocchio_cpp_job(task: Task) -> Job:
+    """Return the job of a loop of `aba` in C++, which is compiled first."""
+    system = engines.CppSystem(task.model, 0)
+    q, v = np.empty((2, *task.weights.shape))
+    q[:, 0], v[:, 0] = task.q0, task.qd0
+    counts = task.tau.shape[:2]
+
+    def run() -> tuple[Array]:
+        system.library.system_roll(system.address, *counts, DT, *(one.ctypes.data for one in (task.tau, q, v)))
+        return (q,)
+
+    return run
+
+
+def mujoco_job(task: Task) -> Job:
+    """Return the job of `mujoco.rollout`, on one thread."""
+    import mujoco as mj
+    from mujoco import rollout
+
+    model = mj.MjModel.from_xml_string(to_urdf(task.robot))
+    model.opt.timestep = DT
+    model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT
+    model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
+    data, dof = mj.MjData(model), task.robot.dof
+    start = np.hstack([np.zeros((len(task.q0), 1)), task.q0, task.qd0])  # time, positions, velocities
+    state = np.empty((*task.tau.shape[:2], start.shape[1]))
+    applied = int(mj.mjtState.mjSTATE_QFRC_APPLIED)
+
+    def run() -> tuple[Array]:
+        rollout.rollout(model, data, start, task.tau, control_spec=applied, state=state)
+        return (np.concatenate([task.q0[:, None], state[:, :, 1 : dof + 1]], axis=1),)
+
+    return run
+
+
+METHODS = (
+    Method(HINGEPAIR, hingepair_job),
+    Method(REUSED, reused_job),
+    Method(engines.PINOCCHIO_CPP, pinocchio_cpp_job, max_samples=256, package="pinocchio"),
+    Method(engines.PINOCCHIO, pinocchio_job, max_samples=16, package="pinocchio"),
+    Method(MUJOCO, mujoco_job, max_samples=128, package="mujoco"),
+)
+_DIFFERENTIABLE = {HINGEPAIR, engines.PINOCCHIO}
