@@ -103,7 +103,7 @@ def reused_job(task: Task) -> Job:
 
 
 def pinocchio_job(task: Task) -> Job:
-    """Return the job of a loop of `pin.aba` in Python; a gradient takes `pin.computeABADerivatives` on the way back."""
+    """Return the job of a loop of `pin.aba` in Python; gradients take `pin.computeABADerivatives` on the way back."""
     import pinocchio as pin
 
     model, data = task.model, task.model.createData()
