@@ -11,7 +11,7 @@ import tempfile
 import pytest
 
 import hingepair
-from hingepair.engine import native
+from hingepair.engine.llvm import native
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import pytest
 
 import hingepair as hp
-from hingepair.engine.object_cache import TRACED_PACKAGES
+from hingepair.engine.llvm.object_cache import TRACED_PACKAGES
 
 PACKAGE = Path(hp.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))

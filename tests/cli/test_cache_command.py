@@ -7,7 +7,7 @@ import json
 import pytest
 
 from hingepair.cli.cache import cache_command
-from hingepair.engine import object_cache
+from hingepair.engine.llvm import object_cache
 
 
 @pytest.fixture

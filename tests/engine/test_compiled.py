@@ -13,7 +13,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm_ir import LANES
+from hingepair.engine.llvm.ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, default_outputs, make_plan, plan_loop
 from hingepair.rotations.sequences import SEQUENCE_NAMES

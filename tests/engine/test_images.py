@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hingepair.engine import images, native
+from hingepair.engine.llvm import images, native
 from hingepair.errors import CompilationError
 
 pytestmark = pytest.mark.skipif(not images.CAN_LINK, reason="images are of Linux on x86-64")

@@ -7,9 +7,10 @@ import platform
 import numpy as np
 import pytest
 
-from hingepair.engine import native, slices
+from hingepair.engine import slices
 from hingepair.engine.backend import Execution, kernel_pays
-from hingepair.engine.llvm_ir import LANES
+from hingepair.engine.llvm import native
+from hingepair.engine.llvm.ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations import spatial as eq

@@ -14,7 +14,7 @@ interpreters.run_string(interpreters.create(), '''
 import sys, warnings
 sys.path[:] = {path!r}
 warnings.simplefilter("ignore")
-from hingepair.engine.native import Kernel
+from hingepair.engine.llvm.native import Kernel
 from hingepair.errors import ArgumentError
 try:
     Kernel("f", lambda: "")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hingepair.engine import images, native, object_cache
+from hingepair.engine.llvm import images, native, object_cache
 from support.work import HANG
 
 IR = "define i64 @kernel(i64 %x) {{\n  %y = mul i64 %x, {factor}\n  ret i64 %y\n}}\n"
@@ -68,7 +68,7 @@ def test_what_is_written_is_read(folder):
 
 LOADERS = {
     "of this system": "",
-    "llvmlite": "from hingepair.engine import images\nimages.CAN_LINK = False",
+    "llvmlite": "from hingepair.engine.llvm import images\nimages.CAN_LINK = False",
 }
 
 
@@ -119,14 +119,14 @@ def test_a_robots_code_on_disk_is_found_without_a_trace():
 
 def test_an_edited_source_has_another_digest(tmp_path, monkeypatch):
     """Of each package from which programs are traced: their equations would be stale in silence."""
-    package = Path(object_cache.__file__).parents[1]
+    package = Path(object_cache.__file__).parents[2]
     copy = tmp_path / "hingepair"
     shutil.copytree(package, copy)
-    monkeypatch.setattr(object_cache, "__file__", str(copy / "engine" / "object_cache.py"))
+    monkeypatch.setattr(object_cache, "__file__", str(copy / "engine" / "llvm" / "object_cache.py"))
     digest = object_cache.source_digest.__wrapped__
     found = [digest()]
     assert found[0] == object_cache.source_digest()
-    for name in object_cache.TRACED_PACKAGES:
+    for name in (*object_cache.TRACED_PACKAGES, "engine/llvm"):
         path = sorted((copy / name).glob("*.py"))[-1]
         status, text = path.stat(), path.read_text()
         path.write_text(text.replace("a", "b", 1))
@@ -143,7 +143,7 @@ def test_an_edited_source_has_another_digest(tmp_path, monkeypatch):
 def test_code_on_disk_is_loaded_without_llvmlite():
     code = f"""
 import sys
-from hingepair.engine import native
+from hingepair.engine.llvm import native
 native.Kernel("one", lambda: {IR.format(factor=7)!r})
 print("llvmlite" in sys.modules)
 """
@@ -165,7 +165,7 @@ def test_processes_that_start_at_once_share_the_folder(folder):
 def test_a_process_killed_while_it_writes_leaves_nothing_that_is_read(folder):
     kill = """
 import os, signal
-from hingepair.engine import object_cache
+from hingepair.engine.llvm import object_cache
 write = object_cache.os.fdopen
 def fdopen(descriptor, mode):
     if mode == "wb":
@@ -192,7 +192,7 @@ def test_a_fork_while_threads_compile_and_free_code_can_do_so_too(folder, loader
     """No lock is left held in the child, llvmlite's own included."""
     fork = """
 import gc, os, threading, time
-import hingepair.engine.native as native
+import hingepair.engine.llvm.native as native
 ir = "define i64 @kernel(i64 %x) {{ %y = add i64 %x, {} ret i64 %y }}"
 done = False
 def work(first):

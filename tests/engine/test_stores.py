@@ -7,11 +7,12 @@ import functools
 import numpy as np
 import pytest
 
-from hingepair.engine import llvm_arithmetic, llvm_ir, slices
+from hingepair.engine import slices
 from hingepair.engine.backend import Execution
-from hingepair.engine.llvm_arithmetic import MAX_NARROW
-from hingepair.engine.llvm_builder import CACHE_LINE
-from hingepair.engine.llvm_memory import MAX_STREAMED, PANEL
+from hingepair.engine.llvm import arithmetic, ir
+from hingepair.engine.llvm.arithmetic import MAX_NARROW
+from hingepair.engine.llvm.builder import CACHE_LINE
+from hingepair.engine.llvm.memory import MAX_STREAMED, PANEL
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import square_root, where_less
 
@@ -45,7 +46,7 @@ SHIFTS = (0, 8, 16, 32, 56)
 
 @pytest.fixture(params=LEAST_BYTES)
 def stores(request, monkeypatch):
-    monkeypatch.setattr(llvm_ir, "MIN_STREAMED_BYTES", LEAST_BYTES[request.param])
+    monkeypatch.setattr(ir, "MIN_STREAMED_BYTES", LEAST_BYTES[request.param])
     return request.param
 
 
@@ -177,7 +178,7 @@ def long_function(v):
 @pytest.mark.parametrize("dtype", [F8, F4], ids=str)
 def test_constants_as_numbers_or_as_vectors(most, dtype, monkeypatch):
     """Also where sines are taken of them, and where they are components of a wide output."""
-    monkeypatch.setattr(llvm_arithmetic, "MAX_UNIFORM_VECTORS", most)
+    monkeypatch.setattr(arithmetic, "MAX_UNIFORM_VECTORS", most)
     count = MAX_NARROW + 1
 
     def function(v):
@@ -213,8 +214,8 @@ def test_a_program_in_parts_gives_the_bits_of_the_whole(length, distance, still,
     rng = np.random.default_rng(2)
     values = {"x": rng.normal(size=(19, 20)), "c": 0.3 if still else rng.normal(size=19)}
     whole = run_long(values, 19)
-    monkeypatch.setattr(llvm_arithmetic, "_UNSPLIT", 0)
-    monkeypatch.setattr(llvm_arithmetic, "_SPLIT", length)
-    monkeypatch.setattr(llvm_arithmetic, "_MAX_AGE", distance)
+    monkeypatch.setattr(arithmetic, "_UNSPLIT", 0)
+    monkeypatch.setattr(arithmetic, "_SPLIT", length)
+    monkeypatch.setattr(arithmetic, "_MAX_AGE", distance)
     for name, array in run_long(values, 19).items():
         np.testing.assert_array_equal(array, whole[name])

@@ -207,7 +207,7 @@ import numpy as np
 import dask
 import dask.array as da
 import hingepair as hp
-from hingepair.engine import native
+from hingepair.engine.llvm import native
 
 names, compile_module = [], native._compile_module
 native._compile_module = lambda name, *rest, **options: names.append(name) or compile_module(name, *rest, **options)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import JsonOption
-from hingepair.engine.object_cache import MAX_BYTES, MAX_FILES, cache_files, cache_folder, clear_cache
+from hingepair.engine.llvm.object_cache import MAX_BYTES, MAX_FILES, cache_files, cache_folder, clear_cache
 from hingepair.numeric.tables import json_text
 
 

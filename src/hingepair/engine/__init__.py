@@ -22,12 +22,11 @@ or as machine code for eight samples at a time, which NumPy calls as a ufunc; `b
     trace, derivatives              values that record operations, or fold them; derivatives in the same trace
     binding, loops                  which inputs are known, constant or arrays; a traced program for each pattern
     python_source                   its Python and NumPy code
-    llvm_arithmetic, llvm_memory,   its LLVM code: straight-line steps, loads and stores, sines, the loop over samples
-    llvm_sines, llvm_ir (llvm_builder)
-    native, images, object_cache    machine code: compiled, linked, kept on disk
+    llvm                            its LLVM code, and the machine code, which is kept on disk
     ufunc, slices                   a kernel as a ufunc; its calls in slices, by threads
-    scans, llvm_scan                a program that is repeated in steps, and passes a state from step to step
+    scans                           a program that is repeated in steps, and passes a state from step to step
     calls, rows, outputs, results   a loop with its constants; the shortest way for one state; arrays; results
+    backend                         what computes a call, and by how many threads
 
 Derivatives are recorded in the same trace, and fold and compile as all else:
 

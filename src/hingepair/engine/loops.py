@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine import object_cache, python_source
+from hingepair.engine import python_source
 from hingepair.engine.backend import Execution, compiler_lock, kernel_pays
 from hingepair.engine.binding import (
     ArrayShape,
@@ -31,9 +31,10 @@ from hingepair.engine.binding import (
     bind_foreign,
     component_views,
 )
-from hingepair.engine.llvm_arithmetic import ComponentGroup
-from hingepair.engine.llvm_ir import kernel_ir
-from hingepair.engine.llvm_scan import scan_ir
+from hingepair.engine.llvm import object_cache
+from hingepair.engine.llvm.arithmetic import ComponentGroup
+from hingepair.engine.llvm.ir import kernel_ir
+from hingepair.engine.llvm.scan import scan_ir
 from hingepair.engine.slices import run_in_threads, run_slices
 from hingepair.engine.trace import (
     FUNCTIONS,
@@ -55,7 +56,7 @@ from hingepair.numeric.blocks import components, fill_blocks
 from hingepair.numeric.caching import lock_free_cached_property
 
 if TYPE_CHECKING:
-    from hingepair.engine.native import Kernel
+    from hingepair.engine.llvm.native import Kernel
 
 Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 
@@ -301,7 +302,7 @@ class Program:
         kernel = self._kernels.get((layout, char))
         if kernel is None:
             with compiler_lock:  # a second thread waits, and takes the kernel of the first
-                from hingepair.engine.native import Kernel
+                from hingepair.engine.llvm.native import Kernel
 
                 kernel = self._kernels.get((layout, char))
                 if kernel is None:
@@ -311,12 +312,12 @@ class Program:
         return kernel
 
     def scan_kernel(self) -> Kernel:
-        """Compile the kernel that repeats this program in steps (`llvm_scan`).
+        """Compile the kernel that repeats this program in steps (`llvm.scan`).
 
         Raises:
             CompilationError: LLVM fails.
         """
-        from hingepair.engine.native import Kernel
+        from hingepair.engine.llvm.native import Kernel
 
         return Kernel(self.loop.name, self._scan_ir, form=self._form("scan", self.fuses))
 
@@ -340,7 +341,7 @@ class Program:
     @property
     def fuses(self) -> bool:
         """Whether a product and a sum become one instruction of kernels (FMA)."""
-        from hingepair.engine.native import can_fuse
+        from hingepair.engine.llvm.native import can_fuse
 
         return can_fuse() and not self.loop.exact
 

@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.engine.binding import ComponentSource, bind_constant
-from hingepair.engine.llvm_builder import LANES
-from hingepair.engine.llvm_scan import SCAN_WORDS
+from hingepair.engine.llvm.builder import LANES
+from hingepair.engine.llvm.scan import SCAN_WORDS
 from hingepair.engine.loops import Loop
 from hingepair.engine.slices import run_in_threads
 from hingepair.numeric.arrays import FloatArray

@@ -17,8 +17,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.engine.llvm_builder import NUMBER_BYTES, FunctionBuilder
-from hingepair.engine.llvm_ir import ROW_WORDS
+from hingepair.engine.llvm.builder import NUMBER_BYTES, FunctionBuilder
+from hingepair.engine.llvm.ir import ROW_WORDS
 
 MAX_OPERANDS: Final = 64  # that a ufunc takes and returns (NPY_MAXARGS)
 FLOAT_TYPES: Final = {"d": "double", "f": "float"}  # LLVM's name of a type, by the character of the dtype

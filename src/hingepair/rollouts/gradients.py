@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.engine.llvm_builder import LANES
+from hingepair.engine.llvm.builder import LANES
 from hingepair.engine.slices import run_in_threads
 from hingepair.errors import ShapeError
 from hingepair.numeric.arrays import FloatArray, real_array

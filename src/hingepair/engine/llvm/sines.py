@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from hingepair.engine.llvm_builder import LANES, NUMBER_BYTES, FunctionBuilder, hexadecimal, shared_name
+from hingepair.engine.llvm.builder import LANES, NUMBER_BYTES, FunctionBuilder, hexadecimal, shared_name
 from hingepair.numeric.blocks import VERSINE_SWITCH
 
 SINES: Final = ("sin", "cos", "versine")  # operations, in the order in which the function `sines` stores them

@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from hingepair.engine.llvm_arithmetic import Arithmetic, ComponentGroup
-from hingepair.engine.llvm_builder import CACHE_LINE, LANES, FunctionBuilder
-from hingepair.engine.llvm_ir import InputReader, KernelBuilder
+from hingepair.engine.llvm.arithmetic import Arithmetic, ComponentGroup
+from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder
+from hingepair.engine.llvm.ir import InputReader, KernelBuilder
 from hingepair.engine.trace import Operand
 from hingepair.engine.ufunc import default_float_environment
 

@@ -14,8 +14,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
-from hingepair.engine.llvm_builder import LANES, NUMBER_BYTES, FunctionBuilder, hexadecimal
-from hingepair.engine.llvm_sines import DOUBLES, SINES
+from hingepair.engine.llvm.builder import LANES, NUMBER_BYTES, FunctionBuilder, hexadecimal
+from hingepair.engine.llvm.sines import DOUBLES, SINES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 
 MAX_NARROW: Final = 16  # components of an output assembled in registers, and needed ones of an input loaded there

@@ -86,7 +86,7 @@ def source_digest() -> str | None:
     """
     digest, found = hashlib.sha256(), False
     for name in TRACED_PACKAGES:
-        for path in sorted((Path(__file__).parents[1] / name).glob("*.py")):
+        for path in sorted((Path(__file__).parents[2] / name).rglob("*.py")):
             found = True
             digest.update(b"%d:" % path.stat().st_size + path.read_bytes())
     return digest.hexdigest() if found else None

@@ -1,7 +1,7 @@
 """The LLVM IR of a kernel: a loop over samples around the arithmetic of a trace, eight samples in each vector.
 
-The loop loads inputs into the frame, calls the steps of the arithmetic (`llvm_arithmetic`), and stores results
-(`llvm_memory`). The last samples, which may not fill eight lanes, are computed in the same way: the remaining lanes
+The loop loads inputs into the frame, calls the steps of the arithmetic (`arithmetic`), and stores results
+(`memory`). The last samples, which may not fill eight lanes, are computed in the same way: the remaining lanes
 repeat the first of them. What does not vary from sample to sample is computed once before the loop.
 
 A row of the kernel's table describes each group of components (a row of seven coordinates, say) by three integers:
@@ -19,10 +19,10 @@ import itertools
 from collections.abc import Sequence
 from typing import Final
 
-from hingepair.engine.llvm_arithmetic import Arithmetic, ComponentGroup, KernelStep
-from hingepair.engine.llvm_builder import CACHE_LINE, LANES, FunctionBuilder, shared_name
-from hingepair.engine.llvm_memory import MAX_STREAMED, MEMORY_FUNCTIONS, PANEL, PREFETCH_SAMPLES, memory_functions
-from hingepair.engine.llvm_sines import SINE_FUNCTIONS, lanewise_function, sine_functions
+from hingepair.engine.llvm.arithmetic import Arithmetic, ComponentGroup, KernelStep
+from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, shared_name
+from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PANEL, PREFETCH_SAMPLES, memory_functions
+from hingepair.engine.llvm.sines import SINE_FUNCTIONS, lanewise_function, sine_functions
 
 ROW_WORDS: Final = 3  # integers in a row of the kernel's table
 MIN_STREAMED_BYTES: Final = 2**21  # of an output; fewer find room in the caches

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from hingepair.engine.llvm_builder import CACHE_LINE, LANES, NUMBER_BYTES, FunctionBuilder, shared_name
+from hingepair.engine.llvm.builder import CACHE_LINE, LANES, NUMBER_BYTES, FunctionBuilder, shared_name
 
 PREFETCH_SAMPLES: Final = 2 * LANES  # that inputs are prefetched ahead: covers the latency of memory
 PANEL: Final = 64  # components of a very wide output that are staged at a time

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from hingepair.engine import images, object_cache
 from hingepair.engine.backend import compiler_lock
-from hingepair.engine.llvm_ir import shared_ir, shared_symbols
+from hingepair.engine.llvm import images, object_cache
+from hingepair.engine.llvm.ir import shared_ir, shared_symbols
 from hingepair.errors import ArgumentError, CompilationError, MissingDependencyError
 
 
