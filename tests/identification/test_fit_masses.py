@@ -202,7 +202,7 @@ def test_recordings_come_in_every_form_and_with_gaps():
     ("change", "message"),
     [
         ({"joint_terms": ("stiction",)}, r"^joint_terms: expected .*viscous"),
-        ({"joint_terms": "viscous"}, r"^joint_terms: expected a tuple"),
+        ({"joint_terms": "viscous"}, r"^joint_terms: expected names .* tuple"),
         ({"test": 1}, r"^test: expected a part of the samples"),
         ({"robot": "panda"}, r"^robot: expected a Mechanism"),
         ({"robot": hp.Mechanism([hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0))], base="free")},

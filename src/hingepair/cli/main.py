@@ -17,6 +17,7 @@ from hingepair.cli.cache import cache_command
 from hingepair.cli.derive import derive_command
 from hingepair.cli.examples import examples_command
 from hingepair.cli.fit import fit_command
+from hingepair.cli.masses import masses_command
 from hingepair.cli.options import with_option_names
 from hingepair.cli.output import BAD_INPUT, INTERNAL_ERROR, run_and_flush, set_up_process
 from hingepair.cli.pairs import mjcf_command, urdf_command
@@ -35,6 +36,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "tolerance": tolerance_command,
         "sweep": sweep_command,
         "fit": fit_command,
+        "masses": masses_command,
     },
     "Look": {
         "plot": plot_command,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, DtypeError, FitError, MissingDependencyError, ShapeError, choices, quoted
+from hingepair.errors import ArgumentError, DtypeError, FitError, MissingDependencyError, ShapeError, quoted
 from hingepair.identification.consistency import body_units, consistent_parameters
 from hingepair.measured.findings import RANDOM, Check, Finding, exceeded, verdict
 from hingepair.measured.least_squares import neighbour_correlation, sandwich
@@ -288,7 +288,7 @@ def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tup
     terms = () if isinstance(joint_terms, str) else tuple(dict.fromkeys(joint_terms))
     for term in (joint_terms,) if isinstance(joint_terms, str) else terms:
         if isinstance(joint_terms, str) or term not in JOINT_TERMS:
-            raise ArgumentError("joint_terms", f"a tuple of {choices(JOINT_TERMS)}", quoted(term))
+            raise ArgumentError("joint_terms", f"names out of {', '.join(JOINT_TERMS)}, as a tuple", quoted(term))
     share = finite_number("test", test)
     if not 0 <= share < 1:
         raise ArgumentError("test", "a part of the samples, from 0 to less than 1", test)

@@ -1,0 +1,105 @@
+"""`hingepair masses`: fit the masses of a robot to a recorded motion and its torques, and report on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from hingepair.cli.output import (
+    PICTURE_SUFFIXES,
+    JsonOption,
+    check_output,
+    check_picture_suffix,
+    naming_option,
+    save_figure,
+    split_names,
+)
+from hingepair.cli.pairs import load_named_robot
+from hingepair.errors import ArgumentError, quoted
+from hingepair.formats.model_writers import to_urdf
+from hingepair.formats.robot_recordings import read_robot_recording
+from hingepair.identification.mass_fit import JOINT_TERMS, fit_masses
+from hingepair.numeric.whole_file import whole_file
+
+
+def masses_command(
+    source: Annotated[str, typer.Argument(metavar="ROBOT", help="URDF file, robot by name, or scene of a robot.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording (.csv, .npz, .parquet).")],
+    lock: Annotated[
+        list[str] | None,
+        typer.Option(metavar="JOINT=POSITION", help="Hold a joint that was not recorded [rad, m]; may be repeated."),
+    ] = None,
+    joint_terms: Annotated[
+        str,
+        typer.Option(metavar="NAMES", help=f"What acts in each joint beside masses: {', '.join(JOINT_TERMS)}."),
+    ] = "viscous,coulomb",
+    physical: Annotated[
+        bool,
+        typer.Option("--physical", help="Admit only masses that rigid bodies can have, and friction that brakes."),
+    ] = False,
+    test: Annotated[
+        float, typer.Option(metavar="PART", help="Part of the samples, the last ones, that is kept for a test.")
+    ] = 0.25,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="Frequency up to which rates are derived from q; default: it is estimated."),
+    ] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the robot with the fitted masses and friction (.urdf).")
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help=f"Draw measured and fitted torques ({', '.join(PICTURE_SUFFIXES)})."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit the masses of a robot, and the friction of its joints, to a recorded motion and its torques.
+
+    Columns are read by name: t, q_JOINT and tau_JOINT of all joints, and where recorded qd_JOINT and qdd_JOINT. The
+    results are the base parameters, combinations of masses on which torques depend, with standard deviations, what
+    is left of the torques, and a verdict. The exit code is 1 if the recording does not determine them, or if they do
+    not explain the torques.
+    """
+    if plot is not None:
+        check_picture_suffix("plot", plot)
+    if urdf is not None and urdf.suffix.lower() != ".urdf":
+        raise ArgumentError("urdf", "a file name that ends in .urdf", quoted(str(urdf)))
+    for option, path in (("urdf", urdf), ("plot", plot)):
+        check_output(option, path, [file])
+    robot = load_named_robot(source)
+    if robot is None:
+        raise ArgumentError("ROBOT", "a URDF file, the name of a robot, or a scene of a robot", quoted(source))
+    robot = robot.with_locked(dict(map(_locked, lock))) if lock else robot
+    t, recorded = read_robot_recording(file, robot.names, bandwidth)
+    fit = fit_masses(
+        robot,
+        **recorded,
+        joint_terms=tuple(split_names("joint_terms", joint_terms) or ()),
+        physical=physical,
+        test=test,
+    )
+    written = []
+    if urdf is not None:
+        with naming_option("urdf"), whole_file(urdf, [file]) as stream:
+            stream.write(to_urdf(fit.robot).encode())
+        written.append(urdf)
+    if plot is not None:
+        instants = np.arange(len(recorded["q"])) if t is None else t - t[0]
+        save_figure("plot", fit.plot(**recorded, t=instants), plot, [file])
+        written.append(plot)
+    print(fit.to_json() if as_json else fit)
+    for path in () if as_json else written:
+        print(f"written: {path}")
+    raise typer.Exit(0 if fit.ok else 1)
+
+
+def _locked(text: str) -> tuple[str, float]:
+    """Return joint and position of JOINT=POSITION."""
+    joint, _, position = text.rpartition("=")
+    try:
+        return joint, float(position)
+    except ValueError:
+        raise ArgumentError("lock", "JOINT=POSITION, such as finger=0.02", quoted(text)) from None

@@ -1,0 +1,78 @@
+"""`hingepair masses`: masses of a robot from a recording in a file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.commands import refusal, run_command
+
+LOAD = hp.HingeLoad(damping=0.3, friction=0.2)
+
+
+def arm(payload: float = 0.0) -> hp.Mechanism:
+    bar = hp.Body(2.0, (0.2, 0.0, 0.0), inertia=(0.02, 0.1, 0.1))
+    pairs = [
+        hp.HingePair(u1=(0, 0, 0.4), u2=(0, 0, 0), n=(0, 0, 1), name="post", body2=bar),
+        hp.HingePair(u1=(0.4, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="elbow", body2=bar),
+    ]
+    robot = hp.Mechanism(pairs, name="arm").with_joint_loads({"post": LOAD, "elbow": LOAD})
+    return robot.with_payload("elbow", hp.Body(payload, (0.4, 0, 0), inertia=(1e-3,) * 3)) if payload else robot
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """A URDF file, and a recording of the robot with a payload of 1 kg."""
+    t = np.arange(0, 10, 0.02)
+    phase = np.outer(t, (1.1, 2.3, 3.1, 4.7)).reshape(-1, 2, 2)
+    rates = np.array(((1.1, 2.3), (3.1, 4.7)))
+    q, qd, qdd = np.sin(phase).sum(-1), (rates * np.cos(phase)).sum(-1), -(rates**2 * np.sin(phase)).sum(-1)
+    tau = arm(1.0).inverse_dynamics(q, qd, qdd, joint_loads=True).tau
+    rng = np.random.default_rng(0)
+    q, tau = q + 1e-4 * rng.normal(size=q.shape), tau + 0.01 * rng.normal(size=tau.shape)
+    names = [f"{name}_{joint}" for name in ("q", "tau") for joint in ("post", "elbow")]
+    rows = np.column_stack((t, q, tau))
+    (tmp_path / "arm.urdf").write_text(hp.to_urdf(arm()))
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(("t", *names)), comments="")
+    return tmp_path / "arm.urdf", tmp_path / "log.csv"
+
+
+def test_masses_of_a_urdf_file_are_fitted_and_written(files: tuple[Path, Path], tmp_path: Path) -> None:
+    out, picture = tmp_path / "fitted.urdf", tmp_path / "torques.svg"
+    printed = run_command("masses", *files, "--physical", "--urdf", out, "--plot", picture).stdout
+    assert "\nok\n" in printed
+    assert f"written: {out}\nwritten: {picture}\n" in printed
+    fitted, heavier, q = hp.Mechanism.from_urdf(out), arm(1.0), np.array((0.3, 0.7))
+    np.testing.assert_allclose(fitted.gravity_forces(q), heavier.gravity_forces(q), rtol=0, atol=0.02)
+    assert abs(fitted.joint_loads["elbow"].damping - 0.3) < 0.02
+    report = json.loads(
+        run_command("masses", *files, "--joint-terms", "viscous, coulomb", "--test", 0, "--json").stdout
+    )
+    assert report["ok"]
+    assert report["samples"] == 500
+    assert report["joints"]["post"]["rms_test"] is None
+
+
+def test_a_recording_that_does_not_determine_masses_fails(files: tuple[Path, Path], tmp_path: Path) -> None:
+    text = files[1].read_text().splitlines()
+    (tmp_path / "short.csv").write_text("\n".join(text[:40]))
+    printed = run_command("masses", files[0], tmp_path / "short.csv", code=1).stdout
+    assert "NOT RELIABLE" in printed
+
+
+def test_what_is_missing_is_named(files: tuple[Path, Path], tmp_path: Path) -> None:
+    urdf, log = files
+    missing = tmp_path / "missing.csv"
+    missing.write_text(log.read_text().replace("tau_elbow", "tau_elbo", 1))
+    expected = "a column tau_elbow (nearest: tau_elbo), or hold the joint by --lock elbow=POSITION, got none"
+    assert refusal("masses", urdf, missing) == f"{missing}: expected {expected}"
+    assert run_command("masses", urdf, missing, "--lock", "elbow=0.1", code=1).stdout.startswith("arm: ")
+    assert refusal("masses", urdf, log, "--lock", "elbow").startswith("--lock: expected JOINT=POSITION")
+    assert refusal("masses", urdf, log, "--joint-terms", "stiction").startswith("--joint-terms: ")
+    assert refusal("masses", urdf, log, "--test", 2).startswith("--test: ")
+    assert refusal("masses", log, log).startswith("ROBOT: ")
+    assert refusal("masses", urdf, log, "--urdf", "robot.xml").startswith("--urdf: ")
