@@ -11,6 +11,7 @@ import pytest
 import hingepair as hp
 from support.commands import refusal, run_command
 
+MODELS = Path(__file__).parents[2] / "models"
 LOAD = hp.HingeLoad(damping=0.3, friction=0.2)
 
 
@@ -74,5 +75,5 @@ def test_what_is_missing_is_named(files: tuple[Path, Path], tmp_path: Path) -> N
     assert refusal("masses", urdf, log, "--lock", "elbow").startswith("--lock: expected JOINT=POSITION")
     assert refusal("masses", urdf, log, "--joint-terms", "stiction").startswith("--joint-terms: ")
     assert refusal("masses", urdf, log, "--test", 2).startswith("--test: ")
-    assert refusal("masses", log, log).startswith("ROBOT: ")
+    assert refusal("masses", MODELS / "logged_arm.toml", log).startswith("ROBOT: ")
     assert refusal("masses", urdf, log, "--urdf", "robot.xml").startswith("--urdf: ")
