@@ -100,6 +100,19 @@ def test_a_given_motion_of_body_1(library):
     require(turned, pair.forward_kinematics_from_body1(body1_of(np, 2), 0.5, outputs=("R2", "S2")), kind)
 
 
+def test_dynamics_of_planar_pairs(library):
+    xp, array = library
+    rod = hp.Body(2, inertia=(1, 1, 1))
+    flat = hp.PlanarPair((0.5, 0.1), (-0.3, 0.2), body1=rod, body2=rod)
+    rows = np.random.default_rng(0).normal(size=(3, 4, 4))
+    q, qd, qdd = map(xp.asarray, rows)
+    found, expected = flat.inverse_dynamics(q, qd, qdd), flat.inverse_dynamics(*rows)
+    for name in ("force1", "torque1", "hinge_torque"):
+        assert isinstance(getattr(found, name), array)
+        assert np.allclose(np.asarray(getattr(found, name)), getattr(expected, name), rtol=1e-12)
+    assert isinstance(flat.forward_dynamics(q, qd, force1=xp.ones((4, 2))), array)
+
+
 def test_planar_pairs_and_pairs_of_their_own(library):
     module, kind = library
     rng = states.generator(100)

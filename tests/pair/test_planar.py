@@ -7,6 +7,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.pair.accuracy import output_scales
+from hingepair.pair.planar_pair import motion_in_space
 from support.sparse import sparse
 from support.states import generator
 
@@ -229,3 +230,50 @@ def test_a_hinge_that_is_not_upright_is_not_flat(n, home):
     unproven = pair.forward_kinematics((0.0, 0.0, 0.0, np.zeros(7), 0.0, 0.5, psi))
     np.testing.assert_allclose(proven.S2, unproven.S2, rtol=0, atol=8 * 2.0**-53)
     np.testing.assert_allclose(proven.d, unproven.d, rtol=0, atol=64 * 2.0**-53)
+
+
+ROD = hp.Body(mass=2, centre_of_mass=(0.1, 0.2, 0.3), inertia=(0.5, 0.7, 1))
+DYNAMIC = hp.PlanarPair((1, 0.2), (-0.7, 0.1), body1=ROD, body2=ROD)
+
+
+def test_dynamics_are_those_of_the_pair_in_space() -> None:
+    q, qd, qdd = np.random.default_rng(3).normal(size=(3, 6, 4))
+    body1, psi, psid, psidd = motion_in_space(q, qd, qdd)
+    space, fall = DYNAMIC.massive(), (0, -9.81, 0)
+    found = DYNAMIC.inverse_dynamics(q, qd, qdd)
+    expected = space.inverse_dynamics(body1, psi, psid, psidd, gravity=fall)
+    assert np.allclose(found.force1, expected.force1[:, :2], rtol=1e-13)
+    assert np.allclose(found.torque1, expected.torque1[:, 2], rtol=1e-13)
+    pushed = DYNAMIC.forward_dynamics(
+        q, qd, force1=found.force1, torque1=found.torque1, hinge_torque=found.hinge_torque
+    )
+    assert np.allclose(pushed, qdd, rtol=1e-12, atol=1e-12)
+    wrench = space.hinge_wrench(body1, psi, psid, psidd, gravity=fall)
+    assert np.allclose(DYNAMIC.hinge_wrench(q, qd, qdd).force, wrench.force[:, :2], rtol=1e-13)
+    energy, momentum = DYNAMIC.energy(q, qd), DYNAMIC.momentum(q, qd)
+    assert np.allclose(energy.potential, space.energy(body1, psi, psid, gravity=fall).potential, rtol=1e-13)
+    assert np.allclose(momentum.angular, space.momentum(body1, psi, psid).angular[:, 2], rtol=1e-13)
+
+
+def test_prepared_dynamics_and_their_derivatives() -> None:
+    q, qd, qdd = np.random.default_rng(4).normal(size=(3, 4))
+    f = DYNAMIC.prepare("inverse_dynamics")
+    assert f(q, qd, qdd)["force1"].tolist() == DYNAMIC.inverse_dynamics(q, qd, qdd).force1.tolist()
+    slopes = f.jacobian((q, qd, qdd), wrt="qdd")
+    rows = [slopes["force1"]["qdd"], slopes["torque1"]["qdd"][None], slopes["hinge_torque"]["qdd"][None]]
+    assert np.allclose(np.concatenate(rows), DYNAMIC.mass_matrix(q), rtol=1e-13)
+    with pytest.raises(
+        hp.ArgumentError, match="given: expected names with qdd, which output force1 needs, got q, qd"
+    ):
+        DYNAMIC.prepare(("q", "qd"), outputs=("force1",))
+
+
+def test_dynamics_write_into_arrays_and_take_threads() -> None:
+    q, qd = np.random.default_rng(5).normal(size=(2, 5, 4))
+    kinetic, M = np.empty(5), np.empty((5, 4, 4))
+    assert np.array_equal(DYNAMIC.energy(q, qd, out={"kinetic": kinetic}, workers=2).kinetic, kinetic)
+    assert DYNAMIC.mass_matrix(q, out=M) is M
+    assert np.array_equal(M, DYNAMIC.mass_matrix(q))
+    force = np.empty((5, 2))
+    DYNAMIC.hinge_wrench(q, qd, qd, out={"force": force}, backend="numpy")
+    assert np.allclose(force, DYNAMIC.hinge_wrench(q, qd, qd).force, rtol=1e-14)

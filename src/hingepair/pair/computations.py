@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from hingepair.plans.arguments import (
     requested_outputs,
 )
 from hingepair.plans.computation import Cache, Computation
+from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES
 from hingepair.plans.plan import (
     PLANAR_MOTION_KIND,
     SPATIAL_MOTION_KIND,
@@ -56,6 +57,60 @@ COORDINATES: Mapping[Any, CoordinateNames] = {
     for kind in (SPATIAL_MOTION_KIND, PLANAR_MOTION_KIND)
 }
 """Names of the coordinates, by the kind of motion."""
+
+
+class Task(NamedTuple):
+    """What can be asked of a pair: by the method of this name, and by `prepare`."""
+
+    given: tuple[str, ...]
+    outputs: tuple[str, ...]
+    masses: tuple[str, ...] = ()  # bodies whose masses it needs
+    hint: str = ""  # end of the message where body 1 has none: what to call instead
+
+
+_BODIES: Final = ("body1", "body2")
+_ROWS: Final = ("q", "qd", "qdd")
+_HINGE: Final = ("psi", "psid", "psidd")
+_MOVED: Final = ("S1", "omega1", "a1", "alpha1", *_HINGE)
+_WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")
+_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"
+POSE_SENSITIVITIES: Final = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
+VELOCITY_SENSITIVITIES: Final = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
+
+
+def _motion_tasks(kind: MotionKind) -> dict[str, Task]:
+    levels = enumerate(("pose", "velocity", "acceleration"))
+    return {level: Task(_ROWS[: order + 1], default_outputs(order, kind)) for order, level in levels}
+
+
+TASKS: Final[Mapping[MotionKind, Mapping[str, Task]]] = {
+    SPATIAL_MOTION_KIND: {
+        **_motion_tasks(SPATIAL_MOTION_KIND),
+        "jacobian": Task(("S1", "psi"), ("jacobian",)),
+        "acceleration_bias": Task(("S1", "omega1", "psi", "psid"), ("acceleration_bias",)),
+        "coordinate_jacobian": Task(("q",), ("coordinate_jacobian",)),
+        "coordinate_jacobian_rate": Task(("q", "qd"), ("coordinate_jacobian_rate",)),
+        "sensitivities": Task(("S1", "omega1", "psi", "psid"), (*POSE_SENSITIVITIES, *VELOCITY_SENSITIVITIES)),
+        "constraint_jacobian": Task(("S1", "S2"), ("constraint_jacobian",)),
+        "constraint_bias": Task(("S1", "omega1", "S2", "omega2"), ("constraint_bias",)),
+        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), _BODIES),
+        "inverse_dynamics": Task(_MOVED, FORCES, _BODIES, _HINT),
+        "hinge_wrench": Task(_MOVED, _WRENCH, ("body2",)),
+        "forward_dynamics": Task(("S1", "omega1", "psi", "psid", *FORCES), ACCELERATIONS, _BODIES),
+        "energy": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("kinetic", "potential"), ("body2",)),
+        "momentum": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("linear", "angular"), _BODIES),
+    },
+    PLANAR_MOTION_KIND: {
+        **_motion_tasks(PLANAR_MOTION_KIND),
+        "mass_matrix": Task(("q",), ("mass_matrix",), _BODIES),
+        "inverse_dynamics": Task(_ROWS, FORCES, _BODIES, _HINT),
+        "hinge_wrench": Task(_ROWS, _WRENCH, ("body2",)),
+        "forward_dynamics": Task(("q", "qd", *FORCES), ("qdd",), _BODIES),
+        "energy": Task(("q", "qd"), ("kinetic", "potential"), ("body2",)),
+        "momentum": Task(("q", "qd"), ("linear", "angular"), _BODIES),
+    },
+}
+"""All that can be asked of pairs in space and in the plane."""
 
 
 def computation_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +15,7 @@ from hingepair.numeric.blocks import Components, Named, numbers
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_of_two, times_power_of_two
 from hingepair.plans.computation import Cache
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind
 from hingepair.plans.steps import LEVER_CONSTANT_STEPS
 from hingepair.rotations.matrices import check_rotation
 
@@ -37,6 +39,16 @@ class Constants:
     def single(self) -> bool:
         """Whether these are the constants of a single pair, without leading axes."""
         return self.shape == ()
+
+    @property
+    def kind(self) -> MotionKind:
+        """Motion in space or in the plane."""
+        return SPATIAL_MOTION_KIND if "n" in self.values else PLANAR_MOTION_KIND
+
+    def extended(self, arrays: Mapping[str, NDArray[Any]]) -> Constants:
+        """Return these constants with further ones, whose components are on the last axis."""
+        values = {name: numbers(array) if array.ndim else float(array) for name, array in arrays.items()}
+        return Constants({**self.values, **values}, {**self.arrays, **arrays}, self.shape)
 
 
 def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:

@@ -71,13 +71,3 @@ def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> Flo
     arm = (S2 @ pair.arrays["u2"][..., None])[..., 0]
     slopes[..., :3, 9:] = np.cross(arm[..., None], slopes[..., 3:, 9:], axis=-2)  # -(turn x S2 u2)
     return slopes
-
-
-POSE_SENSITIVITY_NAMES = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
-VELOCITY_SENSITIVITY_NAMES = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
-
-
-def sensitivities(pair: Constants, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None) -> Sensitivities:
-    """Compute the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and psi (E2, E5-E8)."""
-    names = (*POSE_SENSITIVITY_NAMES, *(VELOCITY_SENSITIVITY_NAMES if psid is not None else ()))
-    return Sensitivities(**compute(SPATIAL_MOTION_KIND, pair, names, body1_inputs(body1, psi, psid)).arrays())

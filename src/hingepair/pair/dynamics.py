@@ -12,19 +12,17 @@ from numpy.typing import ArrayLike
 from hingepair.equations.spatial import ZERO_VECTOR
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, FloatArray, is_zero, one_constant
-from hingepair.numeric.blocks import numbers
 from hingepair.pair.body import Body, warn_of_dynamics
-from hingepair.pair.computations import compute, compute_arrays
+from hingepair.pair.computations import TASKS, compute, compute_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
-from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES, LOADS
-from hingepair.plans.plan import SPATIAL_MOTION_KIND, Plan
+from hingepair.plans.dynamics_steps import LOADS
+from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
-DEFAULT_GRAVITY_VECTOR = (0.0, 0.0, -9.81)
-"""Acceleration of free fall unless given, world axes [m/s^2]."""
+DEFAULT_GRAVITY_VECTOR = SPATIAL_MOTION_KIND.gravity
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
-_VECTOR_LOADS = LOADS[:-1]  # hinge_torque is a number
-_OF_BODY1 = {"force1", "torque1", "mass_matrix", "kinetic", "potential", "linear", "angular", "pushed_tree"}
+_BODIES: Final = ("body1", "body2")
+_ZERO: Final = np.zeros(())
 _ROUNDING = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding
 
 
@@ -108,57 +106,57 @@ class Momentum(NamedTuple):
         return _one_line_repr(self)
 
 
-class DynamicsTask(NamedTuple):
-    """A computation of dynamics."""
-
-    outputs: tuple[str, ...]
-    letters: tuple[str, ...]  # of the motion of body 1
-    bodies: tuple[str, ...] = ("body1", "body2")  # whose masses it needs
-    hint: str = ""  # end of the message if body 1 has no mass: what to call instead
-
-
-MASS_MATRIX: Final = DynamicsTask(("mass_matrix",), ("S",))
-INVERSE_DYNAMICS: Final = DynamicsTask(
-    FORCES, ("S", "omega", "a", "alpha"), hint="; or pair.hinge_wrench, for which body 2 suffices"
-)
-HINGE_WRENCH: Final = DynamicsTask(
-    ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque"), ("S", "omega", "a", "alpha"), ("body2",)
-)
-FORWARD_DYNAMICS: Final = DynamicsTask(ACCELERATIONS, ("S", "omega"))
-ENERGY: Final = DynamicsTask(("kinetic", "potential"), ("R", "S", "v", "omega"), ("body2",))
-MOMENTUM: Final = DynamicsTask(("linear", "angular"), ("R", "S", "v", "omega"))
-
-
-def compute_dynamics(
-    task: DynamicsTask,
-    constants: Constants,
-    bodies: Bodies,
+def ask(
+    pair: Any,
+    name: str,
     given: Mapping[str, Any],
-    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
     *,
+    gravity: ArrayLike | None = None,
     out: Any = None,
     workers: int = 1,
     backend: str = "auto",
+    sequence: str | None = None,
+    outputs: tuple[str, ...] | None = None,
 ) -> Any:
-    """Compute the outputs of a task from the motion of body 1, the hinge angle and loads by input name. Issue a
-    DynamicsWarning for each assumed mass.
+    """Compute a row of TASKS: an array if it has one output. Issue a DynamicsWarning for each assumed mass.
+
+    Args:
+        pair: a HingePair or a PlanarPair.
+        name: name of the row.
+        given: arguments by input name.
+        gravity: acceleration of free fall; by default that of the pair.
+        out: as for the methods.
+        workers: as for the methods.
+        backend: as for the methods.
+        sequence: Euler sequence of body 1.
+        outputs: names of outputs of the row; all unless given.
 
     Raises:
         ArgumentError: an argument cannot be used, or a body that is needed has no mass.
     """
-    given = {name: value for name, value in given.items() if name not in _VECTOR_LOADS or not is_zero(value)}
-    key = (task.outputs, backend, *given) if gravity is DEFAULT_GRAVITY_VECTOR else None
-    bare = len(task.outputs) == 1
-    if bare and out is not None and type(out) is not dict:
-        out = {task.outputs[0]: out}
-    result = None if key is None else constants.cache.again(key, given.values(), out, workers)
-    if result is not None:
-        return result
-    vector = DEFAULT_GRAVITY_VECTOR if key is not None else tuple(one_constant("gravity", gravity, 3).tolist())
-    warns = any(body is not None and body.assumed for body in bodies)  # at every call
+    constants: Constants = pair.constants
+    task = TASKS[constants.kind][name]
+    given = {one: value for one, value in given.items() if one not in LOADS[:-1] or not is_zero(value)}
+    plain = gravity is None or gravity is constants.kind.gravity
+    key = (name, outputs, sequence, backend, *given) if plain else None
+    if key is not None:
+        found = constants.cache.again(key, given.values(), out, workers)
+        if found is not None:
+            return found
+    vector, cache, names = None, constants.cache, outputs or task.outputs
+    if task.masses:
+        default = constants.kind.gravity
+        vector = tuple(one_constant("gravity", default if gravity is None else gravity, len(default)).tolist())
+        bodies = {one: getattr(pair, one) for one in _BODIES}
+        check_masses({one: body for one, body in bodies.items() if body is not None or one in task.masses}, task.hint)
+        if any(body is not None and body.assumed for body in bodies.values()):
+            key = None  # each call warns
+        constants = pair.with_masses()
+    elif "S2" in given:
+        constants = with_hinge_frames(constants)
     return compute(
-        SPATIAL_MOTION_KIND, with_masses(task, constants, bodies), task.outputs, given, gravity=vector, out=out,
-        backend=backend, workers=workers, bare=bare, key=None if warns else key, cache=constants.cache,
+        constants.kind, constants, names, given, gravity=vector, out=out, sequence=sequence, backend=backend,
+        workers=workers, bare=len(task.outputs) == 1, key=key, cache=cache,
     )  # fmt: skip
 
 
@@ -173,42 +171,30 @@ def _limits(tree: Constants) -> Float64Array:
     return limits
 
 
-def warn_where_singular(psidd: FloatArray, name: str | None, constants: Constants) -> None:
+def warn_where_singular(psidd: FloatArray, pair: Any) -> None:
     """Issue a DynamicsWarning where accelerations are NaN because the mass matrix of the pair is singular."""
-    tree: Constants = constants.cache.others["tree"]
+    tree: Constants = pair.massive().with_masses()
     if not may_be_singular(tree) or not isinstance(psidd, np.ndarray | np.generic):
         return
     bad = np.isnan(psidd)
     if not bad.any():
         return
-    still: dict[str, Any] = dict.fromkeys(("omega1", "gravity", *_VECTOR_LOADS), ZERO_VECTOR)
+    still: dict[str, Any] = dict.fromkeys(("omega1", "gravity", *LOADS[:-1]), ZERO_VECTOR)
     still |= dict.fromkeys(("psi", "psid", "hinge_torque"), 0.0) | {"S1": np.eye(3)}
     pivots = compute_arrays(tree, ("pivots",), still, dict.fromkeys(still, ()))["pivots"]
     low = ~(pivots > _limits(tree)[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
     if low.any():
         which = "the hinge" if low[..., 0].any() else "body 1"
         where = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
-        warn_of_dynamics(f"{name or 'pair'}: no mass resists {which} {where}; accelerations are NaN there")
+        warn_of_dynamics(f"{pair.name}: no mass resists {which} {where}; accelerations are NaN there")
 
 
-def watch(pair: Any, result: Any, _: Any) -> None:
+def watch(pair: Any, output: str, result: Any, _: Any) -> None:
     """Warn of a singular mass matrix in the results of a prepared call."""
-    warn_where_singular(np.asarray(result.psidd), pair.name, pair.constants)
+    warn_where_singular(np.asarray(result[output]), pair)
 
 
 # ---- the pair as a tree
-
-
-def with_masses(task: DynamicsTask, constants: Constants, bodies: Bodies) -> Constants:
-    """Return the Constants of a pair with its numbers as a tree. A body 1 that is None has no mass where the task
-    does not need it. Issue a DynamicsWarning for each assumed value.
-
-    Raises:
-        ArgumentError: a body that is needed has no mass properties, or a mass times a squared length overflows.
-    """
-    named = zip(("body1", "body2"), bodies, strict=True)
-    check_masses({name: body for name, body in named if body is not None or name in task.bodies}, task.hint)
-    return tree_constants(constants, bodies)
 
 
 def tree_constants(constants: Constants, bodies: Bodies) -> Constants:
@@ -220,27 +206,9 @@ def tree_constants(constants: Constants, bodies: Bodies) -> Constants:
     extended: Constants | None = constants.cache.others.get("tree")
     if extended is None:
         arrays = tree_numbers(constants, *bodies)
-        values = {name: numbers(array) for name, array in arrays.items()} | dict.fromkeys(_VECTOR_LOADS, ZERO_VECTOR)
-        arrays |= dict.fromkeys(_VECTOR_LOADS, np.zeros(3))
-        extended = Constants({**constants.values, **values}, {**constants.arrays, **arrays}, constants.shape)
+        extended = constants.extended(arrays | {name: np.zeros(3) for name in LOADS[:-1]} | {"hinge_torque": _ZERO})
         constants.cache.others["tree"] = extended
     return extended
-
-
-def with_loads_and_masses(constants: Constants, bodies: Bodies, gravity: ArrayLike, plan: Plan) -> Constants:
-    """Return the Constants of a pair with gravity, loads of zero and, where the plan needs them, its numbers as a
-    tree.
-
-    Raises:
-        ArgumentError: a body that is needed has no mass properties, or gravity cannot be used.
-    """
-    values: dict[str, Any] = {name: 0.0 if name == "hinge_torque" else ZERO_VECTOR for name in LOADS}
-    values["gravity"] = tuple(one_constant("gravity", gravity, 3).tolist())
-    if not plan.inputs.isdisjoint({"tree", "whole_body2"}):
-        of_body2 = _OF_BODY1.isdisjoint(step.result for step in plan.steps)
-        constants = with_masses(HINGE_WRENCH if of_body2 else MASS_MATRIX, constants, bodies)
-    arrays = {name: np.array(value) for name, value in values.items()}
-    return Constants({**constants.values, **values}, {**constants.arrays, **arrays}, constants.shape)
 
 
 def check_masses(bodies: Mapping[str, Body | None], hint: str = "") -> None:

@@ -16,25 +16,29 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
-from hingepair.pair import accuracy, derivatives, dynamics, residuals, tolerances
+from hingepair.pair import accuracy, dynamics, residuals, tolerances
 from hingepair.pair import computations as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_inputs
-from hingepair.pair.computations import COORDINATES, compute
-from hingepair.pair.constants import Constants, check_single_pair, pair_constants, with_hinge_frames
+from hingepair.pair.computations import COORDINATES, POSE_SENSITIVITIES, VELOCITY_SENSITIVITIES
+from hingepair.pair.constants import Constants, check_single_pair, pair_constants
 from hingepair.pair.derivatives import Sensitivities
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.prepare import prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
 from hingepair.pair.tolerances import PoseCovariance
-from hingepair.plans.arguments import Coordinates, Outputs
+from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 
 Returned = TypeVar("Returned")
 
+_MOVED: Final = ("S", "omega", "a", "alpha")
+_PLACED: Final = ("R", "S", "v", "omega")
+WRENCH_OUTPUTS: Final = {"force": "hinge_force", "torque": "hinge_moment"}
+"""Outputs by the attributes of a HingeWrench."""
 _DASK_SHAPES: Final = {
     **SPATIAL_MOTION_KIND.shapes,
     **dict.fromkeys(("body1", "body2"), SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE),
@@ -164,44 +168,13 @@ class HingePair(Shown):
             COORDINATES[SPATIAL_MOTION_KIND].table_columns,
         )
 
-    def _array(
-        self,
-        name: str,
-        given: Mapping[str, Any],
-        out: Any,
-        workers: int,
-        backend: str,
-        sequence: str | None = None,
-    ) -> FloatArray:
-        """Compute one output as a bare array."""
-        if out is not None and type(out) is not dict:
-            out = {name: out}
-        constants = with_hinge_frames(self.constants) if "S2" in given else self.constants
-        key = name, sequence, backend, *given
-        array: FloatArray | None = constants.cache.again(key, given.values(), out, workers)
-        if array is None:
-            array = compute(
-                SPATIAL_MOTION_KIND, constants, (name,), given,
-                out=out, sequence=sequence, backend=backend, workers=workers, bare=True, key=key,
-            )  # fmt: skip
-        return array
+    def massive(self) -> HingePair:
+        """Return the pair in space with the same dynamics: this one."""
+        return self
 
-    def _dynamics(
-        self,
-        task: dynamics.DynamicsTask,
-        body1: BodyMotion,
-        others: Mapping[str, Any],
-        gravity: ArrayLike,
-        out: Any,
-        workers: int,
-        backend: str,
-    ) -> Any:
-        """Compute a task of dynamics; return its outputs in order, or its only output as a bare array."""
-        result = dynamics.compute_dynamics(
-            task, self.constants, (self.body1, self.body2), {**motion_inputs("body1", body1, task.letters), **others},
-            gravity, out=out, workers=workers, backend=backend,
-        )  # fmt: skip
-        return result if len(task.outputs) == 1 else [result[name] for name in task.outputs]
+    def with_masses(self) -> Constants:
+        """Return the constants with those of the pair as a tree."""
+        return dynamics.tree_constants(self.constants, (self.body1, self.body2))
 
     def forward_kinematics(
         self,
@@ -508,9 +481,8 @@ class HingePair(Shown):
         >>> pair.mass_matrix(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).diagonal().round(12).tolist()
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
-        matrix: FloatArray = self._dynamics(
-            dynamics.MASS_MATRIX, body1, {"psi": psi}, DEFAULT_GRAVITY_VECTOR, out, workers, backend
-        )
+        given = {**motion_inputs("body1", body1, ("S",)), "psi": psi}
+        matrix: FloatArray = dynamics.ask(self, "mass_matrix", given, out=out, workers=workers, backend=backend)
         return matrix
 
     def inverse_dynamics(
@@ -557,8 +529,11 @@ class HingePair(Shown):
         ([0.0, 0.0, 39.24], -19.62)
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        task = dynamics.INVERSE_DYNAMICS
-        return Forces(*self._dynamics(task, body1, hinge, gravity, out, workers, backend))
+        given = {**motion_inputs("body1", body1, _MOVED), **hinge}
+        found = dynamics.ask(
+            self, "inverse_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
+        )
+        return Forces(found["force1"], found["torque1"], found["hinge_torque"])
 
     def forward_dynamics(
         self,
@@ -614,10 +589,12 @@ class HingePair(Shown):
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
-        task = dynamics.FORWARD_DYNAMICS
-        found = Accelerations(*self._dynamics(task, body1, hinge | loads, gravity, out, workers, backend))
-        dynamics.warn_where_singular(found.psidd, self.name, self.constants)
-        return found
+        given = {**motion_inputs("body1", body1, ("S", "omega")), **hinge, **loads}
+        found = dynamics.ask(
+            self, "forward_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
+        )
+        dynamics.warn_where_singular(found["psidd"], self)
+        return Accelerations(found["a1"], found["alpha1"], found["psidd"])
 
     def hinge_wrench(
         self,
@@ -662,10 +639,17 @@ class HingePair(Shown):
         [0.0, 0.0, 19.62]
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
-        task, names = dynamics.HINGE_WRENCH, {"force": "hinge_force", "torque": "hinge_moment"}
-        if isinstance(out, Mapping):
-            out = {names.get(name, name): array for name, array in out.items()}
-        return HingeWrench(*self._dynamics(task, body1, hinge, gravity, out, workers, backend))
+        given = {**motion_inputs("body1", body1, _MOVED), **hinge}
+        found = dynamics.ask(
+            self,
+            "hinge_wrench",
+            given,
+            gravity=gravity,
+            out=renamed_out(out, WRENCH_OUTPUTS),
+            workers=workers,
+            backend=backend,
+        )
+        return HingeWrench(*(found[name] for name in found.outputs))
 
     def energy(
         self,
@@ -706,8 +690,9 @@ class HingePair(Shown):
         >>> [round(float(part), 9) for part in pair.energy(body1, psi=0.0, psid=0.0)]
         [2.0, 78.48]
         """
-        hinge = {"psi": psi, "psid": psid}
-        return Energy(*self._dynamics(dynamics.ENERGY, body1, hinge, gravity, out, workers, backend))
+        given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
+        found = dynamics.ask(self, "energy", given, gravity=gravity, out=out, workers=workers, backend=backend)
+        return Energy(found["kinetic"], found["potential"])
 
     def momentum(
         self,
@@ -744,10 +729,9 @@ class HingePair(Shown):
         >>> pair.momentum(body1, psi=0.0, psid=0.0).linear.tolist()
         [4.0, 0.0, 0.0]
         """
-        hinge = {"psi": psi, "psid": psid}
-        return Momentum(
-            *self._dynamics(dynamics.MOMENTUM, body1, hinge, DEFAULT_GRAVITY_VECTOR, out, workers, backend)
-        )
+        given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
+        found = dynamics.ask(self, "momentum", given, out=out, workers=workers, backend=backend)
+        return Momentum(found["linear"], found["angular"])
 
     def residuals(
         self,
@@ -846,7 +830,10 @@ class HingePair(Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        return self._array("jacobian", kinematics.body1_inputs(body1, psi), out, workers, backend)
+        found: FloatArray = dynamics.ask(
+            self, "jacobian", kinematics.body1_inputs(body1, psi), out=out, workers=workers, backend=backend
+        )
+        return found
 
     def acceleration_bias(
         self,
@@ -882,7 +869,15 @@ class HingePair(Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        return self._array("acceleration_bias", kinematics.body1_inputs(body1, psi, psid), out, workers, backend)
+        found: FloatArray = dynamics.ask(
+            self,
+            "acceleration_bias",
+            kinematics.body1_inputs(body1, psi, psid),
+            out=out,
+            workers=workers,
+            backend=backend,
+        )
+        return found
 
     def coordinate_jacobian(
         self,
@@ -915,7 +910,10 @@ class HingePair(Shown):
         """
         find_sequence(sequence)
         given = kinematics.coordinate_rows(q, None, None)
-        return self._array("coordinate_jacobian", given, out, workers, backend, sequence)
+        found: FloatArray = dynamics.ask(
+            self, "coordinate_jacobian", given, out=out, workers=workers, backend=backend, sequence=sequence
+        )
+        return found
 
     def coordinate_jacobian_rate(
         self,
@@ -951,9 +949,21 @@ class HingePair(Shown):
         """
         find_sequence(sequence)
         given = kinematics.coordinate_rows(q, qd, None)
-        return self._array("coordinate_jacobian_rate", given, out, workers, backend, sequence)
+        found: FloatArray = dynamics.ask(
+            self, "coordinate_jacobian_rate", given, out=out, workers=workers, backend=backend, sequence=sequence
+        )
+        return found
 
-    def sensitivities(self, body1: BodyMotion, psi: ArrayLike, psid: ArrayLike | None = None) -> Sensitivities:
+    def sensitivities(
+        self,
+        body1: BodyMotion,
+        psi: ArrayLike,
+        psid: ArrayLike | None = None,
+        *,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> Sensitivities:
         """Compute the Sensitivities: the derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and
         psi (E2, E5-E8). Without psid, the derivatives of v2 and omega2 are None.
 
@@ -963,6 +973,9 @@ class HingePair(Shown):
             body1: the motion of body 1; only S is used, and omega if psid is given.
             psi: hinge angle [rad]; shape (...,); broadcasts against body1.
             psid: time derivative of psi [rad/s]; shape (...,).
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
 
         Returns:
             The Sensitivities. Each derivative is an attribute. The components of d, v2 and omega2 are in world axes,
@@ -977,9 +990,10 @@ class HingePair(Shown):
         >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
         array([0., 1., 0.])
         """
-        if holds_dask(body1, psi, psid):
-            return self._lazily(self.sensitivities, body1=body1, psi=psi, psid=psid)
-        return derivatives.sensitivities(self.constants, body1, psi, psid)
+        given = kinematics.body1_inputs(body1, psi, psid)
+        names = POSE_SENSITIVITIES if psid is None else (*POSE_SENSITIVITIES, *VELOCITY_SENSITIVITIES)
+        found = dynamics.ask(self, "sensitivities", given, out=out, workers=workers, backend=backend, outputs=names)
+        return Sensitivities(**found.arrays())
 
     def propagate_covariance(
         self,
@@ -1078,7 +1092,10 @@ class HingePair(Shown):
         [0.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return self._array("constraint_jacobian", given, out, workers, backend)
+        found: FloatArray = dynamics.ask(
+            self, "constraint_jacobian", given, out=out, workers=workers, backend=backend
+        )
+        return found
 
     def constraint_bias(
         self,
@@ -1115,7 +1132,8 @@ class HingePair(Shown):
         [-4.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        return self._array("constraint_bias", given, out, workers, backend)
+        found: FloatArray = dynamics.ask(self, "constraint_bias", given, out=out, workers=workers, backend=backend)
+        return found
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:

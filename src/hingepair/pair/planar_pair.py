@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,36 +12,29 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant, is_zero, one_constant, vectors
-from hingepair.numeric.blocks import components_of, numbers
+from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant
+from hingepair.numeric.blocks import numbers
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, dynamics
 from hingepair.pair import computations as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
-from hingepair.pair.computations import COORDINATES, compute_arrays
+from hingepair.pair.computations import COORDINATES
 from hingepair.pair.constants import Constants, check_single_pair
 from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
-from hingepair.pair.hinge_pair import HingePair, checked_mass_properties
-from hingepair.pair.prepare import prepare_planar
+from hingepair.pair.hinge_pair import WRENCH_OUTPUTS, HingePair, checked_mass_properties
+from hingepair.pair.prepare import prepare
 from hingepair.pair.states import PlanarState
-from hingepair.plans.arguments import Coordinates, Outputs, read_component
+from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
+from hingepair.plans.dynamics_steps import LOADS, MASS_NUMBERS
 from hingepair.plans.plan import PLANAR_MOTION_KIND
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
 
-DEFAULT_PLANAR_GRAVITY_VECTOR = (0.0, -9.81)
-"""Acceleration of free fall in the plane unless given; y points up [m/s^2]."""
+DEFAULT_PLANAR_GRAVITY_VECTOR = PLANAR_MOTION_KIND.gravity
 
 Returned = TypeVar("Returned")
-
-# Shape of one sample of each argument that may be a Dask array.
-_DASK_SHAPES: Final = {
-    **PLANAR_MOTION_KIND.shapes,
-    **dict.fromkeys(("force1", "force2"), (2,)),
-    **dict.fromkeys(("torque1", "torque2"), ()),
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -116,7 +109,9 @@ class PlanarPair(Shown):
         of `method` are keyword arguments, some of which contain Dask arrays.
         """
         check_single_pair(self, " if the arguments are Dask arrays")
-        return apply_to_chunks(method, arguments, _DASK_SHAPES, COORDINATES[PLANAR_MOTION_KIND].table_columns)
+        return apply_to_chunks(
+            method, arguments, PLANAR_MOTION_KIND.shapes, COORDINATES[PLANAR_MOTION_KIND].table_columns
+        )
 
     def forward_kinematics(
         self,
@@ -173,15 +168,18 @@ class PlanarPair(Shown):
         given: str | Iterable[str],
         *,
         outputs: Iterable[str] | None = None,
+        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
         """Plan, check and compile once, and return a function of arrays that computes the given outputs.
 
         Args:
-            given: names of the arguments: ("q",), ("q", "qd") or ("q", "qd", "qdd"), for which the words "pose",
-                "velocity" and "acceleration" stand.
-            outputs: names of the outputs, as for `forward_kinematics`.
+            given: names of the arguments, out of q, qd, qdd and the loads force1, torque1, force2, torque2 and
+                hinge_torque; or a word: "pose", "velocity", "acceleration", or the name of a method of dynamics.
+            outputs: names of the outputs: those of `forward_kinematics`; force1, torque1, hinge_torque, hinge_force,
+                hinge_moment, bearing_torque, mass_matrix, kinetic, potential, linear, angular; with a load, qdd.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
             workers: number of threads; -1 for one thread per core.
             backend: as for `HingePair.prepare`.
 
@@ -193,7 +191,7 @@ class PlanarPair(Shown):
         >>> (f.jacobian((np.zeros(4),))["R2"]["q"] + 0.0).tolist()
         [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 2.0, 1.0]]
         """
-        return prepare_planar(self, given, outputs, execution_of(backend, workers))
+        return prepare(self, given, outputs, None, gravity, execution_of(backend, workers))
 
     def error_bounds(
         self,
@@ -276,7 +274,14 @@ class PlanarPair(Shown):
         u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))
         return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
 
-    def mass_matrix(self, q: Coordinates) -> FloatArray:
+    def mass_matrix(
+        self,
+        q: Coordinates,
+        *,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> FloatArray:
         """Compute the mass matrix M, shape (..., 4, 4). It satisfies M @ (x'', y'', phi'', psi'') + bias = (force1,
         torque1, hinge_torque) (T4-T6).
 
@@ -286,6 +291,9 @@ class PlanarPair(Shown):
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
+            out: array into which the result is written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
 
         Returns:
             M, a symmetric matrix; shape (..., 4, 4). Its elements are masses [kg], first moments of mass [kg m] and
@@ -300,10 +308,8 @@ class PlanarPair(Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
         [4.0, 4.0, 10.0, 3.0]
         """
-        if holds_dask(q):
-            return self._lazily(self.mass_matrix, q=q)
-        (M,) = self._compute_dynamics(dynamics.MASS_MATRIX, {"q": q})
-        return M[..., _PLANAR_INDICES_IN_SPATIAL_COORDINATES[:, None], _PLANAR_INDICES_IN_SPATIAL_COORDINATES]
+        matrix: FloatArray = dynamics.ask(self, "mass_matrix", {"q": q}, out=out, workers=workers, backend=backend)
+        return matrix
 
     def inverse_dynamics(
         self,
@@ -312,6 +318,9 @@ class PlanarPair(Shown):
         qdd: Coordinates,
         *,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> Forces:
         """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the hinge (T1-T3).
 
@@ -320,6 +329,9 @@ class PlanarPair(Shown):
             qd: time derivatives of q [m/s, rad/s], in the same form.
             qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
 
         Returns:
             The Forces, with the attributes force1, torque1 and hinge_torque. force1, world axes [N], shape (..., 2),
@@ -338,11 +350,11 @@ class PlanarPair(Shown):
         >>> forces.force1.tolist(), float(forces.hinge_torque)
         ([0.0, 39.24], 19.62)
         """
-        rows = {"q": q, "qd": qd, "qdd": qdd}
-        if holds_dask(rows):
-            return self._lazily(self.inverse_dynamics, **rows, gravity=gravity)
-        force1, torque1, hinge_torque = self._compute_dynamics(dynamics.INVERSE_DYNAMICS, rows, gravity)
-        return Forces(force1[..., :2], torque1[..., 2], hinge_torque)
+        given = {"q": q, "qd": qd, "qdd": qdd}
+        found = dynamics.ask(
+            self, "inverse_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
+        )
+        return Forces(found["force1"], found["torque1"], found["hinge_torque"])
 
     def hinge_wrench(
         self,
@@ -351,6 +363,9 @@ class PlanarPair(Shown):
         qdd: Coordinates,
         *,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> HingeWrench:
         """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (T3).
 
@@ -359,6 +374,9 @@ class PlanarPair(Shown):
             qd: time derivatives of q [m/s, rad/s], in the same form.
             qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
 
         Returns:
             The HingeWrench, with the attributes force, world axes [N], shape (..., 2), and torque, about the hinge
@@ -375,11 +393,11 @@ class PlanarPair(Shown):
         >>> wrench.force.tolist(), float(wrench.torque)
         ([0.0, 19.62], 19.62)
         """
-        rows = {"q": q, "qd": qd, "qdd": qdd}
-        if holds_dask(rows):
-            return self._lazily(self.hinge_wrench, **rows, gravity=gravity)
-        force, torque, hinge_torque, bearing_torque = self._compute_dynamics(dynamics.HINGE_WRENCH, rows, gravity)
-        return HingeWrench(force[..., :2], torque[..., 2], hinge_torque, bearing_torque[..., 2])
+        given, named = {"q": q, "qd": qd, "qdd": qdd}, renamed_out(out, WRENCH_OUTPUTS)
+        found = dynamics.ask(
+            self, "hinge_wrench", given, gravity=gravity, out=named, workers=workers, backend=backend
+        )
+        return HingeWrench(*(found[name] for name in found.outputs))
 
     def forward_dynamics(
         self,
@@ -392,6 +410,9 @@ class PlanarPair(Shown):
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0.0,
         gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        out: FloatArray | None = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> FloatArray:
         """Compute the second time derivatives qdd of the coordinates, shape (..., 4), under gravity and under the
         forces and torques on both bodies (T5, T6).
@@ -405,6 +426,9 @@ class PlanarPair(Shown):
             force2: force on body 2 at R2, world axes [N]; shape (..., 2), or the number 0 (the default).
             torque2: torque on body 2 about R2 [N m]; shape (...,); 0 by default.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
 
         Returns:
             The array qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4). Where the mass matrix is
@@ -421,16 +445,22 @@ class PlanarPair(Shown):
         np.float64(-9.81)
         """
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-        loads["hinge_torque"] = hinge_torque
-        if holds_dask(q, qd, loads):
-            return self._lazily(self.forward_dynamics, q=q, qd=qd, **loads, gravity=gravity)
-        outputs = self._compute_dynamics(dynamics.FORWARD_DYNAMICS, {"q": q, "qd": qd}, gravity, **loads)
-        a1, alpha1, psidd = outputs
-        dynamics.warn_where_singular(psidd, self.name, self.massive().constants)
-        return np.concatenate([a1[..., :2], alpha1[..., 2:], psidd[..., None]], axis=-1)
+        given = {"q": q, "qd": qd, "hinge_torque": hinge_torque, **loads}
+        found: FloatArray = dynamics.ask(
+            self, "forward_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
+        )
+        dynamics.warn_where_singular(found, self)
+        return found
 
     def energy(
-        self, q: Coordinates, qd: Coordinates, *, gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        *,
+        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
     ) -> Energy:
         """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). If body 1 has no mass
         properties, the energy is the energy of body 2 alone.
@@ -439,6 +469,9 @@ class PlanarPair(Shown):
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
 
         Returns:
             The Energy, with the attributes kinetic and potential [J], each of shape (...,). The potential energy
@@ -453,17 +486,29 @@ class PlanarPair(Shown):
         >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
         19.62
         """
-        if holds_dask(q, qd):
-            return self._lazily(self.energy, q=q, qd=qd, gravity=gravity)
-        return Energy(*self._compute_dynamics(dynamics.ENERGY, {"q": q, "qd": qd}, gravity))
+        found = dynamics.ask(
+            self, "energy", {"q": q, "qd": qd}, gravity=gravity, out=out, workers=workers, backend=backend
+        )
+        return Energy(found["kinetic"], found["potential"])
 
-    def momentum(self, q: Coordinates, qd: Coordinates) -> Momentum:
+    def momentum(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        *,
+        out: Out = None,
+        workers: int = 1,
+        backend: str = "auto",
+    ) -> Momentum:
         """Compute the Momentum of the pair: its linear momentum, and its angular momentum about the world's origin
         (T8).
 
         Args:
             q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
             qd: time derivatives of q [m/s, rad/s], in the same form.
+            out: arrays by output name, into which the results are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
 
         Returns:
             The Momentum. Its attribute `linear` [kg m/s] is in world axes; shape (..., 2). Its attribute `angular`
@@ -478,44 +523,18 @@ class PlanarPair(Shown):
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
         [4.0, 0.0]
         """
-        if holds_dask(q, qd):
-            return self._lazily(self.momentum, q=q, qd=qd)
-        linear, angular = self._compute_dynamics(dynamics.MOMENTUM, {"q": q, "qd": qd})
-        return Momentum(linear[..., :2], angular[..., 2])
+        found = dynamics.ask(self, "momentum", {"q": q, "qd": qd}, out=out, workers=workers, backend=backend)
+        return Momentum(found["linear"], found["angular"])
 
-    def _compute_dynamics(
-        self,
-        task: dynamics.DynamicsTask,
-        coordinates: Mapping[str, Any],
-        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
-        **loads: ArrayLike,
-    ) -> tuple[FloatArray, ...]:
-        """Compute the outputs that a task names, as vectors in space: a force has three components. Return a tuple of
-        arrays in the order of `task.outputs`. `coordinates` is a dict with the keys q, qd and qdd, as far as needed,
-        `gravity` has two components, and planar loads are keyword arguments.
-        """
-        for name, row in coordinates.items():
-            if row is None:
-                raise ArgumentError(
-                    name, "four coordinates, or their derivatives: what is asked for needs them", None
-                )
-        space, planar_coordinates = (
-            self.massive(),
-            kinematics.read_rows(PLANAR_MOTION_KIND, **coordinates),
-        )
-        values: dict[str, Any] = {"gravity": (*one_constant("gravity", gravity, 2).tolist(), 0.0)}
-        for name, part in planar_coordinates.values.items():
-            x, y, phi, psi = part if isinstance(part, tuple) else components_of(part)
-            values[name] = x, y, 0.0, 0.0, 0.0, phi, psi
-        shapes = dict(planar_coordinates.shapes)
-        for name, value in loads.items():
-            values[name] = load = _spatial_load(name, value)
-            shapes[name] = np.broadcast_shapes(*map(np.shape, load if isinstance(load, tuple) else (load,)))
-        constants = dynamics.with_masses(task, space.constants, (space.body1, space.body2))
-        return tuple(compute_arrays(constants, task.outputs, values, shapes, sequence="XYZ").values())
-
-
-_PLANAR_INDICES_IN_SPATIAL_COORDINATES = np.array([0, 1, 5, 6])  # x, y, phi and psi
+    def with_masses(self) -> Constants:
+        """Return the constants with those of the pair as a tree."""
+        kept = self.constants.cache.others
+        if "tree" not in kept:
+            tree = self.massive().with_masses().arrays
+            loads = {name: np.zeros(PLANAR_MOTION_KIND.shapes[name]) for name in LOADS}
+            kept["tree"] = self.constants.extended({name: tree[name] for name in MASS_NUMBERS} | loads)
+        constants: Constants = kept["tree"]
+        return constants
 
 
 def _body_in_plane(body: Body) -> Body:
@@ -547,17 +566,3 @@ def motion_in_space(q: Coordinates, qd: Coordinates | None = None, qdd: Coordina
         hinge.append(psi)
     S = rotation_exp(arrays.pop("S"))
     return motion_of_rotations(S=S, **arrays), *hinge
-
-
-def _spatial_load(name: str, value: ArrayLike) -> Any:
-    """Convert the value of a planar load to space. `name` is the name of its argument: a force1 or force2 becomes a
-    tuple of three components (x, y, 0), a torque1 or torque2 becomes (0, 0, torque), and a hinge_torque stays one
-    component. The number 0 is accepted for a force.
-    """
-    if name == "hinge_torque":
-        return read_component(name, value)
-    if name.startswith("torque"):
-        return 0.0, 0.0, read_component(name, value)
-    if is_zero(value):
-        return 0.0, 0.0, 0.0
-    return *components_of(vectors(name, value, 2)), 0.0

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 from hingepair.equations.joints import HINGE
 from hingepair.equations.spatial import Scalar, Vector, rotate
-from hingepair.plans.steps import Step
+from hingepair.plans.steps import Step, in_plane, in_space, vector_along_z, z_component
 from hingepair.plans.trees import Computation, Form, Request
 
 LOADS = ("force1", "torque1", "force2", "torque2", "hinge_torque")
 """Names of the loads that forward dynamics take."""
-MASS_CONSTANTS = ("tree", "whole_body2", "arm2", "gravity")
-"""Names of the constants of a pair that dynamics take; `pair.dynamics.tree_numbers` explains the first three."""
+MASS_NUMBERS = ("tree", "whole_body2", "arm2")
+"""Constants of a pair that dynamics take; `pair.dynamics.tree_numbers` explains them."""
 FORCES = ("force1", "torque1", "hinge_torque")
 """Outputs of inverse dynamics."""
 ACCELERATIONS = ("a1", "alpha1", "psidd")
@@ -41,7 +41,7 @@ def _compute(form: Form, request: Request, names: tuple[str, ...], *values: Any)
     """Return the quantities of a pair as a tree, from values with these names; constants are joined."""
     given: dict[str, Any] = {"constants": ()}
     for name, value in zip(names, values, strict=True):
-        if name in MASS_CONSTANTS[:-1]:
+        if name in MASS_NUMBERS:
             given["constants"] += value
         elif name in _TREE_COORDINATES:
             given[_TREE_COORDINATES[name]] = (value,)
@@ -105,6 +105,43 @@ _FORWARD_STEPS = (
     _output("psidd", lambda c: c.solved[2][0], "pushed_tree"),
     _output("pivots", lambda c: (*c.pivots, *c.base_pivots), "pushed_tree"),
 )
+
+
+_PLANE = (0, 1, 5, 6)  # of v1, omega1 and psi'
+_FROM_PLANE = {
+    **dict.fromkeys(("force1", "force2", "gravity"), in_space),
+    **dict.fromkeys(("torque1", "torque2"), vector_along_z),
+}
+_TO_PLANE: dict[str, Callable[..., Any]] = {
+    **dict.fromkeys(("force1", "hinge_force", "linear"), in_plane),
+    **dict.fromkeys(("torque1", "hinge_moment", "bearing_torque", "angular"), z_component),
+    "mass_matrix": lambda M: tuple(M[7 * i + j] for i in _PLANE for j in _PLANE),
+}
+
+
+def _in_space(step: Step, results: Collection[str]) -> Step:
+    """Return a step of space, between values of a planar pair in space."""
+    moved = ("R1", "v1", "a1", "gravity", "force1", "force2", "torque1", "torque2")
+    arguments = tuple(f"{name}_in_space" if name in moved else name for name in step.arguments)
+    return Step(f"{step.result}_in_space" if step.result in results else step.result, step.function, arguments)
+
+
+PLANAR_DYNAMICS_STEPS = (
+    Step("gravity_in_space", in_space, ("gravity",)),
+    *(_in_space(step, _TO_PLANE) for step in KNOWN_MOTION_DYNAMICS_STEPS),
+    *(Step(name, function, (f"{name}_in_space",)) for name, function in _TO_PLANE.items()),
+)
+"""Steps from a known motion of a planar pair."""
+PLANAR_FORWARD_STEPS = (
+    *(Step(f"{name}_in_space", function, (name,)) for name, function in _FROM_PLANE.items()),
+    *(_in_space(step, ACCELERATIONS) for step in _FORWARD_STEPS),
+    Step(
+        "qdd",
+        lambda a1, alpha1, psidd: (a1[0], a1[1], alpha1[2], psidd),
+        ("a1_in_space", "alpha1_in_space", "psidd_in_space"),
+    ),
+)
+"""Steps that solve for the accelerations of a planar pair."""
 
 
 @functools.lru_cache(maxsize=64)

@@ -20,6 +20,8 @@ from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.plans.dynamics_steps import (
     KNOWN_MOTION_DYNAMICS_STEPS,
     LOADS,
+    PLANAR_DYNAMICS_STEPS,
+    PLANAR_FORWARD_STEPS,
     forward_dynamics_steps,
 )
 from hingepair.plans.steps import (
@@ -80,6 +82,7 @@ class MotionKind:
     parts: Mapping[str, tuple[str, ...]]  # names of position, angles and hinge angle in q, qd and qdd
     shapes: Mapping[str, ArrayShape]  # of one sample of all that can be given or computed
     levels: Mapping[str, int | None]  # from which an output is a default output; None if it never is one
+    gravity: tuple[float, ...]  # acceleration of free fall unless given [m/s^2]
 
     def __reduce__(self) -> str:  # the two kinds are compared by identity
         return "SPATIAL_MOTION_KIND" if len(self.coordinates) == 7 else "PLANAR_MOTION_KIND"
@@ -97,6 +100,7 @@ SPATIAL_MOTION_KIND: Final = MotionKind(
     SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
     _sample_shapes(7),
     {**_levels("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"), **dict.fromkeys(_BODY1)},
+    (0.0, 0.0, -9.81),
 )
 """Motion in space."""
 PLANAR_MOTION_KIND: Final = MotionKind(
@@ -106,8 +110,12 @@ PLANAR_MOTION_KIND: Final = MotionKind(
         **_sample_shapes(4),
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
         **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
+        **dict.fromkeys(("gravity", "force1", "force2", "hinge_force", "linear"), (2,)),
+        **dict.fromkeys(("torque1", "torque2", "hinge_moment", "bearing_torque", "angular"), ()),
+        "mass_matrix": (4, 4),
     },
     _levels("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"),
+    (0.0, -9.81),  # y points up
 )
 """Motion in two coordinates (E11)."""
 
@@ -234,7 +242,9 @@ def all_steps(
     is motion in space or in a plane. `given_names` are the names of the inputs other than the constants of the pair.
     """
     if kind is PLANAR_MOTION_KIND:
-        return (*(PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()), *_planar_steps(trig_functions))
+        split = PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()
+        dynamic = PLANAR_FORWARD_STEPS if any(name in LOADS for name in given_names) else PLANAR_DYNAMICS_STEPS
+        return (*split, *_planar_steps(trig_functions), *(dynamic if given_names else ()))
     steps = [step for name in given_names for step in ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME.get(name, ())]
     steps += ATTITUDE2_CHECK_STEPS if "S2" in given_names else ()
     steps += [
