@@ -262,9 +262,7 @@ def test_prepared_dynamics_and_their_derivatives() -> None:
     slopes = f.jacobian((q, qd, qdd), wrt="qdd")
     rows = [slopes["force1"]["qdd"], slopes["torque1"]["qdd"][None], slopes["hinge_torque"]["qdd"][None]]
     assert np.allclose(np.concatenate(rows), DYNAMIC.mass_matrix(q), rtol=1e-13)
-    with pytest.raises(
-        hp.ArgumentError, match="given: expected names with qdd, .* got q, qd"
-    ):
+    with pytest.raises(hp.ArgumentError, match=r"given: expected names with qdd, .* got q, qd"):
         DYNAMIC.prepare(("q", "qd"), outputs=("force1",))
 
 
