@@ -149,6 +149,59 @@ def test_what_takes_one_robot_refuses_samples(robot, use):
         use(robot.with_payload(robot.tips[-1], mass=MASS))
 
 
+def lever_arms(k=None):
+    """A robot of pairs whose points differ from sample to sample, or the robot of one sample."""
+    rng = np.random.default_rng(8)
+    first, second, third, tool = (
+        rng.uniform(-1, 1, (COUNT, 1, 3))[slice(None) if k is None else (k, 0)] for _ in range(4)
+    )
+    bodies = [hp.Body(m, center_of_mass=(0.1, 0.2, m), inertia=(1, 1.1, 1.2)) for m in (2.0, 1.0, 0.5)]
+    robot = hp.Mechanism(
+        [
+            hp.HingePair(u1=(0, 0, 1), u2=first, n=(0, 1, 0), name="a", body2=bodies[0]),
+            hp.HingePair(u1=second, u2=(0, 0.1, 0), n=(1, 1, 0), name="b", body2=bodies[1]),
+            hp.HingePair(u1=(0.1, 0.2, 0.3), u2=third, n=(0, 1, 1), home=BASE.S, name="c", body2=bodies[2]),
+        ]
+    )
+    robot = robot.with_payload("c", hp.Body(0.3, inertia=(0.1, 0.1, 0.1)))
+    return robot.with_payload("a", mass=0.2).with_frame("tool", "b", R=tool).with_frame("tip", "tool", R=(0.1, 0, 0))
+
+
+def test_every_sample_has_its_lengths():
+    robot = lever_arms()
+    q, qd, qdd = np.random.default_rng(4).uniform(-1, 1, (3, STATES, 3))
+
+    def found(one):
+        options = {"backend": "numpy"}
+        state = one.forward_kinematics(q, qd, qdd, frames=("a", "b", "c", "tip"), **options)
+        forces = one.inverse_dynamics(q, qd, qdd, wrenches={"c": ((1, 2, 3), (3, 2, 1))}, **options)
+        motions = {"R": state.R, "a": state.a, "J": one.jacobian(q, "tip", **options)}
+        return results(one, q, qd, qdd) | motions | {"loaded": forces.tau}
+
+    together = found(robot)
+    for k in range(COUNT):
+        for name, expected in found(lever_arms(k)).items():
+            assert together[name].shape == (COUNT, *expected.shape), name
+            error = np.abs(together[name][k] - expected).max()
+            assert error <= TIMES_ROUNDING * max(1, np.abs(expected).max()), name
+
+
+@pytest.mark.parametrize("use", [hp.to_urdf, lambda robot: robot.inverse_kinematics((0, 0, 1), frame="c")])
+def test_what_takes_one_robot_refuses_lengths_with_samples(use):
+    with pytest.raises(ShapeError, match=r"robot: expected one robot, .*, got samples of shape \(3, 1\)"):
+        use(lever_arms())
+
+
+def test_axes_of_pairs_of_a_robot_are_the_same_for_all_samples():
+    with pytest.raises(ShapeError, match="pairs: expected n and home of 'turn' that are the same"):
+        hp.Mechanism([hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=np.eye(3), name="turn")])
+
+
+def test_positions_of_a_frame_are_finite():
+    with pytest.raises(ArgumentError, match=r"R: expected finite positions of shape \(\.\.\., 3\)"):
+        lever_arms(0).with_frame("far", "c", R=[[1, 2, np.inf]])
+
+
 LEG = """<robot name="leg"><link name="base"/>{links}
 <joint name="hip" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 1" rpy="0.1 0 0"/>
   <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="6"/></joint>

@@ -18,9 +18,9 @@ from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
 from hingepair.mechanism.samples import Payload, Samples
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
 from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
-from hingepair.mechanism.sources import body_inertia, parts_of_pairs, parts_of_urdf
+from hingepair.mechanism.sources import body_inertia, nominal_pair, parts_of_pairs, parts_of_urdf
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Source, Tree
-from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only
+from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only, real_array
 from hingepair.pair.body import Body
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import check_rotation
@@ -43,7 +43,27 @@ def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, ba
     check_choice("base", base, BASE_KINDS)
     if name is not None and (not isinstance(name, str) or not name.strip()):
         raise ArgumentError("name", "a text that is not empty", quoted(name))
-    return fold_parts("mechanism" if name is None else name, parts_of_pairs(pairs, parents), base)
+    given = [*pairs] if isinstance(pairs, Iterable) else pairs
+    single = [nominal_pair(pair) for pair in given] if isinstance(given, list) else given
+    tree = fold_parts("mechanism" if name is None else name, parts_of_pairs(single, parents), base)
+    return tree if single == given else _with_lengths(tree, given, single)
+
+
+def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tree:
+    """Return a tree of single pairs with the points u1 and u2 of pairs that have leading axes."""
+    points, links, samples = {}, dict(tree.links), Samples()
+    for number, (joint, pair, one) in enumerate(zip(tree.joints, pairs, single, strict=True), 1):
+        u2 = pairs[joint.parent - 1].u2 if joint.parent else np.zeros(3)
+        if pair.u1.ndim > 1 or u2.ndim > 1:
+            points[number] = pair.u1 - u2
+        if pair.u2.ndim > 1:
+            links[pair.name] = replace(links[pair.name], samples=read_only(0.0 - pair.u2))
+            mass, centre, inertia = np.array(joint.body.mass), joint.body.center_of_mass + one.u2, joint.body.inertia
+            body = Payload(mass, centre, inertia)
+            moved = body.moments(-pair.u2, np.eye(3)) - body.moments(-one.u2, np.eye(3))
+            samples = samples.with_matter(number, moved)
+    origins = [frame.samples for frame in links.values() if frame.samples is not None]
+    return replace(tree, links=links, samples=samples.with_points(points, origins))
 
 
 def tree_of_urdf(
@@ -139,6 +159,9 @@ def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
     frame = tree.known_frame("link", link)
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
+    if frame.samples is not None:
+        payload_with_samples = Payload(np.array(body.mass), body.center_of_mass, body.inertia)
+        return add_matter(tree, link, payload_with_samples)
     payload = body_inertia(body).placed(FramePose(frame.S, frame.R))
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
@@ -237,16 +260,16 @@ def add_matter(tree: Tree, link: str, payload: Payload) -> Tree:
         ArgumentError: no such frame.
     """
     frame = tree.known_frame("link", link)
-    if payload.shape:
-        samples = tree.samples or Samples()
-        return replace(tree, samples=samples.with_matter(frame.body, payload.moments(frame.R, frame.S)), source=None)
+    if payload.shape or frame.samples is not None:
+        samples = (tree.samples or Samples()).with_matter(frame.body, payload.moments(frame.origin, frame.S))
+        return replace(tree, samples=samples, source=None)
     inertia = Inertia(float(payload.mass), payload.centre, payload.inertia).placed(FramePose(frame.S, frame.R))
     return _with_mass(tree, frame.body, inertia)
 
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
-    """Return a copy of a tree with a further frame called `name`, at position R [m] and rotation S (3, 3) relative to
-    the existing Frame `frame`; None for S means the identity.
+    """Return a copy of a tree with a further frame called `name`, at position R [m], which may have leading axes, and
+    rotation S (3, 3) relative to the existing Frame `frame`; None for S means the identity.
 
     Raises:
         ArgumentError: the name is none, or is taken; R or S cannot be used.
@@ -257,6 +280,15 @@ def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | 
         raise ArgumentError("name", "a name that no link, joint or frame has", quoted(name))
     turn = one_constant("S", np.eye(3) if S is None else S, 3, 3)
     check_rotation("S", turn)
-    pose = FramePose(frame.S, frame.R).placed(FramePose(turn, one_constant("R", R, 3)))
+    positions = np.asarray(real_array("R", R), np.float64)
+    if positions.ndim <= 1:
+        positions = one_constant("R", R, 3)
+    elif positions.shape[-1] != 3 or not positions.size or not np.isfinite(positions).all():
+        raise ArgumentError("R", "finite positions of shape (..., 3)", f"shape {positions.shape}")
+    pose = FramePose(frame.S, frame.R).placed(FramePose(turn, positions.reshape(-1, 3)[0]))
     added = Frame(frame.body, read_only(pose.origin), read_only(pose.rotation))
-    return replace(tree, frames={**tree.frames, name: added})
+    if positions.ndim == 1 and frame.samples is None:
+        return replace(tree, frames={**tree.frames, name: added})
+    added = replace(added, samples=read_only(frame.origin + positions @ frame.S.T))
+    samples = (tree.samples or Samples()).with_points({}, [added.origin])
+    return replace(tree, frames={**tree.frames, name: added}, samples=samples, source=None)

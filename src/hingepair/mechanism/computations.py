@@ -170,6 +170,16 @@ def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> tuple[Loads, tuple
     return loads, tuple(wrenches)
 
 
+def _moved_frames(constants: RobotConstants, frames: tuple[Frame, ...]) -> dict[int, Any]:
+    """Return the numbers of frames that differ from sample to sample, arrays by place among those of the frames."""
+    found: dict[int, Any] = {}
+    for k, frame in enumerate(frames):
+        if frame.samples is not None:
+            columns = np.moveaxis(frame.samples @ constants.axes[frame.body], -1, 0)
+            found |= {12 * k + i: column for i, column in enumerate(columns) if np.ptp(column)}
+    return found
+
+
 class RobotComputation(Computation):
     """Outputs of a robot and of its frames.
 
@@ -196,15 +206,16 @@ class RobotComputation(Computation):
         numbers = [number for frame in frames for number in frame_numbers(constants, frame)]
         if joint_loads:
             numbers += load_numbers(constants.tree)
-        folded, parameters = split_numbers(numbers)
+        samples, moved = constants.tree.samples, _moved_frames(constants, frames)
+        folded, parameters = split_numbers(numbers, moved)
         self.constants, self.frames, self.form = constants, frames, constants.form
         self.needs_masses = not {*outputs} <= {*OF_FRAMES, *OF_BODIES}
-        samples = constants.tree.samples
-        has_samples = samples is not None and bool(constants.varied) and (self.needs_masses or bool(samples.points))
+        varied: dict[int, Any] = {}
+        if samples is not None and (self.needs_masses or samples.lengths):
+            behind = len(self.form.known)
+            varied = {**constants.varied, **{behind + place: column for place, column in moved.items()}}
         bodies = tuple(frame.body for frame in frames)
-        self.request = Request(
-            outputs, free, bodies, folded, loaded_frames, joint_loads, constants.varied if has_samples else ()
-        )
+        self.request = Request(outputs, free, bodies, folded, loaded_frames, joint_loads, tuple(varied))
         self.inputs = input_shapes(self.form, self.request)
         self.asked: tuple[Any, ...] = ()  # by which `Mechanism._computation_of` makes it anew
         known: dict[str, Any] = {
@@ -212,13 +223,13 @@ class RobotComputation(Computation):
             "constants": read_only(np.array([*constants.numbers, *parameters], dtype=np.float64)),
             "axes": np.array(constants.axes).ravel(),
         }
-        if has_samples:
-            known["samples"] = constants.samples
+        if varied:
+            known["samples"] = read_only(np.stack(np.broadcast_arrays(*varied.values()), axis=-1))
         super().__init__(
             self._request_loop, outputs,
             {**{name: output_shape(name, self.form, self.request) for name in _PREPARED_ARGUMENTS}, **self.inputs},
             known, result, CoordinateNames(constants.names, noun="joints"), derivatives=MechanismDerivatives,
-            owner="robot", shape=constants.sample_shape if has_samples else (),
+            owner="robot", shape=known["samples"].shape[:-1] if varied else (),
             operations=estimated_operations(self.form, self.request),
             constant_shapes=body_constants(len(self.form.parents), free),
         )  # fmt: skip

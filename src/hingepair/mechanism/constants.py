@@ -51,8 +51,7 @@ class RobotConstants:
         base_pivot_thresholds: the same for the six pivots of a free base; shape (6,). 0 for any other base.
         axes: for each body, the base first, the rotation from the program's axes to the body's own axes.
         whole: whether all matter counts with its own body, as wrenches of joints need it (T9).
-        varied: places of the numbers that differ from sample to sample, in order.
-        samples: those numbers; shape (..., varied).
+        varied: numbers that differ from sample to sample, arrays by place.
         cache: what is made once for the robot.
     """
 
@@ -65,14 +64,8 @@ class RobotConstants:
     base_pivot_thresholds: NDArray[np.float64]
     axes: tuple[NDArray[np.float64], ...]
     whole: bool = False
-    varied: tuple[int, ...] = ()
-    samples: NDArray[np.float64] | None = None
+    varied: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)
     cache: Cache = field(default_factory=Cache, repr=False)
-
-    @property
-    def sample_shape(self) -> tuple[int, ...]:
-        """Leading shape of the samples; () for one robot."""
-        return () if self.samples is None else self.samples.shape[:-1]
 
     @property
     def may_be_singular(self) -> bool:
@@ -82,8 +75,8 @@ class RobotConstants:
     @property
     def overflows(self) -> bool:
         """Whether a mass times the square of a length is too large for a float."""
-        samples_overflow = self.samples is not None and not np.isfinite(self.samples).all()
-        return samples_overflow or not all(map(math.isfinite, self.numbers))
+        finite = all(np.isfinite(column).all() for column in self.varied.values())
+        return not (finite and all(map(math.isfinite, self.numbers)))
 
 
 def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstants:
@@ -126,8 +119,7 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
         read_only(np.repeat(base_thresholds, 3)),
         tuple(map(read_only, axes)),
         whole,
-        tuple(varied),
-        _stacked(tree, varied),
+        varied,
     )
 
 
@@ -147,16 +139,7 @@ def _varied_numbers(
         columns = np.moveaxis(points @ axes[tree.joints[number - 1].parent], -1, 0)
         place = constant_place(number, "u")
         found |= {place + k: column for k, column in enumerate(columns) if np.ptp(column)}
-    return {place: found[place] for place in sorted(found)}
-
-
-def _stacked(tree: Tree, varied: Mapping[int, NDArray[np.float64]]) -> NDArray[np.float64] | None:
-    if tree.samples is None:
-        return None
-    samples = np.zeros((*tree.samples.shape, len(varied)))
-    for k, column in enumerate(varied.values()):
-        samples[..., k] = column
-    return read_only(samples)
+    return {place: np.broadcast_to(found[place], tree.samples.shape) for place in sorted(found)}
 
 
 def program_numbers(constants: RobotConstants) -> list[float]:

@@ -138,6 +138,8 @@ def read_question(
     """
     if not constants.names:
         raise ArgumentError("robot", "a joint that moves", "none")
+    if tree.samples is not None and tree.samples.lengths:
+        tree.single()
     workers = execution_of("auto", workers).workers
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise ArgumentError("seed", "an integer from 0", quoted(seed))

@@ -68,7 +68,8 @@ class Mechanism(MechanismMethods):
         pairs: HingePairs, Sliders and Screws, one for each joint, in the order of q. The name of a pair is that of
             the joint, and of the link that is body 2 of the pair. The origin of this link's frame is the
             reference point of body 2. Body 1 of the first pair is the link "base". If two pairs share a body, give
-            its mass properties in one of them, or with equal values in both.
+            its mass properties in one of them, or with equal values in both. u1 and u2 of HingePairs may have leading
+            axes, which broadcast with those of coordinates in every call.
         parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, 2 for body 2
             of the second pair, and so on. By default, body 1 of each pair is body 2 of the pair before it.
         base: "fixed" (default): the base rests, or moves as `base_motion` prescribes; "free": forces move the base.
@@ -449,8 +450,8 @@ class Mechanism(MechanismMethods):
             name: name of the new frame; no link, joint or frame may have it already.
             link: name of the link or other frame to which the new frame is fixed. The name of a joint stands for the
                 link that the joint carries.
-            R: vector from the origin of `link` to the origin of the new frame, in the axes of `link` [m]; shape (3,).
-                By default, it is zero.
+            R: vector from the origin of `link` to the origin of the new frame, in the axes of `link` [m]; shape (3,),
+                or (..., 3), whose leading axes broadcast with those of coordinates. By default, it is zero.
             S: rotation matrix from the axes of the new frame to the axes of `link`; shape (3, 3). By default, it is
                 the identity.
 

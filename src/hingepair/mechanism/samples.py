@@ -7,7 +7,7 @@ that body alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,17 +30,25 @@ class Samples(Frozen):
         matter: by the number of a body, what is fixed to it beside its own mass: mass, first moment and the entries
             xx, xy, xz, yy, yz, zz of the second moment about the body's reference point, in its axes; (..., 10).
         points: by the number of a joint, its point in the axes of the body that carries it [m]; (..., 3).
+        lengths: whether poses differ from sample to sample, not masses alone.
     """
 
     shape: tuple[int, ...] = ()
     matter: Mapping[int, Float64Array] = field(default_factory=dict)
     points: Mapping[int, Float64Array] = field(default_factory=dict)
+    lengths: bool = False
 
     def with_matter(self, body: int, numbers: Float64Array) -> Samples:
         """Return a copy with more matter fixed to a body, numbers of shape (..., 10)."""
         shape = broadcast_shape({"payload": numbers.shape[:-1], "earlier payloads": self.shape})
         total = numbers + self.matter[body] if body in self.matter else numbers
         return replace(self, shape=shape, matter={**self.matter, body: read_only(np.array(total))})
+
+    def with_points(self, points: Mapping[int, Float64Array], frames: Iterable[Float64Array]) -> Samples:
+        """Return a copy with points of joints, where origins of frames have samples, too."""
+        shapes = {str(k): array.shape[:-1] for k, array in enumerate((*points.values(), *frames))}
+        shape = broadcast_shape({**shapes, "payloads": self.shape})
+        return replace(self, shape=shape, points={**self.points, **points}, lengths=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +71,7 @@ class Payload(Frozen):
         return np.broadcast_shapes(self.mass.shape, self.centre.shape[:-1], self.inertia.shape[:-2])
 
     def moments(self, R: Float64Array, S: Float64Array) -> Float64Array:
-        """Return mass, first and second moments where the frame has the position R and the rotation S; (..., 10)."""
+        """Return mass, first and second moments where the frame has the origins R, (..., 3), and the rotation S."""
         c = self.centre @ S.T + R
         half = np.trace(self.inertia, axis1=-2, axis2=-1)[..., None, None] / 2
         second = S @ (half * np.eye(3) - self.inertia) @ S.T

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, URDFError, quoted
+from hingepair.errors import ArgumentError, ShapeError, URDFError, quoted
 from hingepair.mechanism.folding import JointPart
 from hingepair.mechanism.kinds import JointKind
 from hingepair.mechanism.shapes import link_shapes, link_visuals, placed_shapes
 from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import Body, warn_of_dynamics
-from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf import records
@@ -142,6 +142,20 @@ def parts_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -
     return parts
 
 
+def nominal_pair(pair: Any) -> Any:
+    """Return a pair; if its points u1 and u2 have leading axes, that of the first sample.
+
+    Raises:
+        ShapeError: n or home have leading axes.
+    """
+    if not isinstance(pair, HingePair) or pair.constants.single:
+        return pair
+    if pair.n.ndim > 1 or pair.home.ndim > 2:
+        expected = f"n and home of {pair.name!r} that are the same for all samples; u1 and u2 may differ"
+        raise ShapeError("pairs", expected, f"pairs of shape {pair.constants.shape}")
+    return replace(pair, u1=pair.u1.reshape(-1, 3)[0], u2=pair.u2.reshape(-1, 3)[0])
+
+
 def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
     """Check the argument `pairs`, an iterable of HingePairs, Sliders and Screws, and return it as a list."""
     if not isinstance(pairs, Iterable):
@@ -154,8 +168,6 @@ def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
         if not isinstance(pair, tuple(JOINT_CLASSES.values())):
             hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
             raise ArgumentError("pairs", f"HingePairs, Sliders and Screws{hint}", quoted(pair))
-        if isinstance(pair, HingePair):
-            check_single_pair(pair)
         if pair.name in names:
             raise ArgumentError("pairs", "a different name for each, by name=", f"{pair.name!r} twice")
         if pair.name == BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS:

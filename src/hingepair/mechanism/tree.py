@@ -144,11 +144,18 @@ class Frame(Frozen):
         body: number of the body; 0 is the base.
         R: the frame's origin from the body's reference point, in the body's axes [m]; shape (3,).
         S: rotation from the frame's axes to the body's axes; shape (3, 3).
+        samples: origins that differ from sample to sample, in place of R; (..., 3). None for one origin.
     """
 
     body: int
     R: NDArray[np.float64]
     S: NDArray[np.float64]
+    samples: NDArray[np.float64] | None = None
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """Origin of the frame, with leading axes where it differs from sample to sample."""
+        return self.R if self.samples is None else self.samples
 
 
 class Source(NamedTuple):
