@@ -43,7 +43,8 @@ from hingepair.rotations.matrices import (
 
 if TYPE_CHECKING:
     from hingepair.dynamics.linearize import linearize
-    from hingepair.dynamics.simulate import SimulationError, simulate
+    from hingepair.dynamics.run import SimulationError
+    from hingepair.dynamics.simulate import simulate
     from hingepair.formats.model_writers import to_mjcf, to_urdf
     from hingepair.formats.robots import load_robot, load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
@@ -189,7 +190,8 @@ _LAZY_MODULE_BY_NAME = {
     for module, names in {
         "pair.hinge_load": "HingeLoad",
         "dynamics.linearize": "linearize",
-        "dynamics.simulate": "SimulationError simulate",
+        "dynamics.run": "SimulationError",
+        "dynamics.simulate": "simulate",
         "formats.model_writers": "to_mjcf to_urdf",
         "formats.robots": "load_robot load_robot_hinge",
         "formats.urdf_reader": "from_urdf",

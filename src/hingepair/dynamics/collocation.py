@@ -1,12 +1,12 @@
 """Gauss collocation: steps of order 16 whose eight nodes are evaluated together, with a polynomial between them.
 
 The derivative is a polynomial of degree 7 through its values at the eight Gauss nodes of a step. The states at the
-nodes are found by fixed-point (Picard) iteration, or, where psi'' depends stiffly on psi and psi', by a simplified
-Newton method in these two. The error of a step is estimated by the last Legendre coefficients of the polynomial and
-by its residual between the nodes: at both ends of a step, between each two nodes, and, where loads are callables, at
-a given spacing. Steps end at events, where distances from them pass 0. The method is symmetric and keeps quadratic
-invariants; Hairer, Lubich, Wanner, *Geometric Numerical Integration*, II.1.3, VIII.6; for stiff equations
-Hairer, Wanner, *Solving Ordinary Differential Equations II*, IV.8.
+nodes are found by fixed-point (Picard) iteration, or, where the accelerations q'' of the joints depend stiffly on q
+and q', by a simplified Newton method in these two. The error of a step is estimated by the last Legendre coefficients
+of the polynomial and by its residual between the nodes: at both ends of a step, between each two nodes, and, where
+loads are callables, at a given spacing. Steps end at events, where distances from them pass 0. The method is
+symmetric and keeps quadratic invariants; Hairer, Lubich, Wanner, *Geometric Numerical Integration*, II.1.3, VIII.6;
+for stiff equations Hairer, Wanner, *Solving Ordinary Differential Equations II*, IV.8.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Stepper:
     state: Array  # present state; (k,)
     sizes: Array  # scales of errors; those of velocities are divided by the length of recent steps; (k,)
     rate_mask: NDArray[np.bool_]  # whether each component is a velocity or a momentum; (k,)
-    psi_index: int  # index of psi in the state; psi' follows it
+    q: slice  # of the coordinates of the joints in the state; their rates follow them
     tol: float  # largest error of a step, in units of the sizes
     length: float  # of the next step to try [s]
     spacing: float = np.inf  # largest distance between instants at which the residual is checked [s]
@@ -125,7 +125,9 @@ class Stepper:
             self.state
         )  # rounding error of the sum of the steps, for compensated summation
         self._last_step: StepPolynomial | None = None
-        self._hinge_derivatives: tuple[Array, Array] | None = None  # of psi'' by psi and psi', where Newton is needed
+        self._dof = self.q.stop - self.q.start
+        self._qd = slice(self.q.stop, self.q.stop + self._dof)
+        self._slopes: tuple[Array, Array] | None = None  # of q'' by q and q', (8, dof, dof), where Newton is needed
         self._pending_event: int | None = None  # at the end of the last step; not yet applied
         self.ended = False  # whether an event has ended the motion
 
@@ -164,7 +166,7 @@ class Stepper:
                 break
             share, event = first_event
             if share * length <= 32 * time_rounding:  # it starts at an event
-                if applied_count == 8:  # more at one instant: the next is ignored, and the step is made
+                if applied_count == 8 * max(1, self._dof):  # more at one instant: the next is ignored
                     first_event = None
                     break
                 self._apply_event(event)
@@ -252,90 +254,99 @@ class Stepper:
     def _node_rates(self, length: float) -> Array | None:
         """Return the derivatives at the nodes of a step, (8, k); None if no iteration converges."""
         if self._stiffness(length) < _STIFF:
-            self._hinge_derivatives = None
+            self._slopes = None
             node_rates = self._solve_nodes(length, use_newton=False)
             if node_rates is not None:
                 return node_rates
         node_rates = self._solve_nodes(length, use_newton=True)
         if node_rates is None:
-            self._hinge_derivatives = None
+            self._slopes = None
         return node_rates
 
     def _stiffness(self, length: float) -> float:
-        """Return the stiffness of psi'' over a step, without unit; 0 if it is not known."""
-        if self._hinge_derivatives is None:
+        """Return the stiffness of q'' over a step, without unit; 0 if it is not known."""
+        if self._slopes is None or not self._dof:
             return 0.0
-        by_angle, by_rate = (float(np.abs(slope).max()) for slope in self._hinge_derivatives)
-        return float(length * max(by_rate, np.sqrt(by_angle)))
+        if not all(np.isfinite(slopes).all() for slopes in self._slopes):
+            return 0.0
+        by_q, by_qd = (float(np.abs(np.linalg.eigvals(slopes)).max()) for slopes in self._slopes)
+        return float(length * max(by_qd, np.sqrt(by_q)))
 
     def _solve_nodes(self, length: float, use_newton: bool) -> Array | None:
-        """Iterate the states at the nodes by fixed points (Picard) or by a simplified Newton method in (psi, psi').
+        """Iterate the states at the nodes by fixed points (Picard) or by a simplified Newton method in (q, q').
         Return the derivatives there, (8, k); None if the iteration fails, or the other one suits better.
         """
         times, sizes, last_change = self.t + length * NODE_TIMES, self._error_sizes(length), np.inf
         states = self.state + length * (_INTEGRALS @ self._predict_rates(times))
-        block = slice(self.psi_index, self.psi_index + 2)
         for iteration in range(30):  # a step that needs more is too long
-            if use_newton and iteration % 4 == 0:  # new derivatives of psi''
-                self._hinge_derivatives = self._psidd_derivatives(times, states)
+            if use_newton and iteration % 4 == 0:  # new derivatives of q''
+                self._slopes = self._qdd_slopes(times, states)
                 if not iteration and not self._stiffness(length) > _STIFF:
                     return None
-                inverse, by_angle = self._newton_matrices(length)
-            # Picard's step, in psi and psi' corrected by Newton's.
+                inverse, by_q = self._newton_matrices(length)
+            # Picard's step, in q and q' corrected by Newton's.
             node_rates = self.rates(times, states)
             new_states = self.state + length * (_INTEGRALS @ node_rates)
             if use_newton:
-                angle, rate = (new_states - states)[:, block].T
-                rate = inverse @ (rate + by_angle @ angle)
-                angle = angle + length * (_INTEGRALS @ rate)
-                new_states[:, block] = states[:, block] + np.stack([angle, rate], axis=-1)
+                q, qd = ((new_states - states)[:, block] for block in (self.q, self._qd))
+                qd = (inverse @ (qd.ravel() + by_q @ q.ravel())).reshape(q.shape)
+                new_states[:, self.q] = states[:, self.q] + q + length * (_INTEGRALS @ qd)
+                new_states[:, self._qd] = states[:, self._qd] + qd
             change = float(np.abs((new_states - states) / sizes).max())
             states = new_states
             if not change < np.inf:
                 return None
             if change <= 4e-16 or (change >= last_change / 2 and change <= 1e-3 * self.tol):
-                if use_newton:  # rates that belong to the states: rounding of psi' would be magnified in psi''
-                    node_rates = node_rates.copy()
+                if use_newton:  # rates that belong to the states: rounding of q' would be magnified in q''
+                    node_rates, block = node_rates.copy(), slice(self.q.start, self._qd.stop)
                     node_rates[:, block] = _DERIVATIVES @ (states[:, block] - self.state[block]) / length
                 return node_rates
             if change > 2 * last_change and change > self.tol:
                 return None
-            # Do fixed points converge too slowly, because psi'' is stiff?
+            # Do fixed points converge too slowly, because q'' is stiff?
             if not use_newton and iteration and iteration % 4 == 0 and change > 0.1 * last_change:
-                self._hinge_derivatives = self._psidd_derivatives(times, states)
+                self._slopes = self._qdd_slopes(times, states)
                 if self._stiffness(length) > _STIFF:
                     return None
-                self._hinge_derivatives = None
+                self._slopes = None
             last_change = change
         return None
 
-    def _psidd_derivatives(self, times: Array, states: Array) -> tuple[Array, Array]:
-        """Return the derivatives of psi'' by psi and psi', (m,) each, by forward differences."""
+    def _qdd_slopes(self, times: Array, states: Array) -> tuple[Array, Array]:
+        """Return the derivatives of q'' by q and q', (m, dof, dof) each, by forward differences."""
         # 1.5e-8 is the square root of the spacing of doubles at 1, which balances truncation and rounding errors.
-        increments = 1.5e-8 * (1 + np.abs(states[:, self.psi_index : self.psi_index + 2]))
-        shifted = np.concatenate([states] * 3)
-        shifted[len(times) : 2 * len(times), self.psi_index] += increments[:, 0]
-        shifted[2 * len(times) :, self.psi_index + 1] += increments[:, 1]
-        unshifted, by_angle, by_rate = self.rates(np.tile(times, 3), shifted)[:, self.psi_index + 1].reshape(3, -1)
-        return (by_angle - unshifted) / increments[:, 0], (by_rate - unshifted) / increments[:, 1]
+        columns = np.arange(self.q.start, self._qd.stop)
+        increments = 1.5e-8 * (1 + np.abs(states[:, columns]))
+        shifted = np.repeat(states[None], 1 + len(columns), axis=0)
+        for k, column in enumerate(columns):
+            shifted[1 + k, :, column] += increments[:, k]
+        rates = self.rates(np.tile(times, len(shifted)), shifted.reshape(-1, states.shape[1]))[:, self._qd]
+        unshifted, *others = rates.reshape(len(shifted), len(times), self._dof)
+        slopes = np.stack([(x - unshifted) / increments[:, k, None] for k, x in enumerate(others)], axis=-1)
+        return slopes[..., : self._dof], slopes[..., self._dof :]
 
     def _newton_matrices(self, length: float) -> tuple[Array, Array]:
-        """Return the matrices (8, 8) of Newton's method: the second takes residuals of psi to residuals of psi', the
-        first the sum of these and those of psi' to the change of psi'.
+        """Return the square matrices of Newton's method, of 8 dof rows: the second takes residuals of q to residuals
+        of q', the first the sum of these and those of q' to the change of q'.
         """
-        by_angle, by_rate = self._hinge_derivatives or (np.zeros(NODES), np.zeros(NODES))
-        integrals = length * _INTEGRALS
-        matrix = np.eye(NODES) - integrals * by_rate - (integrals * by_angle) @ integrals
-        return np.asarray(np.linalg.inv(matrix), np.float64), integrals * by_angle
+        size, integrals = NODES * self._dof, length * _INTEGRALS
+        by_q, by_qd = (
+            np.einsum("ij,jab->iajb", integrals, slopes).reshape(size, size)
+            for slopes in self._slopes or (np.zeros((NODES, self._dof, self._dof)),) * 2
+        )
+        matrix = np.eye(size) - by_qd - by_q @ np.kron(integrals, np.eye(self._dof))
+        return np.asarray(np.linalg.inv(matrix), np.float64), by_q
 
     def _damp_stiff_errors(self, errors: Array, length: float) -> Array:
-        """Return errors of derivatives, (m, k), without what a stiff psi'' damps within the step."""
-        if self._hinge_derivatives is None:
+        """Return errors of derivatives, (m, k), without what stiff accelerations damp within the step."""
+        if self._slopes is None:
             return errors
-        by_angle, by_rate = (length * float(slope.mean()) for slope in self._hinge_derivatives)
-        matrix = np.array([[1, -length], [-by_angle, 1 - by_rate]])
-        errors, block = errors.copy(), slice(self.psi_index, self.psi_index + 2)
-        errors[:, block] = np.linalg.solve(matrix, errors[:, block].T).T
+        by_q, by_qd = (length * slopes.mean(axis=0) for slopes in self._slopes)
+        eye = np.eye(self._dof)
+        errors, block = errors.copy(), slice(self.q.start, self._qd.stop)
+        errors[:, block] = np.linalg.solve(
+            np.block([[eye, -length * eye], [-by_q, eye - by_qd]]), errors[:, block].T
+        ).T
         return errors
 
     def _predict_rates(self, times: Array) -> Array:

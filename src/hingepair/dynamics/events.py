@@ -1,40 +1,65 @@
-"""Events of a motion: kinks of the torque at the hinge, stick and slip, rigid stops, and the user's event.
+"""Events of a motion: kinks of the loads of joints, stick and slip, rigid stops, and the user's event.
 
-A hinge whose friction sticks, or that lies against a rigid stop, is held: psi stays, and a holding torque makes psi''
-zero. The hinge is released where the holding torque would exceed the friction, or would pull at the stop. At a rigid
-stop psi' is reversed with the coefficient of restitution, while the momenta of a free or pinned pair, which are other
-components of the state, do not change.
+A joint whose friction sticks, or that lies against a rigid stop, is held: it stays, and a holding effort makes its
+acceleration zero. It is released where the holding effort would exceed the friction, or would pull at the stop.
+Where a joint comes to rest, the friction of all joints at rest is solved at once, since each of them is felt by the
+others. At a rigid stop an impulse reverses the rate of the joint with the coefficient of restitution. It changes the
+rates of all joints through the mass matrix, but not the momenta of a free or pinned base, which are other components
+of the state.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.collocation import event_margin
-from hingepair.dynamics.loads import MotionAtInstants
-from hingepair.dynamics.pair_motion import PairMotion
+from hingepair.dynamics.complementarity import forces_within_limits
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
-from hingepair.pair.hinge_load import call_with_arrays
+from hingepair.pair.hinge_load import HingeLoad, call_with_arrays
 
-UserEvent: TypeAlias = Callable[[Array, MotionAtInstants], ArrayLike]
+UserEvent: TypeAlias = Callable[[Array, Any], ArrayLike]
 """Event of the user: a callable of instants (n,) and the motion at them that returns values (n,), 0 at the event."""
+Side: TypeAlias = tuple[Array, Array]
+"""Coordinates and rates, (..., joints) each, that select one smooth branch of the load of each joint."""
 
-# Names of events: the next kinks in angle and rate, release of a held hinge, and the user's event.
+# Kinds of events: the next kinks in coordinate and rate, release of a held joint, and the user's event.
 _LOWER_ANGLE, _UPPER_ANGLE = "lower angle", "upper angle"
 _LOWER_RATE, _UPPER_RATE = "lower rate", "upper rate"
 _RELEASE_DOWN, _RELEASE_UP = "release downwards", "release upwards"
 _USER = "until"  # as the argument of `simulate`
-_HOLDING: Final = 1e-12  # of the torques: by which the holding torque may exceed its limit, for rounding
+_HOLDING: Final = 1e-12  # of the efforts: by which the holding effort may exceed its limit, for rounding
 
 
-class HingeEvents:
-    """Events of a hinge, which switch the motion's `side`, the smooth branch of the hinge torque, and `held`.
+class JointMotion(Protocol):
+    """What events ask of a motion, and what they switch."""
+
+    state: Array  # at the first instant
+    q: slice  # of the coordinates of the joints in the state; their rates follow them
+    joint_loads: tuple[HingeLoad, ...]
+    side: Side  # the branch of each load
+    held: NDArray[np.bool_]  # whether each joint is held at rest by friction or a stop
+
+    def holding_efforts(self, t: Array, states: Array) -> Array:
+        """Return the efforts that hold the held joints, (n, joints); 0 of others."""
+
+    def joint_accelerations(self, t: float, state: Array) -> Array:
+        """Return the accelerations of the joints in one state; 0 of held ones."""
+
+    def joint_mobility(self, t: float, state: Array) -> Array:
+        """Return the derivatives of the accelerations by efforts at the joints, none of which is held."""
+
+    def motion_at(self, t: Array, states: Array) -> Any:
+        """Return the motion as callables of users see it."""
+
+
+class JointEvents:
+    """Events of the joints, which switch the motion's `side` and `held`.
 
     Args:
         motion: the motion.
@@ -48,12 +73,14 @@ class HingeEvents:
     """
 
     def __init__(
-        self, motion: PairMotion, start: float, tol: float, user_event: UserEvent | None, span: float = 0.0
+        self, motion: JointMotion, start: float, tol: float, user_event: UserEvent | None, span: float = 0.0
     ) -> None:
         self._motion, self._start, self._tol, self._user_event, self._span = motion, start, tol, user_event, span
-        loads = motion.loads
-        self._angle_kinks, self._rate_kinks = (-np.inf, *loads.kinks, np.inf), (-np.inf, *loads.rate_kinks, np.inf)
-        self._friction, self._rigid_stops = loads.friction, loads.rigid_stops
+        loads = motion.joint_loads
+        self._angle_kinks = [(-np.inf, *load.kinks, np.inf) for load in loads]
+        self._rate_kinks = [(-np.inf, *load.rate_kinks, np.inf) for load in loads]
+        self._friction = np.array([load.sticking_friction for load in loads])
+        self._rigid_stops = [load.rigid_stops for load in loads]
         self._direction: Any = getattr(user_event, "direction", 0)
         if not isinstance(self._direction, int | float | np.number) or self._direction not in (-1, 0, 1):
             expected = "1 (where it rises), -1 (where it falls) or 0 (both)"
@@ -61,45 +88,49 @@ class HingeEvents:
         self._sign = 0.0  # of the value of the user's event; 0 while it is not known
         self._largest = 0.0  # absolute value of the user's event so far
         self._passed_at = -np.inf  # when the user's event last passed 0 against its direction [s]
-        self._torque_limits = (0.0, 0.0)  # of the holding torque [N m]
-        psi, psid = map(float, motion.state[motion.psi_index : motion.psi_index + 2])
-        touches_lower_stop = loads.rigid_range[0] == psi  # whether the hinge touches the lower rigid stop
-        self._angle_interval = sum(kink < psi for kink in loads.kinks) + touches_lower_stop
-        self._rate_interval = sum(kink < psid for kink in loads.rate_kinks)
-        self._names: tuple[str, ...] = ()
-        self._update_torque_branch()
-        if psid == 0 and (self._friction or psi in self._rigid_stops):
-            self._hold(0.0, motion.state)
+        self._effort_limits = [(0.0, 0.0)] * len(loads)  # of the holding efforts
+        self._qd = slice(motion.q.stop, 2 * motion.q.stop - motion.q.start)
+        q, qd = motion.state[motion.q].tolist(), motion.state[self._qd].tolist()
+        # A joint at its lower rigid stop is above it.
+        self._angle_intervals = [
+            sum(kink < x for kink in load.kinks) + (load.rigid_range[0] == x)
+            for load, x in zip(loads, q, strict=True)
+        ]
+        self._rate_intervals = [sum(kink < x for kink in load.rate_kinks) for load, x in zip(loads, qd, strict=True)]
+        self._rows: list[tuple[str, int]] = []  # kind and joint of each event
+        self._update_branches()
+        self._settle(0.0, motion.state)
 
     @property
     def any_events(self) -> bool:
         """Whether any event can happen."""
-        return bool(self._motion.loads.kinks or self._motion.loads.rate_kinks or self._user_event)
+        return bool(self._user_event or any(load.kinks or load.rate_kinks for load in self._motion.joint_loads))
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
         """Return the distances from each event, (m, e), at instants from the start on, and the sizes (e,) that scale
         their rounding errors.
         """
-        psi, psid = states[:, self._motion.psi_index], states[:, self._motion.psi_index + 1]
-        rows: dict[str, tuple[Array, float]] = {}
-        if self._motion.held:
-            torque = self._motion.holding_torque(self._start + t, states)
-            size = _HOLDING / 2e-15 * (self._friction + float(np.abs(torque).max()))
-            lowest, highest = self._torque_limits
-            rows |= {_RELEASE_UP: (torque - lowest, size)} if lowest > -np.inf else {}
-            rows |= {_RELEASE_DOWN: (highest - torque, size)} if highest < np.inf else {}
-        else:
-            lower_angle, upper_angle = self._angle_kinks[self._angle_interval : self._angle_interval + 2]
-            lower_rate, upper_rate = self._rate_kinks[self._rate_interval : self._rate_interval + 2]
-            size, rate_size = 1 + float(np.abs(psi).max()), 1 + float(np.abs(psid).max())
-            for name, distance, scale in (
-                (_LOWER_ANGLE, psi - lower_angle, size),
-                (_UPPER_ANGLE, upper_angle - psi, size),
-                (_LOWER_RATE, psid - lower_rate, rate_size),
-                (_UPPER_RATE, upper_rate - psid, rate_size),
+        motion = self._motion
+        rows: dict[tuple[str, int], tuple[Array, float]] = {}
+        efforts = motion.holding_efforts(self._start + t, states) if motion.held.any() else None
+        for k, held in enumerate(motion.held.tolist()):
+            if held and efforts is not None:
+                effort, (lowest, highest) = efforts[:, k], self._effort_limits[k]
+                size = _HOLDING / 2e-15 * (self._friction[k] + float(np.abs(effort).max()))
+                rows |= {(_RELEASE_UP, k): (effort - lowest, size)} if lowest > -np.inf else {}
+                rows |= {(_RELEASE_DOWN, k): (highest - effort, size)} if highest < np.inf else {}
+                continue
+            for kinks, interval, column, lower, upper in (
+                (self._angle_kinks[k], self._angle_intervals[k], motion.q.start + k, _LOWER_ANGLE, _UPPER_ANGLE),
+                (self._rate_kinks[k], self._rate_intervals[k], self._qd.start + k, _LOWER_RATE, _UPPER_RATE),
             ):
-                if np.isfinite(distance).all():
-                    rows[name] = distance, scale
+                least, most = kinks[interval : interval + 2]
+                if least == -np.inf and most == np.inf:
+                    continue
+                values = states[:, column]
+                size = 1 + float(np.abs(values).max())
+                rows |= {(lower, k): (values - least, size)} if least > -np.inf else {}
+                rows |= {(upper, k): (most - values, size)} if most < np.inf else {}
         if self._user_event is not None:
             values = self._user_values(self._start + t, states)
             finite = values[np.isfinite(values)]  # at others the stepper stops, and `apply` refuses them
@@ -108,8 +139,8 @@ class HingeEvents:
                 certain_values = finite[np.abs(finite) > 1e-6 * size]
                 self._sign = float(np.sign(certain_values[0])) if certain_values.size else 0.0
             self._largest = max(self._largest, size)
-            rows[_USER] = np.where(np.isfinite(values), self._sign * values, np.nan), size
-        self._names = tuple(rows)
+            rows[_USER, -1] = np.where(np.isfinite(values), self._sign * values, np.nan), size
+        self._rows = [*rows]
         distances = np.stack([distance for distance, _ in rows.values()], axis=-1) if rows else np.ones((len(t), 0))
         return distances, np.array([size for _, size in rows.values()])
 
@@ -117,29 +148,29 @@ class HingeEvents:
         """Apply an event out of the last result of `distances`; return the state after it, a copy, or None where the
         motion ends.
         """
-        name, psi_index = self._names[event_index], self._motion.psi_index
+        kind, k = self._rows[event_index]
         state = state.copy()
-        if name == _USER:
+        if kind == _USER:
             self._check_user_value(t, state)
             ends = self._ends_motion()
             self._sign, self._passed_at = -self._sign, t
             return None if ends else state
-        if name in (_LOWER_ANGLE, _UPPER_ANGLE):
-            kink = self._angle_kinks[self._angle_interval + (name == _UPPER_ANGLE)]
-            if kink in self._rigid_stops:
-                self._rebound(t, state, kink, 1 if name == _UPPER_ANGLE else -1)
+        if kind in (_LOWER_ANGLE, _UPPER_ANGLE):
+            kink = self._angle_kinks[k][self._angle_intervals[k] + (kind == _UPPER_ANGLE)]
+            if kink in self._rigid_stops[k]:
+                self._rebound(t, state, k, kink, 1 if kind == _UPPER_ANGLE else -1)
                 return None if self._lands_on_zero(t, state) else state
-            self._angle_interval += 1 if name == _UPPER_ANGLE else -1
-        elif name in (_LOWER_RATE, _UPPER_RATE):
-            kink = self._rate_kinks[self._rate_interval + (name == _UPPER_RATE)]
-            if kink == 0 and self._friction:
-                state[psi_index + 1] = 0.0
-                self._hold(t, state)
+            self._angle_intervals[k] += 1 if kind == _UPPER_ANGLE else -1
+        elif kind in (_LOWER_RATE, _UPPER_RATE):
+            kink = self._rate_kinks[k][self._rate_intervals[k] + (kind == _UPPER_RATE)]
+            if kink == 0 and self._friction[k]:
+                state[self._qd.start + k] = 0.0
+                self._settle(t, state)
                 return None if self._lands_on_zero(t, state) else state
-            self._rate_interval += 1 if name == _UPPER_RATE else -1
+            self._rate_intervals[k] += 1 if kind == _UPPER_RATE else -1
         else:
-            self._release(1 if name == _RELEASE_UP else -1)
-        self._update_torque_branch()
+            self._release(k, 1 if kind == _RELEASE_UP else -1)
+        self._update_branches()
         return state
 
     def _check_user_value(self, t: float, state: Array) -> None:
@@ -180,61 +211,108 @@ class HingeEvents:
             raise ShapeError("until", expected, values.shape)
         return np.array(values, np.float64)
 
-    def _update_torque_branch(self) -> None:
-        """Set `side` of the motion by the present intervals of angle and rate between kinks."""
-        held = self._motion.held
-        self._motion.side = (
-            _value_in_interval(self._angle_kinks, self._angle_interval),
-            0.0 if held else _value_in_interval(self._rate_kinks, self._rate_interval),
-        )
+    def _update_branches(self) -> None:
+        """Set `side` of the motion by the present intervals of coordinates and rates between kinks."""
+        angles = [_value_in_interval(*one) for one in zip(self._angle_kinks, self._angle_intervals, strict=True)]
+        rates = [_value_in_interval(*one) for one in zip(self._rate_kinks, self._rate_intervals, strict=True)]
+        self._motion.side = np.array(angles), np.where(self._motion.held, 0.0, rates)
 
-    def _release(self, direction: int) -> None:
-        """Set the hinge free to move upwards (1) or downwards (-1)."""
-        self._motion.held = False
-        if self._friction:
-            self._rate_interval = self._rate_kinks.index(0.0) - (direction < 0)
-        self._update_torque_branch()
+    def _release(self, k: int, direction: int) -> None:
+        """Set a joint free to move upwards (1) or downwards (-1)."""
+        self._motion.held[k] = False
+        if self._friction[k]:
+            self._rate_intervals[k] = self._rate_kinks[k].index(0.0) - (direction < 0)
 
-    def _hold(self, t: float, state: Array) -> None:
-        """Hold the hinge in a state with rate 0, unless the torque that holds it exceeds friction, or pulls at a
-        stop.
+    def _settle(self, t: float, state: Array) -> None:
+        """Hold those joints at rest whose friction and stops suffice for that, all together, and release the others;
+        each of those that move is on the branch of its rate.
         """
-        psi = float(state[self._motion.psi_index])
-        lowest = -np.inf if psi in self._rigid_stops and self._is_upper(psi) else -self._friction
-        highest = np.inf if psi in self._rigid_stops and not self._is_upper(psi) else self._friction
-        self._motion.held = True
-        self._update_torque_branch()
-        torque = float(self._motion.holding_torque(np.array([self._start + t]), state[None])[0])
-        margin = _HOLDING * (self._friction + abs(torque))
-        if not lowest - margin <= torque <= highest + margin:
-            self._release(-1 if torque > highest else 1)
-        self._torque_limits = lowest, highest
-
-    def _is_upper(self, stop: float) -> bool:
-        """Return whether a rigid stop is the upper limit of the present interval of angles."""
-        return bool(self._angle_kinks[self._angle_interval + 1] == stop)
-
-    def _rebound(self, t: float, state: Array, stop: float, side: int) -> None:
-        """Put the state, in place, after an impact at a rigid stop on the upper (1) or lower (-1) side. A hinge that
-        would rebound too little to be followed is held.
-        """
-        psi_index = self._motion.psi_index
-        state[psi_index] = stop
-        state[psi_index + 1] *= -self._rigid_stops[stop]
-        rate = float(state[psi_index + 1])
-        if not rate:
-            self._hold(t, state)
+        motion, resting = self._motion, list[int]()
+        q, qd = state[motion.q].tolist(), state[self._qd].tolist()
+        for k, rate in enumerate(qd):
+            if not rate and (self._friction[k] or q[k] in self._rigid_stops[k]):
+                resting.append(k)
+            elif rate:
+                motion.held[k] = False
+        if not resting:
+            self._update_branches()
             return
-        self._rate_interval = sum(bound < rate for bound in self._rate_kinks[1:-1])
-        self._update_torque_branch()
-        pressing_acceleration = side * self._motion.hinge_acceleration(self._start + t, state)
-        # The next impact can be located only if the hinge rises well above the margin within which
-        # `Stepper` takes it for still at the stop; small tolerances lie below that margin.
-        margin = event_margin(1 + abs(stop), abs(rate), np.spacing(max(t, self._span)))
-        lowest = max(0.01 * self._tol, 8 * margin)  # a lower rebound is held
-        if pressing_acceleration > 0 and rate**2 <= 2 * pressing_acceleration * lowest:
-            state[psi_index + 1] = 0.0
-            self._hold(t, state)
+        # The accelerations without what may hold the joints.
+        motion.held[resting] = True
+        self._update_branches()  # friction does not act on them
+        motion.held[resting] = False
+        free = motion.joint_accelerations(self._start + t, state)[resting]
+        mobility = motion.joint_mobility(self._start + t, state)[np.ix_(resting, resting)]
+        limits = [self._limits(k, q[k]) for k in resting]
+        lowest, highest = np.array(limits).T
+        efforts = forces_within_limits(mobility, free, lowest, highest)
+        margins = _HOLDING * (self._friction[resting] + np.abs(efforts))
+        motion.held[resting] = True
+        for i, k in enumerate(resting):
+            self._effort_limits[k] = limits[i]
+            at_lowest, at_highest = efforts[i] <= lowest[i], efforts[i] >= highest[i]
+            if at_lowest or at_highest:
+                # By less than rounding beyond what holds it?
+                needed = efforts[i] - (free[i] + mobility[i] @ efforts) / mobility[i, i]
+                if not lowest[i] - margins[i] <= needed <= highest[i] + margins[i]:
+                    self._release(k, 1 if at_lowest else -1)
+        self._update_branches()
+
+    def _limits(self, k: int, q: float) -> tuple[float, float]:
+        """Return the limits of the effort that can hold a joint at q."""
+        at_stop, is_upper = q in self._rigid_stops[k], self._is_upper(k, q)
+        friction = float(self._friction[k])
+        return -np.inf if at_stop and is_upper else -friction, np.inf if at_stop and not is_upper else friction
+
+    def _is_upper(self, k: int, stop: float) -> bool:
+        """Return whether a rigid stop is the upper limit of the present interval of a joint."""
+        return bool(self._angle_kinks[k][self._angle_intervals[k] + 1] == stop)
+
+    def _rebound(self, t: float, state: Array, k: int, stop: float, side: int) -> None:
+        """Put the state, in place, after an impact of a joint at a rigid stop on the upper (1) or lower (-1) side. A
+        joint that would rebound too little to be followed comes to rest.
+        """
+        column = self._qd.start + k
+        state[self._motion.q.start + k] = stop
+        before, held = state[self._qd].copy(), self._motion.held.copy()
+        self._collide(t, state, k, self._rigid_stops[k][stop], side)
+        rate = float(state[column])
+        if rate:
+            pressing_acceleration = side * self._motion.joint_accelerations(self._start + t, state)[k]
+            # The next impact can be located only if the joint rises well above the margin within which `Stepper`
+            # takes it for still at the stop; small tolerances lie below that margin.
+            margin = event_margin(1 + abs(stop), abs(rate), np.spacing(max(t, self._span)))
+            lowest = max(0.01 * self._tol, 8 * margin)  # a lower rebound is held
+            if pressing_acceleration > 0 and rate**2 <= 2 * pressing_acceleration * lowest:
+                state[self._qd], self._motion.held[:] = before, held
+                self._collide(t, state, k, 0.0, side)
+
+    def _collide(self, t: float, state: Array, k: int, restitution: float, side: int) -> None:
+        """Change the rates of a state, in place, by the impulse at a stop of a joint, and by those at the stops at
+        which other joints rest; dry friction gives no impulse.
+        """
+        motion = self._motion
+        rates, q = state[self._qd], state[motion.q].tolist()
+        before = rates.copy()
+        stopped = [k] + [i for i, held in enumerate(motion.held) if held and i != k and q[i] in self._rigid_stops[i]]
+        inward = np.array([-side] + [-1 if self._is_upper(i, q[i]) else 1 for i in stopped[1:]])
+        if len(rates) > 1:
+            mobility = motion.joint_mobility(self._start + t, state)
+            among = mobility[np.ix_(stopped, stopped)] * inward * inward[:, None]
+            leaving = inward * before[stopped] * np.where(np.arange(len(stopped)) == 0, 1 + restitution, 1.0)
+            impulses = forces_within_limits(among, leaving, np.zeros(len(stopped)), np.full(len(stopped), np.inf))
+            changes = mobility[:, stopped] @ (inward * impulses)
+            # A joint at rest that nothing couples to the impact rests on, in spite of rounding.
+            changes[(before == 0) & (np.abs(changes) <= 1e-14 * np.abs(changes).max(initial=0.0))] = 0.0
+            rates += changes
+            for i, impulse in zip(stopped[1:], impulses[1:], strict=True):
+                if impulse > 0:
+                    rates[i] = 0.0
+        rates[k] = -restitution * before[k]
+        for i, rate in enumerate(rates.tolist()):
+            if rate:
+                self._rate_intervals[i] = sum(bound < rate for bound in self._rate_kinks[i][1:-1])
+        self._settle(t, state)
 
 
 def _value_in_interval(kinks: tuple[float, ...], interval_index: int) -> float:

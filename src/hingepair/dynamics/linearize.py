@@ -9,12 +9,11 @@ from typing import Any, Final, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.events import HingeEvents
+from hingepair.dynamics.events import JointEvents
 from hingepair.dynamics.linearize_robot import linearize_robot
-from hingepair.dynamics.loads import BaseArgument, LoadArgument, Loads
-from hingepair.dynamics.pair_motion import PairMotion
-from hingepair.dynamics.simulate import initial_state, to_spatial_pair
-from hingepair.engine.backend import execution_of
+from hingepair.dynamics.loads import BaseArgument, LoadArgument, PairLoads
+from hingepair.dynamics.robot_motion import RobotMotion
+from hingepair.dynamics.simulate import PairEquations, initial_state, to_spatial_pair
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array as Array
@@ -30,6 +29,7 @@ _STEP: Final = 1e-5  # of differences of order 4, in sizes of the state's compon
 _DRIFT: Final = 1e-5  # of the largest pole: smaller ones are drifts of the whole pair, without restoring load
 _MAX_CHANGE = 0.3  # rad: of an angle in one iteration towards an equilibrium
 
+_OUT_OF_PLANE: Final = (2, 5, 6, 7, 9, 10)  # z of R and P, x and y of L and phi
 # Components of the state of a free or pinned pair; a carried pair has the last two.
 _NAMES: Final = (
     *(f"{vector}_{axis}" for vector in ("R", "P", "L", "phi") for axis in "xyz"),
@@ -163,13 +163,11 @@ def linearize(
         hinge_torque = finite_number("hinge_torque", hinge_torque)
     load = hinge_torque if is_plain_hinge_load(hinge_torque) else HingeLoad(motor=hinge_torque)
     start = initial_state(base, body1, is_planar, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
-    if equilibrium and (start[2].any() or start[3].any() or start[5]):
+    if equilibrium and (start.v.any() or start.omega.any() or start.psid):
         raise ArgumentError("psid_0, body1", "a state at rest, from which an equilibrium is sought", quoted(body1))
-    motion = PairMotion(
-        space, base, is_planar, start, Loads(forces, load, gravity, is_planar=is_planar), execution_of(backend, 1)
-    )
-    HingeEvents(motion, 0.0, 0.0, None)  # sets the side of each kink
-    if motion.held or (equilibrium and motion.loads.friction):
+    motion = PairEquations(space, base, PairLoads(forces, load, gravity, is_planar=is_planar), backend).motion(start)
+    JointEvents(motion, 0.0, 0.0, None)  # sets the side of each kink
+    if motion.held.any() or (equilibrium and load.sticking_friction):
         expected = (
             "a torque with a linearization: friction that sticks (without friction_rate) or a stop holds the hinge"
         )
@@ -177,11 +175,13 @@ def linearize(
     instant, state = finite_number("t", t), motion.state
     if equilibrium:
         state = _find_equilibrium(motion, instant, state, is_planar=is_planar)
-    A, rates = _state_derivatives(motion, instant, state, np.arange(len(state)))
+    A, rates = _state_derivatives(motion, instant, state, np.arange(len(state)), is_planar=is_planar)
     B = np.zeros(len(state))
-    B[-1] = motion.hinge_response(instant, state)
+    B[-1] = motion.joint_mobility(instant, state)[0, 0]
     poles = np.linalg.eigvals(A)
     poles = poles[(np.abs(poles) > _DRIFT * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
+    # Sorted by size, and poles of equal size by their real parts, whatever rounding says.
+    sizes = [float(f"{abs(pole):.9g}") for pole in poles]
     motion_now = motion.motion_at(np.full(1, instant), state[None])
     body1_motion = (
         None
@@ -192,10 +192,10 @@ def linearize(
         read_only(A),
         read_only(B),
         _NAMES[-len(state) :],
-        float(state[motion.psi_index]),
+        float(state[motion.q.start]),
         body1_motion,
         read_only(rates),
-        read_only(poles[np.argsort(np.abs(poles))].astype(np.complex128)),
+        read_only(poles[np.lexsort((poles.real, sizes))].astype(np.complex128)),
         bool(np.abs(rates / motion.sizes).max() <= 1e-9 * max(1.0, np.abs(A).max())),
     )
 
@@ -204,9 +204,11 @@ linearize.register(Mechanism, cast(Any, linearize_robot))
 
 
 def _state_derivatives(
-    motion: PairMotion, t: float, state: Array, components: NDArray[np.intp]
+    motion: RobotMotion, t: float, state: Array, components: NDArray[np.intp], *, is_planar: bool
 ) -> tuple[Array, Array]:
-    """Return the derivatives of the state's rates by these components of the state, (k, m), and the rates, (k,)."""
+    """Return the derivatives of the state's rates by these components of the state, (k, m), and the rates, (k,).
+    Those out of the plane of a planar pair are 0.
+    """
     steps = (_STEP * motion.sizes)[components]
     increments = np.zeros((len(components), len(state)))
     increments[np.arange(len(components)), components] = steps
@@ -214,37 +216,40 @@ def _state_derivatives(
     rates = motion.rates(np.full(len(states), t), states)
     before2, before, after, after2 = rates[:-1].reshape(4, len(components), -1)
     derivatives = (8 * (after - before) - (after2 - before2)) / (12 * steps)[:, None]
+    if is_planar and motion.has_momenta:
+        derivatives[:, _OUT_OF_PLANE] = 0.0
+        derivatives[np.isin(components, _OUT_OF_PLANE)] = 0.0
     return derivatives.T, rates[-1]
 
 
-def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: bool) -> Array:
+def _find_equilibrium(motion: RobotMotion, t: float, state: Array, *, is_planar: bool) -> Array:
     """Return the state of the stable equilibrium near a state at rest, by Newton's method. The motion is left on the
     branch of the hinge torque there.
     """
     rotations = {1: [], 13: [11] if is_planar else [9, 10, 11]}[len(state) - 1]
-    coordinates = np.array([*rotations, motion.psi_index])
+    coordinates = np.array([*rotations, motion.q.start])
     rate_indices = np.flatnonzero(motion.rate_mask)
     scales = motion.sizes[rate_indices]
-    start = float(state[motion.psi_index])
+    start = float(state[motion.q.start])
     for _ in range(200):
         # Between the rigid stops.
-        psi = float(np.clip(state[motion.psi_index], *motion.loads.rigid_range))
-        at_rigid_stop = psi != state[motion.psi_index] or psi in motion.loads.rigid_range
+        psi = float(np.clip(state[motion.q.start], *motion.joint_loads[0].rigid_range))
+        at_rigid_stop = psi != state[motion.q.start] or psi in motion.joint_loads[0].rigid_range
         state = state.copy()
-        state[motion.psi_index] = psi
-        motion.side = (psi, 0.0)  # a stop acts if psi is beyond it, and only there
+        state[motion.q.start] = psi
+        motion.side = (np.array([psi]), np.zeros(1))  # a stop acts if psi is beyond it, and only there
         # Newton's step, by least squares where the whole pair may drift.
-        derivatives, rates = _state_derivatives(motion, t, state, coordinates)
+        derivatives, rates = _state_derivatives(motion, t, state, coordinates, is_planar=is_planar)
         residual = rates[rate_indices] / scales
-        torques = rates[[*(column - 3 for column in rotations), motion.psi_index + 1]]  # about each coordinate
-        if at_rigid_stop and torques[-1] * (psi - np.mean(motion.loads.rigid_range)) > 0:
+        torques = rates[[*(column - 3 for column in rotations), motion.q.start + 1]]  # about each coordinate
+        if at_rigid_stop and torques[-1] * (psi - np.mean(motion.joint_loads[0].rigid_range)) > 0:
             raise ArgumentError("hinge_torque", "a torque with an equilibrium between the stops", "a stop that holds")
         matrix = derivatives[rate_indices] / scales[:, None]
         change = np.linalg.lstsq(matrix, -residual, rcond=1e-9)[0]
         size = float(np.abs(change).max())
         # At rest, and stable?
         if size <= 1e-13 and np.abs(residual).max() <= 1e-9 * max(1.0, float(np.abs(matrix).max())):
-            growth = _growing_direction(motion, t, state)
+            growth = _growing_direction(motion, t, state, is_planar=is_planar)
             if growth is None:
                 return state
             change, size = growth[coordinates], 0.0  # off the unstable equilibrium
@@ -260,9 +265,9 @@ def _find_equilibrium(motion: PairMotion, t: float, state: Array, *, is_planar: 
     raise ArgumentError("equilibrium", "a stable equilibrium near the state", f"none near psi_0 = {start:g}")
 
 
-def _growing_direction(motion: PairMotion, t: float, state: Array) -> Array | None:
+def _growing_direction(motion: RobotMotion, t: float, state: Array, *, is_planar: bool) -> Array | None:
     """Return the direction of the state in which small motions grow fastest, or None if none grow."""
-    A, _ = _state_derivatives(motion, t, state, np.arange(len(state)))
+    A, _ = _state_derivatives(motion, t, state, np.arange(len(state)), is_planar=is_planar)
     poles, directions = np.linalg.eig(A)
     fastest = int(np.argmax(poles.real))
     # Double zeros, drifts of the whole pair, come out as roots of the rounding error of the differences.

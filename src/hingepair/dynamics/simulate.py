@@ -3,39 +3,43 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.collocation import Stepper, TooStiffError, integration_matrix, interpolation_matrix
-from hingepair.dynamics.energy_balance import EnergyBalance, LazyBalance, StepRecord, energy_balance
-from hingepair.dynamics.events import HingeEvents, UserEvent
-from hingepair.dynamics.loads import BaseArgument, LoadArgument, Loads
-from hingepair.dynamics.pair_motion import (
-    HingeMotion,
-    InitialState,
-    MotionSamples,
-    PairMotion,
-    check_base_rates,
-    check_hinge_rates,
-    hinge_motion,
+from hingepair.dynamics.energy_balance import EnergyBalance, LazyBalance, energy_balance
+from hingepair.dynamics.events import UserEvent
+from hingepair.dynamics.loads import BODY2, BaseArgument, LoadArgument, PairLoads
+from hingepair.dynamics.robot_motion import JointCallable, RobotMotion, RobotSamples, base_at, driven_at
+from hingepair.dynamics.robot_programs import RobotPrograms
+from hingepair.dynamics.run import (
+    Extreme,
+    Run,
+    RunOptions,
+    angle_between,
+    check_joint_rates,
+    check_rates,
+    joint_extremes,
+    read_options,
+    run_motion,
+    stop_overrun,
 )
-from hingepair.engine.backend import execution_of
-from hingepair.errors import ArgumentError, HingePairError, quoted
+from hingepair.dynamics.simulate_robot import simulate_robot
+from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.trajectory import LazyValue, PlanarTrajectory, Trajectory
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import check_choice, finite_number, read_only, real_array
+from hingepair.numeric.arrays import check_choice, finite_number, read_only
 from hingepair.numeric.instants import instants_of
 from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_pair, check_single_pair
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum, check_masses, tree_constants
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
@@ -43,21 +47,17 @@ from hingepair.plans.arguments import Outputs
 
 BASES: Final = ("free", "pinned", "fixed")
 _PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # in messages
-_FINER = 1e-3  # tolerance of the second run, from which errors are estimated, to that of the first
-_EVALUATIONS: Final = 509 * 17  # of callable loads over the whole motion, at least; in the second run more by a
-_MORE_EVALUATIONS: Final = 4.3  # factor with which its instants do not fall on those of the first
 
 
-class SimulationError(HingePairError, RuntimeError):
-    """The simulation cannot be continued past the instant `t` [s], for the reason `why`."""
+class InitialState(NamedTuple):
+    """Motion of body 1 and the hinge at the start."""
 
-    def __init__(self, t: float, why: str) -> None:
-        self.t = t
-        self.why = why
-        super().__init__(f"the simulation cannot go past t = {t!r}: {why}")
-
-    def __reduce__(self) -> tuple[type, tuple[float, str]]:
-        return type(self), (self.t, self.why)
+    R: Array
+    S: Array
+    v: Array
+    omega: Array
+    psi: float  # [rad]
+    psid: float  # [rad/s]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -152,6 +152,7 @@ class SimulatedPlanarMotion(_SimulatedMotionBase, PlanarTrajectory):
         return {**self.state.arrays(), "phi": self.phi, **self._hinge_quantities()}
 
 
+@functools.singledispatch
 def simulate(
     pair: HingePair | PlanarPair,
     t: ArrayLike,
@@ -159,7 +160,7 @@ def simulate(
     psi_0: float | None = None,
     psid_0: float | None = None,
     *,
-    hinge: str | HingeMotion = "free",
+    hinge: str | JointCallable = "free",
     hinge_torque: HingeTorque = 0.0,
     force1: LoadArgument = 0,
     torque1: LoadArgument = 0,
@@ -175,7 +176,7 @@ def simulate(
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
     """Simulate the motion of a pair under loads (D1-D6) at the instants t, from the state (body1, psi_0, psid_0) at
-    t[0].
+    t[0]. With a robot in the place of the pair, arguments and results are those of `simulate_robot`.
 
     The method is Gauss collocation of order 16, with attitudes on the rotation group. If `base` is "free" and no
     gravity and no external load acts, momentum and angular momentum are kept to rounding.
@@ -265,94 +266,88 @@ def simulate(
     """
     space = to_spatial_pair(pair)
     instants = instants_of("t", t)
-    tolerance = finite_number("tol", tol)
-    step_limit = finite_number("max_steps", max_steps)
-    if not 1e-14 <= tolerance <= 1e-2:  # rad
-        raise ArgumentError("tol", "a number from 1e-14 to 0.01", tol)
+    options = read_options(tol, breaks, until, max_steps)
     is_planar = space is not pair
     gravity = (DEFAULT_PLANAR_GRAVITY_VECTOR if is_planar else DEFAULT_GRAVITY_VECTOR) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    given_motion = None if isinstance(hinge, str) else hinge
-    loads = Loads(forces, hinge_torque if given_motion is None else HingeLoad(), gravity, is_planar=is_planar)
-    if until is not None:
-        check_callable("until", until, "t", "now")
-    break_instants = np.sort(real_array("breaks", breaks).astype(np.float64))
-    if break_instants.ndim != 1 or not np.isfinite(break_instants).all():
-        raise ArgumentError("breaks", "instants at which loads jump [s], shape (M,)", quoted(breaks))
+    driven = {} if isinstance(hinge, str) else {0: hinge}
+    loads = PairLoads(forces, HingeLoad() if driven else hinge_torque, gravity, is_planar=is_planar)
     initial_hinge = _initial_hinge_motion(hinge, hinge_torque, instants, psi_0, psid_0)
     start = initial_state(base, body1, is_planar, *initial_hinge)
     if callable(base):
-        check_base_rates(base, instants)
-    if not loads.rigid_range[0] <= start[4] <= loads.rigid_range[1]:
-        expected = f"an angle between the rigid stops, {loads.rigid_range[0]:g} to {loads.rigid_range[1]:g} rad"
-        raise ArgumentError("psi_0", expected, psi_0)
+        derived = {"v1": "R1", "omega1": "S1", "a1": "v1", "alpha1": "omega1"}
+        check_rates("base", functools.partial(base_at, "base", base), instants, derived)
+    least, most = loads.joint_loads[0].rigid_range
+    if not least <= start.psi <= most:
+        raise ArgumentError("psi_0", f"an angle between the rigid stops, {least:g} to {most:g} rad", psi_0)
 
-    def run_simulation(
-        tolerance: float, min_callable_load_evaluations: float, until: UserEvent | None, step_limit: float
-    ) -> tuple[PairMotion, Array, list[StepRecord], MotionSamples, bool]:
-        """Return the equations, the first state, the steps, the samples, and whether `until` ended the motion."""
-        motion = PairMotion(space, base, is_planar, start, loads, execution_of(backend, 1), given_motion)
-        first_state, steps, end_time = motion.state, list[StepRecord](), None
-        if len(instants) > 1:
-            steps, end_time = _run_steps(
-                motion,
-                instants,
-                _RunOptions(tolerance, min_callable_load_evaluations, break_instants, until, step_limit),
-            )
-        sampled = instants
-        if end_time is not None:
-            sampled = np.unique(np.hstack([instants[instants - instants[0] < end_time], instants[0] + end_time]))
-        samples = _sample_motion(motion, first_state, steps, sampled)
-        return motion, first_state, steps, samples, end_time is not None
+    of_pair = PairEquations(space, base, loads, backend)
 
-    motion, first_state, steps, samples, ended_by_event = run_simulation(tolerance, _EVALUATIONS, until, step_limit)
+    def run(options: RunOptions, t: Array) -> Run:
+        return run_motion(of_pair.motion(start, driven), t, options)
+
+    found = run(options, instants)
+    samples = found.samples
     stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
     _warn_of_units(space, base, start, stops, samples)
-    lowest, highest = _psi_extremes(steps, motion.psi_index, samples)
-    _warn_of_range(space.limits, stops, lowest, highest, tolerance)
-    instants = samples.t
-    reference_tolerance = max(tolerance * _FINER, 1e-15)
-    reference = functools.cache(
-        lambda: run_simulation(
-            reference_tolerance,
-            _EVALUATIONS * _MORE_EVALUATIONS,
-            None,
-            3 * step_limit,
-        )[3]
-    )
-    now = samples.motion
-    body1_motion = motion_of_rotations(
-        R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=samples.a1, alpha=samples.alpha1
-    )
+    lowest, highest = joint_extremes(found, 0)
+    _warn_of_range(space.limits, stops, lowest, highest, options.tol)
+    finer = functools.cache(lambda: run(options.finer, samples.t).samples)
+    body1_motion, psi, psid, psidd = samples.base, samples.motion.q[:, 0], samples.motion.qd[:, 0], samples.qdd[:, 0]
     fields: dict[str, Any] = {
-        "t": read_only(instants),
-        "psi": read_only(now.psi),
-        "psi_range": (lowest.psi, highest.psi),
+        "t": read_only(samples.t),
+        "psi": read_only(psi),
+        "psi_range": (lowest.q, highest.q),
         "method": "collocation",
         "steps": samples.steps,
-        "ended_by_event": ended_by_event,
-        "_error": LazyValue(lambda: _angle_between(samples.quats, reference().quats)),
-        "_psi_error": LazyValue(lambda: float(np.abs(now.psi - reference().motion.psi).max(initial=0.0))),
-        "_balance": LazyBalance(
-            lambda: energy_balance(motion, first_state, steps, samples.t, space, loads.constants["gravity"], samples)
-        ),
+        "ended_by_event": found.ended,
+        "_error": LazyValue(lambda: angle_between(samples.quats, finer().quats)),
+        "_psi_error": LazyValue(lambda: float(np.abs(psi - finer().motion.q[:, 0]).max(initial=0.0))),
+        "_balance": LazyBalance(lambda: energy_balance(found)),
         "body1": body1_motion,
-        "psid": read_only(now.psid),
-        "psidd": read_only(samples.psidd),
+        "psid": read_only(psid),
+        "psidd": read_only(psidd),
         "loads": {name: read_only(np.array(load)) for name, load in samples.loads.items()},
         "space": space,
-        "gravity": loads.constants["gravity"],
+        "gravity": loads.gravity,
         "base": "prescribed" if callable(base) else base,
     }
     if isinstance(pair, PlanarPair):
-        q, qd = (*now.R1.T[:2], samples.phi, now.psi), (*now.v1.T[:2], now.omega1[:, 2], now.psid)
-        qdd = (*samples.a1.T[:2], samples.alpha1[:, 2], samples.psidd)
+        now = samples.motion
+        q, qd = (*now.R1.T[:2], samples.phi, psi), (*now.v1.T[:2], now.omega1[:, 2], psid)
+        qdd = (*samples.a1.T[:2], samples.alpha1[:, 2], psidd)
         planar = pair.forward_kinematics(q, qd, qdd, outputs=outputs, backend=backend)
         return SimulatedPlanarMotion(**fields, phi=read_only(samples.phi), state=planar)
-    state = pair.forward_kinematics_from_body1(
-        body1_motion, now.psi, now.psid, samples.psidd, outputs=outputs, backend=backend
-    )
+    state = pair.forward_kinematics_from_body1(body1_motion, psi, psid, psidd, outputs=outputs, backend=backend)
     return SimulatedMotion(**fields, quat_wxyz=read_only(samples.quats), R1=body1_motion.R, pair=pair, state=state)
+
+
+simulate.register(Mechanism, cast(Any, simulate_robot))
+
+
+class PairEquations:
+    """Equations of motion of a pair: those of a robot of one joint.
+
+    Raises:
+        ArgumentError: a body that moves lacks mass properties, or nothing resists its motion.
+    """
+
+    def __init__(self, pair: HingePair, base: BaseArgument, loads: PairLoads, backend: str) -> None:
+        moves_body1 = base in ("free", "pinned")
+        _check_masses(pair, moves_body1=moves_body1)
+        self._robot = Mechanism([replace(pair, name=BODY2)], base="free" if moves_body1 else "fixed")
+        self._kind, self._base = "moving" if callable(base) else str(base), base
+        self._loads = loads
+        self._programs = RobotPrograms(self._robot, self._kind, loads.wrenches, loads.gravity, backend)
+
+    def motion(self, start: InitialState, driven: Mapping[int, JointCallable] | None = None) -> RobotMotion:
+        """Return the motion from a start."""
+        at_start = motion_of_rotations(R=start.R, S=start.S, v=start.v, omega=start.omega)
+        base_motion: Any = self._base if callable(self._base) else at_start
+        q, qd = np.array([start.psi]), np.array([start.psid])
+        return RobotMotion(
+            self._robot, self._kind, base_motion, q, qd, self._loads, self._programs, driven, base_label="base"
+        )
 
 
 def to_spatial_pair(pair: object) -> HingePair:
@@ -382,8 +377,8 @@ def _initial_hinge_motion(
             raise ArgumentError(name, "None for a hinge that moves as given", quoted(value))
     if callable(hinge_torque) or np.any(hinge_torque != 0):
         raise ArgumentError("hinge_torque", "0 for a hinge that moves as given", quoted(hinge_torque))
-    check_hinge_rates(hinge, t)  # type: ignore[arg-type]
-    psi, psid, _ = hinge_motion(hinge, t[:1])  # type: ignore[arg-type]
+    check_joint_rates("hinge", hinge, t)  # type: ignore[arg-type]
+    psi, psid, _ = driven_at("hinge", hinge, t[:1])  # type: ignore[arg-type]
     return finite_number("psi_0", psi[0]), finite_number("psid_0", psid[0])
 
 
@@ -398,7 +393,7 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         check_callable("base", base, "t")
         if body1 is not None:
             raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
-        return zero, np.eye(3), zero, zero, psi, psid
+        return InitialState(zero, np.eye(3), zero, zero, psi, psid)
     check_choice("base", base, BASES)
     if not isinstance(body1, BodyMotion):
         example = _PLANAR_START if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
@@ -417,11 +412,11 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         example = _PLANAR_START
         expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {example}"
         raise ArgumentError("body1", expected, quoted(body1))
-    return R, S, v, omega, psi, psid
+    return InitialState(R, S, v, omega, psi, psid)
 
 
 def _warn_of_units(
-    pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float], samples: MotionSamples
+    pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float], samples: RobotSamples
 ) -> None:
     """Warn of angles or rates that look like degrees, of instants that look like milliseconds, and of inertias that
     are probably not in kg m^2.
@@ -429,10 +424,10 @@ def _warn_of_units(
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = suspicions("written angles", "stops", finite_stops)
     sentences += suspicions("written angles", "limits", pair.limits or ())
-    sentences += suspicions("sampled motion", "t", np.stack((samples.t, samples.motion.psi), axis=-1))
-    sentences += suspicions("written angles", "psi_0", start[4])
-    sentences += suspicions("written rates", "psid_0", start[5])
-    sentences += suspicions("written rates", "body1.omega", start[3][None])
+    sentences += suspicions("sampled motion", "t", np.stack((samples.t, samples.motion.q[:, 0]), axis=-1))
+    sentences += suspicions("written angles", "psi_0", start.psi)
+    sentences += suspicions("written rates", "psid_0", start.psid)
+    sentences += suspicions("written rates", "body1.omega", start.omega[None])
     bodies = {"body1": (pair.body1, pair.u1), "body2": (pair.body2, pair.u2)}
     for name in ("body1", "body2") if base in BASES[:2] else ("body2",):
         body, lever = bodies[name]
@@ -445,175 +440,34 @@ def _warn_of_units(
         warnings.warn(sentence, DynamicsWarning, stacklevel=3)
 
 
-class _Extreme(NamedTuple):
-    """Smallest or largest hinge angle of a motion."""
-
-    psi: float  # [rad]
-    t: float  # [s]
-
-
-def _psi_extremes(steps: list[StepRecord], psi_index: int, samples: MotionSamples) -> tuple[_Extreme, _Extreme]:
-    """Return the smallest and the largest psi of a whole motion, at the instants and between them."""
-    t, psi = samples.t, samples.motion.psi
-    if steps and len(t) > 1:
-        times = np.linspace(0.0, 1.0, 17)  # of a step
-        polynomials = [step.polynomial for step in steps]
-        starts, lengths = (np.array([getattr(p, name) for p in polynomials]) for name in ("start", "length"))
-        rates = np.stack([p.rates[:, psi_index] for p in polynomials])
-        slopes = rates @ interpolation_matrix(times).T
-        k, j = np.nonzero(slopes[:, :-1] * slopes[:, 1:] < 0)  # psi turns there, near the zero of the secant
-        turns = times[j] + times[1] * slopes[k, j] / (slopes[k, j] - slopes[k, j + 1])
-        within = np.hstack([k, np.arange(len(steps))])  # and the ends of all steps
-        shares = np.hstack([turns, np.ones(len(steps))])
-        change = lengths[within] * (integration_matrix(shares) * rates[within]).sum(axis=1)
-        psi = np.hstack([psi, np.array([p.state[psi_index] for p in polynomials])[within] + change])
-        t = np.hstack([t, samples.t[0] + starts[within] + shares * lengths[within]])
-    lowest, highest = int(np.argmin(psi)), int(np.argmax(psi))
-    return _Extreme(float(psi[lowest]), float(t[lowest])), _Extreme(float(psi[highest]), float(t[highest]))
-
-
 def _warn_of_range(
     limits: tuple[float, float] | None,
     stops: tuple[float, float],
-    lowest: _Extreme,
-    highest: _Extreme,
+    lowest: Extreme,
+    highest: Extreme,
     tolerance: float,
 ) -> None:
     """Warn if psi passes a stop or, by more than the tolerance, a limit at or inside which there is no stop."""
-    if overrun := describe_stop_overrun(stops, lowest.psi, highest.psi):
+    if overrun := stop_overrun("psi", "rad", stops, lowest.q, highest.q):
         warnings.warn(f"{overrun}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=3)
     if limits is None:
         return
-    passed = [lowest] if lowest.psi < limits[0] - tolerance and stops[0] < limits[0] else []
-    passed += [highest] if highest.psi > limits[1] + tolerance and stops[1] > limits[1] else []
+    passed = [lowest] if lowest.q < limits[0] - tolerance and stops[0] < limits[0] else []
+    passed += [highest] if highest.q > limits[1] + tolerance and stops[1] > limits[1] else []
     if passed:
-        reached = " and ".join(f"{extreme.psi:.6g} rad at t = {extreme.t:g} s" for extreme in passed)
+        reached = " and ".join(f"{extreme.q:.6g} rad at t = {extreme.t:g} s" for extreme in passed)
         message = f"psi leaves the pair's limits, {limits[0]:g} to {limits[1]:g} rad: it reaches {reached}"
         warnings.warn(f"{message}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=3)
 
 
-def describe_stop_overrun(stops: tuple[float, float], lowest: float, highest: float) -> str:
-    """Return a clause that says by how much psi passes the stops; empty if by 0.02 rad at most."""
-    depth = max(stops[0] - lowest, highest - stops[1])
-    return f"psi passes the stops by {depth:.3g} rad, for they are springs" if depth > 0.02 else ""
-
-
-class _RunOptions(NamedTuple):
-    """Options of a run of the stepper."""
-
-    tol: float  # largest error of a step [rad]
-    min_callable_load_evaluations: float  # evaluations of callable loads over the whole motion, at least
-    breaks: Array  # instants at which loads jump, increasing [s]
-    until: UserEvent | None  # the user's event
-    step_limit: float  # steps tried, at most
-
-
-def _run_steps(motion: PairMotion, t: Array, options: _RunOptions) -> tuple[list[StepRecord], float | None]:
-    """Make steps from t[0] to t[-1]. Return them, and the time since t[0] [s] at which `until` ended the motion, or
-    None.
-    """
-    start, elapsed = float(t[0]), t - t[0]
-    span = float(elapsed[-1])
-    events = HingeEvents(motion, start, options.tol, options.until, span)
-    breaks = [float(x) for x in options.breaks - start if 0 <= x <= span]
-    margin, bounds = 8 * np.spacing(max(abs(start), abs(start + span))), np.zeros(2)
-    checked = bool(motion.callable_names or options.until)
-    stepper = Stepper(
-        lambda elapsed, states: motion.rates(start + np.clip(elapsed, *bounds), states),
-        events if events.any_events else None,
-        0.0,
-        motion.state,
-        motion.sizes,
-        motion.rate_mask,
-        motion.psi_index,
-        options.tol,
-        motion.first_step_length(start, span),
-        span / options.min_callable_load_evaluations if checked else np.inf,
-        elapsed if checked else np.empty(0),
-    )
-    records, last_trials, last_t = list[StepRecord](), 0, 0.0
-    for interval_start, end in itertools.pairwise(sorted({0.0, *breaks, span})):
-        bounds[:] = (
-            interval_start + margin * (interval_start in breaks),
-            end - margin * (end in breaks),
-        )  # callables are evaluated just before and after breaks, where loads jump
-        while stepper.t < end:
-            quat = motion.quat
-            try:
-                polynomial = stepper.step(end)
-            except TooStiffError as error:
-                reason = _explain_failure(motion, start, stepper) or "the loads change too fast there to be followed"
-                raise SimulationError(start + error.t, f"steps became too short; {reason}") from None
-            if polynomial is not None:
-                records.append(StepRecord(polynomial, quat, motion.side, motion.held))
-                stepper.apply_pending_event()
-            if stepper.ended:
-                return records, stepper.t
-            stepper.set_state(motion.restart_attitude(stepper.state))
-            if stepper.t >= span or stepper.trials < min(last_trials + 1000, options.step_limit):
-                continue
-            # A load that jumps to and fro stops all progress; impacts that follow each other ever faster do not.
-            reason = _explain_failure(motion, start, stepper)
-            remaining = (span - stepper.t) / (stepper.t - last_t) * (stepper.trials - last_trials)
-            if stepper.trials >= options.step_limit or (reason and remaining > options.step_limit):
-                doubts = suspicions("instants", "t", t)
-                reason = reason or "; ".join(["max_steps= allows more, a larger tol needs fewer", *doubts])
-                raise SimulationError(
-                    start + stepper.t, f"{options.step_limit:g} steps would not reach the end; {reason}"
-                )
-            last_trials, last_t = stepper.trials, stepper.t
-    return records, None
-
-
-def _sample_motion(motion: PairMotion, first_state: Array, steps: list[StepRecord], t: Array) -> MotionSamples:
-    """Return motion and loads at instants t from the steps."""
-    states, quats, elapsed = np.empty((len(t), len(first_state))), np.empty((len(t), 4)), t - t[:1]
-    sides, held, first = np.zeros((len(t), 2)), np.zeros(len(t), bool), 1
-    if steps:
-        states[:1], quats[:1], sides[:1], held[:1] = first_state, steps[0].quat, steps[0].side, steps[0].held
-    else:
-        states[:], quats[:], sides[:], held[:] = first_state, motion.quat, motion.side, motion.held
-    for step in steps:
-        end = int(np.searchsorted(elapsed, step.polynomial.start + step.polynomial.length, side="right"))
-        if step is steps[-1]:
-            end = len(t)
-        states[first:end], quats[first:end] = step.polynomial.states_at(elapsed[first:end]), step.quat
-        sides[first:end], held[first:end] = step.side, step.held
-        first = max(first, end)
-    return motion.sample(t, states, quats, (sides[:, 0], sides[:, 1]), held)._replace(steps=len(steps))
-
-
-def _explain_failure(motion: PairMotion, start: float, stepper: Stepper) -> str:
-    """Return which load is no number or jumps at the present time and state, and what to do; "" if none does."""
-    increments = {"t": 1e-9, "psi": 1e-9, "psi'": 1e-6}
-    worst = (1e-3, "")
-    t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
-    for name, increment in increments.items():
-        times, shifted = t.copy(), states.copy()
-        if name == "t":
-            times += np.array([-increment, increment]) * max(1.0, abs(t[0]))
-            value, remedy = t[0], "breaks= names the instants at which loads jump"
-        else:
-            column = motion.psi_index + (name == "psi'")
-            value, remedy = (
-                states[0, column],
-                "HingeLoad(friction=..., stops=...) has friction and stops that are followed",
-            )
-            shifted[:, column] += np.array([-increment, increment]) * max(1.0, abs(value))
-        for load, values in motion.callable_loads(times, shifted).items():
-            low, high = values.reshape(2, -1)
-            if not np.isfinite(values).all():
-                number = values[~np.isfinite(values)][0]
-                psi = states[0, motion.psi_index]
-                return f"{load} is {number} near t = {t[0]:.6g}, psi = {psi:.6g}"
-            k = int(np.abs(high - low).argmax())
-            change = float(abs(high[k] - low[k]) / max(abs(high[k]), abs(low[k]), 1e-300))
-            if not change <= worst[0]:
-                worst = change, f"{load} jumps from {low[k]:.6g} to {high[k]:.6g} at {name} = {value:.6g}; {remedy}"
-    return worst[1]
-
-
-def _angle_between(first: Array, second: Array) -> float:
-    """Return the largest angle [rad] between attitudes, unit quaternions (n, 4), row by row."""
-    chord = np.minimum(np.linalg.norm(first - second, axis=-1), np.linalg.norm(first + second, axis=-1))
-    return float((4 * np.arcsin(np.minimum(chord / 2, 1))).max(initial=0.0))
+def _check_masses(pair: HingePair, *, moves_body1: bool) -> None:
+    """Refuse a pair of which a body that moves has no mass properties, or whose motion nothing resists."""
+    bodies = ({"body1": pair.body1} if moves_body1 else {}) | {"body2": pair.body2}
+    check_masses(bodies, "; or base='fixed', for which body 2 suffices")
+    tree = tree_constants(pair.constants, (pair.body1, pair.body2)).arrays["tree"]
+    of_hinge, *of_body1 = tree[-3:] > 0  # sizes below which pivots are rounding; 0 where they are larger
+    if of_hinge or (moves_body1 and any(of_body1)):
+        expected = "masses that resist every motion: body 2 has no inertia about the hinge axis, to round-off, or a"
+        raise ArgumentError(
+            "pair.body2", f"{expected} body's inertia is negligible relative to the other's", pair.body2
+        )

@@ -22,7 +22,7 @@ from hingepair.mechanism.methods import MechanismMethods
 from hingepair.mechanism.samples import read_payload
 from hingepair.mechanism.slider import RobotJoint
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Tree, loads_note
-from hingepair.numeric.arrays import Float64Array, FloatArray, one_constant, read_only
+from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only
 from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
@@ -528,6 +528,17 @@ class Mechanism(MechanismMethods):
             return self.torque_regressor(*states, gravity=gravity, base_motion=motion)
 
         return find_base_parameters(self.tree, free, regressor, self.position_limits)
+
+    def with_base(self, base: str) -> Mechanism:
+        """Return the robot with the given kind of base: "fixed", which rests or moves as given, or "free".
+
+        >>> import hingepair as hp
+        >>> hand = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="hand")
+        >>> hp.Mechanism([hand]).with_base("free").base
+        'free'
+        """
+        check_choice("base", base, building.BASE_KINDS)
+        return _new_mechanism(type(self), self.tree, base)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _new_mechanism, (type(self), self.tree, self.base)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.dynamics.simulate import describe_stop_overrun
+from hingepair.dynamics.run import stop_overrun
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import ACCELERATION, QUANTITIES, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
@@ -318,7 +318,7 @@ class PairScene(Scene):
         least, most = psi.least, psi.most
         if motion.simulated is not None:  # between the instants, too
             least, most = motion.simulated.psi_range
-        if soft := describe_stop_overrun(motion.stops, least, most):
+        if soft := stop_overrun("psi", "rad", motion.stops, least, most):
             yield f"{soft}; stop_stiffness hardens them"
         yield from motion.notes
         if math.isnan(motion.error_estimate):

@@ -11,11 +11,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hingepair.dynamics.loads import MotionAtInstants
+from hingepair.dynamics.run import SimulationError
 from hingepair.dynamics.simulate import (
     BASES,
     SimulatedMotion,
     SimulatedPlanarMotion,
-    SimulationError,
     simulate,
 )
 from hingepair.equations.quantities import ACCELERATION

@@ -1,0 +1,472 @@
+"""State of a robot in a simulation, with its derivatives and the motion that it stands for.
+
+The state of a robot with a free base is its base point, which is the common centre of mass, the linear momentum, the
+angular momentum about that centre, the attitude of the base as Cayley coordinates g relative to the start of the
+step, q and q'. Without loads the momenta are exactly constant. The base point of a pinned base is R1, and its angular
+momentum that about R1. The state of a robot whose base rests or moves as given is q and q' alone.
+
+The velocities are (v1, omega1, q') of a free or pinned base, and q' otherwise; accelerations solve M a + h = f with
+the mass matrix M (T4) and the bias forces h (T1-T3). Some of them are known: 0 of joints that are held and of the
+point of a pinned base, and those of joints that move as given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hingepair.dynamics.collocation import StepPolynomial
+from hingepair.dynamics.events import Side
+from hingepair.dynamics.robot_loads import JointAndBodyLoads, RobotMotionAtInstants, wrenches_of
+from hingepair.dynamics.robot_programs import RobotPrograms
+from hingepair.equations import dynamics as dyn
+from hingepair.errors import ArgumentError
+from hingepair.integration.methods import quaternion_product
+from hingepair.integration.trajectory import quaternions_to_matrices
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.numeric.arrays import Float64Array as Array
+from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
+from hingepair.pair.hinge_load import call_with_arrays
+from hingepair.plans.plan import SPATIAL_MOTION_KIND
+from hingepair.plans.simulation import MOTION
+from hingepair.rotations.matrices import matrix_to_quaternion
+
+BASES = ("fixed", "free", "pinned", "moving")
+BaseCallable: TypeAlias = Callable[[Array], BodyMotion]
+"""Motion of the base at instants (n,) [s]."""
+JointCallable: TypeAlias = Callable[[Array], Any]
+"""Coordinate of a joint and its first two derivatives at instants (n,) [s]; (n,) each."""
+
+_P, _G = slice(3, 6), slice(9, 12)  # momentum and Cayley coordinates in the state
+_Q = 12  # index of q in the state of a free or pinned base
+_ZERO = np.zeros(3)
+_REST = BodyMotion(R=_ZERO, S=np.eye(3))
+
+
+class RobotSamples(NamedTuple):
+    """Samples of a simulated motion at n instants."""
+
+    t: Array  # instants [s]; (n,)
+    quats: Array  # attitudes of the base, scalar first; (n, 4)
+    motion: RobotMotionAtInstants
+    qdd: Array  # (n, dof)
+    a1: Array  # (n, 3) [m/s^2]
+    alpha1: Array  # (n, 3) [rad/s^2]
+    phi: Array  # angle of the base about the world's z axis, which counts turns if it turns about no other; (n,)
+    loads: dict[str, Array]  # by name
+    steps: int = 0  # number of steps
+
+    @property
+    def base(self) -> BodyMotion:
+        """Motion of the base."""
+        now = self.motion
+        return motion_of_rotations(R=now.R1, S=now.S1, v=now.v1, omega=now.omega1, a=self.a1, alpha=self.alpha1)
+
+
+class StepRecord(NamedTuple):
+    """One step of a simulation."""
+
+    polynomial: StepPolynomial
+    quat: Array  # attitude of the base at the start of the step; (4,)
+    phi: float  # its angle about the world's z axis
+    side: Side  # branches of the loads
+    held: NDArray[np.bool_]  # whether each joint is held
+
+
+class _Moment(NamedTuple):
+    """Motion, mass matrix and Jacobians in n states."""
+
+    now: RobotMotionAtInstants
+    a1: Array  # of a base that moves as given
+    alpha1: Array
+    qdd: Array  # of joints that move as given; 0 of others; (n, dof)
+    M: Array  # (n, velocities, velocities)
+    bias: Array  # (n, velocities)
+    jacobians: Array  # of the loaded links; (n, links, 6, velocities)
+    centre: Array  # from R1 to the centre of mass of a free or pinned robot, world axes; (n, 3)
+
+
+class RobotMotion:
+    """Equations of motion of a robot: the first state, the derivatives of any state, and the motion in any state. It
+    stores the attitude at the start of the present step, the `side` that selects the smooth branch of the load of
+    each joint, and which joints are `held`.
+
+    Args:
+        robot: a robot, with base="free" if the base is free or pinned.
+        base: "fixed", "free", "pinned" at R1, or "moving".
+        base_motion: motion of the base: at the first instant, or, of a moving base, a callable.
+        q0: coordinates at the first instant; shape (dof,).
+        qd0: their rates; shape (dof,).
+        loads: loads on links and joints.
+        programs: the robot's equations.
+        driven: joints that move as given, by number.
+        base_label: name of a callable `base_motion` in messages.
+
+    Raises:
+        ArgumentError: no mass resists some motion.
+    """
+
+    def __init__(
+        self,
+        robot: Mechanism,
+        base: str,
+        base_motion: BodyMotion | BaseCallable,
+        q0: Array,
+        qd0: Array,
+        loads: JointAndBodyLoads,
+        programs: RobotPrograms,
+        driven: Mapping[int, JointCallable] | None = None,
+        base_label: str = "base_motion",
+    ) -> None:
+        self.robot, self.loads, self.base, self._driven, self._programs = robot, loads, base, driven or {}, programs
+        self._base_label = base_label
+        self.joint_loads = loads.joint_loads
+        self.dof = robot.dof
+        self.has_momenta = base in ("free", "pinned")
+        self._base_callable = base_motion if callable(base_motion) else None
+        self.side: Side = (np.zeros(self.dof), np.zeros(self.dof))
+        self._resting: dict[int, dict[str, Array]] = {}  # motion of a base at rest, by the number of instants
+        self.held: NDArray[np.bool_] = np.zeros(self.dof, np.bool_)
+        start = _REST if callable(base_motion) else base_motion
+        R, S, v, omega = (_ZERO if x is None else x for x in (start.R, start.S, start.v, start.omega))
+        self._R, self._S = np.asarray(R, np.float64), np.asarray(S, np.float64)
+        self.quat = matrix_to_quaternion(self._S)
+        self.phi = float(np.arctan2(self._S[1, 0], self._S[0, 0]))
+        self._S0 = quaternions_to_matrices(self.quat[None])
+        self._known = np.zeros(self.dof + 6 * self.has_momenta, np.bool_)
+        self._known[:3] = base == "pinned"
+        self._known[[k - self.dof for k in self._driven]] = True
+        self.length = _length(robot)
+        units = np.array([1.0 if joint.unit == "rad" else self.length for joint in robot.tree.coordinates])
+        if not self.has_momenta:
+            self.q = slice(0, self.dof)
+            self.state = np.hstack([q0, qd0])
+            self.sizes = np.hstack([units, units])
+            self.rate_mask: NDArray[np.bool_] = np.repeat([False, True], self.dof)
+            self._check_masses()
+            return
+        self.q = slice(_Q, _Q + self.dof)
+        rest = np.hstack([np.zeros(12), q0, np.zeros(self.dof)])[None]
+        found, _ = programs.moment(state=rest, S0=self._S[None])
+        M, centre = found["mass_matrix"][0], found["centre"][0]
+        mass = M[0, 0]
+        velocities = np.hstack([np.zeros(3) if base == "pinned" else v, omega, qd0])
+        P, L = M[:3] @ velocities, M[3:6] @ velocities
+        if base == "free":
+            point, L = R + centre, L - np.cross(centre, P)
+        else:
+            point, P = self._R, np.zeros(3)
+        self.state = np.hstack([point, P, L, np.zeros(3), q0, qd0])
+        inertia = float(np.trace(M[3:6, 3:6])) + mass * self.length**2
+        self.sizes = np.hstack([np.repeat([self.length, mass * self.length, inertia, 1.0], 3), units, units])
+        self.rate_mask = np.repeat([False, True, False, True], [3, 6, 3 + self.dof, self.dof])
+        self._check_masses()
+
+    @property
+    def callable_names(self) -> tuple[str, ...]:
+        """Names of the arguments of `simulate` that are callables."""
+        of_joints = [self.loads.driven_label(k) for k in self._driven]
+        return (*self.loads.callable_names, *of_joints, *[self._base_label] * (self._base_callable is not None))
+
+    @property
+    def _qd(self) -> slice:
+        return slice(self.q.stop, self.q.stop + self.dof)
+
+    def _check_masses(self) -> None:
+        """Refuse a robot some motion of which no mass resists at the start."""
+        if self._known.all():
+            return
+        M = self._moment(np.zeros(1), self.state[None]).M[0][np.ix_(~self._known, ~self._known)]
+        scale = np.sqrt(np.abs(np.diag(M)))
+        if not (scale > 0).all() or np.linalg.eigvalsh(M / scale / scale[:, None])[0] <= 1e-14:
+            names = np.array([*["the base"] * 6 * self.has_momenta, *self.robot.names])[~self._known]
+            least = f"a singular mass matrix; the least inertia is that of {names[int(np.argmin(scale))]}"
+            raise ArgumentError("robot", "masses that resist every motion", least)
+
+    def first_step_length(self, t: float, span: float) -> float:
+        """Return a length for the first step [s], in which nothing turns by more than a tenth of a radian at the
+        present rates.
+        """
+        turning = slice(_G.start if self.has_momenta else 0, None)
+        rates = (self.rates(np.array([t]), self.state[None])[0] / self.sizes)[turning]
+        rates[-self.dof :] /= np.maximum(1, np.abs(self.state[self._qd]))
+        fastest = float(np.abs(rates).max(initial=0.0))
+        return min(span, 0.1 / fastest) if 0 < fastest < np.inf else span / 100
+
+    def rates(self, t: Array, states: Array) -> Array:
+        """Return the time derivatives of states, (m, k), on the present branches of the loads."""
+        if self._driven or (self.held.any() and not self.held.all()):
+            return self._rates_with_known(t, states)
+        now = self._now(t, states)
+        on_bodies = self.loads.on_bodies(t, now) if self.loads.acts_on_bodies else None
+        inputs = {"tau": self.loads.efforts(t, now, self.side)}
+        if self.has_momenta:
+            inputs |= {"state": states, "S0": np.broadcast_to(self._S0, (len(t), 3, 3))}
+            rates: Array = self._programs.rates(inputs, on_bodies)
+        else:
+            inputs |= {"q": now.q, "qd": now.qd, **self._base_inputs(t)}
+            rates = np.concatenate([now.qd, self._programs.rates(inputs, on_bodies)], axis=1)
+        if self.held.any():
+            rates = rates.copy()
+            rates[:, self.q.start :] = 0.0
+        return rates
+
+    def _rates_with_known(self, t: Array, states: Array) -> Array:
+        """Return the same where some accelerations are known."""
+        moment = self._moment(t, states)
+        loads = self._generalized(t, moment, self.side)
+        qdd = self._solve(moment, loads, self.held)[0][:, -self.dof :]
+        if not self.has_momenta:
+            return np.concatenate([moment.now.qd, qdd], axis=1)
+        external, centre, mass = loads[:, :6], moment.centre, moment.M[:, :1, 0]
+        weight = mass * np.asarray(self.loads.gravity)
+        if self.base == "free":
+            momentum_rates = external[:, :3] + weight, external[:, 3:] - _cross(centre, external[:, :3])
+            velocity = states[:, _P] / mass
+        else:
+            momentum_rates = np.zeros_like(weight), external[:, 3:] + _cross(centre, weight)
+            velocity = np.zeros_like(weight)
+        g_rate = np.stack(dyn.cayley_rate(tuple(states[:, _G].T), tuple(moment.now.omega1.T)), axis=-1)
+        return np.concatenate([velocity, *momentum_rates, g_rate, moment.now.qd, qdd], axis=1)
+
+    def joint_accelerations(self, t: float, state: Array) -> Array:
+        """Return the accelerations of the joints in one state, (dof,); 0 of held ones."""
+        instants = np.array([t])
+        moment = self._moment(instants, state[None])
+        return self._solve(moment, self._generalized(instants, moment, self.side), self.held)[0][0, -self.dof :]
+
+    def joint_mobility(self, t: float, state: Array) -> Array:
+        """Return the derivatives of the accelerations by efforts at the joints, none of which is held; (dof, dof)."""
+        M = self._moment(np.array([t]), state[None]).M
+        inverse: Array = np.linalg.inv(_with_known(M, self._known[None]))[0]
+        inverse[self._known] = 0.0
+        return inverse[-self.dof :, -self.dof :]
+
+    def holding_efforts(self, t: Array, states: Array) -> Array:
+        """Return the efforts that hold the held joints, (n, dof); 0 of others."""
+        moment = self._moment(t, states)
+        efforts = self._solve(moment, self._generalized(t, moment, self.side), self.held)[1][:, -self.dof :]
+        return np.where(self.held, efforts, 0.0)
+
+    def callable_loads(self, t: Array, states: Array) -> dict[str, Array]:
+        """Return the callable loads by name, on the present branches."""
+        return self.loads.callables_at(t, self._now(t, states), self.side)
+
+    def motion_at(self, t: Array, states: Array) -> Any:
+        """Return the motion in states of the present step, as callables of users see it."""
+        return self.loads.now(self._now(t, states, with_base=True))
+
+    def restart_attitude(self, state: Array) -> Array:
+        """Turn the stored attitude by g of a state at the end of a step; return the state with g = 0."""
+        if not self.has_momenta:
+            return state
+        self.phi += 2 * float(np.arctan(state[_G][2] / 2))
+        self.quat = _rotate_by_cayley(state[_G], self.quat)
+        self._S0 = quaternions_to_matrices(self.quat[None])
+        state = state.copy()
+        state[_G] = 0.0
+        return state
+
+    def sample_steps(self, t: Array, states: Array, steps: Sequence[StepRecord]) -> RobotSamples:
+        """Return motion and loads at n instants, each with its state, shape (n, k), and its step."""
+        quats, held = np.array([step.quat for step in steps]), np.array([step.held for step in steps])
+        side: Side = (np.array([step.side[0] for step in steps]), np.array([step.side[1] for step in steps]))
+        phi, S0 = np.array([step.phi for step in steps]), None
+        if self.has_momenta:
+            phi = phi + 2 * np.arctan(states[:, _G][:, 2] / 2)
+            quats = _rotate_by_cayley(states[:, _G], quats)
+            S0, states = quaternions_to_matrices(quats), states.copy()
+            states[:, _G] = 0.0
+        moment = self._moment(t, states, S0)
+        accelerations, holding = self._solve(moment, self._generalized(t, moment, side), held)
+        a1, alpha1 = moment.a1, moment.alpha1
+        if self.has_momenta:
+            a1, alpha1 = accelerations[:, :3], accelerations[:, 3:6]
+        else:
+            quats = matrix_to_quaternion(moment.now.S1)
+            phi = np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0]))
+        loads = self.loads.all_at(t, moment.now, side, holding[:, -self.dof :], tuple(self._driven))
+        qdd = accelerations[:, -self.dof :]
+        return RobotSamples(t, quats, moment.now, qdd, a1, alpha1, phi, loads)
+
+    # ---- what the energy balance asks
+
+    def energies(self, samples: RobotSamples) -> tuple[Array, Array]:
+        """Return the kinetic and the potential energy [J], (n,) each."""
+        now = samples.motion
+        energy = self.robot.energy(now.q, now.qd, gravity=self.loads.gravity, base_motion=samples.base)
+        return np.asarray(energy.kinetic, np.float64), np.asarray(energy.potential, np.float64)
+
+    def powers(self, samples: RobotSamples) -> dict[str, Array]:
+        """Return the power of each load [W], (n,); of a base that moves, that of its support."""
+        now, loads, powers = samples.motion, samples.loads, dict[str, Array]()
+        if self.has_momenta:
+            powers["force1"] = (loads["force1"] * now.v1).sum(axis=-1)
+            powers["torque1"] = (loads["torque1"] * now.omega1).sum(axis=-1)
+        wrenches = wrenches_of(self.loads, loads)
+        if wrenches:
+            frames = self.robot.forward_kinematics(now.q, now.qd, base_motion=samples.base, frames=tuple(wrenches))
+            for link, wrench in wrenches.items():
+                for name, load, rate in zip(
+                    self.loads.wrench_names(link), wrench, (frames[link].v, frames[link].omega), strict=True
+                ):
+                    powers[name] = (load * rate).sum(axis=-1)
+        if self.base == "moving":
+            support = self.robot.inverse_dynamics(
+                now.q, now.qd, samples.qdd, base_motion=samples.base, gravity=self.loads.gravity, wrenches=wrenches
+            )
+            powers["base"] = (support.force1 * now.v1 + support.torque1 * now.omega1).sum(axis=-1)
+        for name, part in self.loads.parts_of(loads).items():
+            powers[name] = (part * now.qd).sum(axis=-1)
+        return powers
+
+    # ---- the equations
+
+    def _moment(self, t: Array, states: Array, S0: Array | None = None) -> _Moment:
+        q, qd, qdd = self._joints(t, states)
+        if self.has_momenta:
+            if self._driven:
+                states = states.copy()
+                states[:, self.q], states[:, self._qd] = q, qd
+            S0 = np.broadcast_to(self._S0 if S0 is None else S0, (len(t), 3, 3))
+            found, jacobians = self._programs.moment(state=states, S0=S0)
+            now = RobotMotionAtInstants(q, qd, *(found[name] for name in MOTION))
+            a1 = alpha1 = np.zeros_like(now.v1)
+            centre = found["centre"]
+        else:
+            base = self._base_inputs(t)
+            found, jacobians = self._programs.moment(q=q, qd=qd, **base)
+            now = RobotMotionAtInstants(q, qd, *(base[name] for name in MOTION))
+            a1, alpha1, centre = base["a1"], base["alpha1"], np.zeros((len(t), 3))
+        return _Moment(now, a1, alpha1, qdd, found["mass_matrix"], found["bias_forces"], jacobians, centre)
+
+    def _now(self, t: Array, states: Array, *, with_base: bool = False) -> RobotMotionAtInstants:
+        """Return the motion in states of the present step; of the base only if loads or `with_base` ask for it."""
+        q, qd, _ = self._joints(t, states)
+        if not (with_base or self.loads.need_motion):
+            return RobotMotionAtInstants(q, qd, *(_ZERO,) * 4)
+        if not self.has_momenta:
+            return RobotMotionAtInstants(q, qd, *(self._base_inputs(t)[name] for name in MOTION))
+        found = self._programs.motion(states, np.broadcast_to(self._S0, (len(t), 3, 3)))
+        return RobotMotionAtInstants(q, qd, *(found[name] for name in MOTION))
+
+    def _joints(self, t: Array, states: Array) -> tuple[Array, Array, Array]:
+        """Return q and q', and q'' of joints that move as given; (n, dof) each."""
+        q, qd = states[:, self.q], states[:, self._qd]
+        qdd = np.zeros_like(q)
+        if self._driven:
+            q, qd = q.copy(), qd.copy()
+            for k, motion in self._driven.items():
+                q[:, k], qd[:, k], qdd[:, k] = driven_at(self.loads.driven_label(k), motion, t)
+        return q, qd, qdd
+
+    def _base_inputs(self, t: Array) -> dict[str, Array]:
+        """Return the motion of a base that rests or moves as given, arrays of n rows by name."""
+        if self._base_callable is not None:
+            return base_at(self._base_label, self._base_callable, t)
+        found = self._resting.get(len(t))
+        if found is None:
+            rest = {"R1": self._R, "S1": self._S, **dict.fromkeys(("v1", "omega1", "a1", "alpha1"), _ZERO)}
+            found = {name: np.tile(value, (len(t), *[1] * value.ndim)) for name, value in rest.items()}
+            self._resting[len(t)] = found
+        return found
+
+    def _generalized(self, t: Array, moment: _Moment, side: Side) -> Array:
+        """Return the generalized forces of all loads but gravity, (n, velocities)."""
+        base, wrenches = self.loads.on_bodies(t, moment.now)
+        efforts = self.loads.efforts(t, moment.now, side)
+        forces = np.concatenate([base, efforts], axis=1) if self.has_momenta else efforts
+        return forces + np.einsum("nlij,nli->nj", moment.jacobians, wrenches) if wrenches.size else forces
+
+    def _solve(self, moment: _Moment, loads: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Return the accelerations, and the generalized forces that make those come true that are known; (n,
+        velocities) each. `held` has the shape (dof,) or (n, dof).
+        """
+        known = np.broadcast_to(self._known, loads.shape).copy()
+        known[:, -self.dof :] |= held
+        forces = loads - moment.bias
+        if not known.any():
+            return _solved(moment.M, forces), np.zeros_like(forces)
+        if self._driven:
+            given = np.zeros_like(forces)
+            given[:, -self.dof :] = moment.qdd
+            rest = np.where(known, given, forces - (moment.M @ given[..., None])[..., 0])
+        else:
+            rest = np.where(known, 0.0, forces)
+        accelerations = _solved(_with_known(moment.M, known), rest)
+        needed = (moment.M @ accelerations[..., None])[..., 0] - forces
+        return accelerations, np.where(known, needed, 0.0)
+
+
+def base_at(label: str, base: BaseCallable, t: Array) -> dict[str, Array]:
+    """Return the motion of a base that moves as given, arrays of n rows by name: R1, S1, v1, omega1, a1 and alpha1.
+
+    Raises:
+        ArgumentError: the callable returns something else.
+    """
+    letters = ("R", "S", "v", "omega", "a", "alpha")
+    arrays = motion_arrays(f"{label}1", call_with_arrays(label, base, t), *letters)
+    try:
+        return {name: np.broadcast_to(x, (len(t), *SPATIAL_MOTION_KIND.shapes[name])) for name, x in arrays.items()}
+    except ValueError:
+        expected = f"a callable that returns the motion of the base at {len(t)} instants"
+        raise ArgumentError(label, expected, {name: array.shape for name, array in arrays.items()}) from None
+
+
+def driven_at(label: str, motion: JointCallable, t: Array) -> tuple[Array, Array, Array]:
+    """Return the coordinate, rate and acceleration of a joint that moves as given, (n,) each.
+
+    Raises:
+        ArgumentError: the callable returns something else.
+    """
+    values = call_with_arrays(label, motion, t)
+    try:
+        q, qd, qdd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
+    except (TypeError, ValueError):
+        expected = f"a callable that returns (psi, psi', psi'') at {len(t)} instants"
+        raise ArgumentError(label, expected, values) from None
+    return q, qd, qdd
+
+
+def _length(robot: Mechanism) -> float:
+    """Return the sum of the distances between joints and to centres of mass [m]; 1 m if all of them are zero."""
+    bodies = [robot.tree.base, *(joint.body for joint in robot.tree.joints)]
+    vectors = [joint.u for joint in robot.tree.joints] + [body.center_of_mass for body in bodies]
+    return sum(float(np.linalg.norm(vector)) for vector in vectors) or 1.0
+
+
+def _with_known(M: Array, known: NDArray[np.bool_]) -> Array:
+    """Return mass matrices (n, k, k) in which the rows and columns of known accelerations are those of the unit
+    matrix.
+    """
+    known = np.broadcast_to(known, M.shape[:2])
+    M = np.where(known[:, :, None] | known[:, None, :], 0.0, M)
+    n, k = np.nonzero(known)
+    M[n, k, k] = 1.0
+    return M
+
+
+def _solved(M: Array, forces: Array) -> Array:
+    """Return the solutions of M a = forces, (n, k); NaN if a matrix is singular."""
+    try:
+        return np.asarray(np.linalg.solve(M, forces[..., None])[..., 0], np.float64)
+    except np.linalg.LinAlgError:
+        return np.full(forces.shape, np.nan)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross products of rows; some ten times as fast as np.cross."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def _rotate_by_cayley(g: Array, quats: Array) -> Array:
+    """Return attitudes, unit quaternions (..., 4), turned about world axes by Cayley coordinates g."""
+    x, y, z = np.moveaxis(g / 2, -1, 0)
+    w, i, j, k = np.moveaxis(quats, -1, 0)
+    products = np.stack(quaternion_product((1.0, x, y, z), (w, i, j, k)), axis=-1)
+    quaternions: Array = products / np.linalg.norm(products, axis=-1, keepdims=True)
+    return quaternions

@@ -1,0 +1,126 @@
+"""The state of a simulated robot whose base is free or pinned: the motion that it stands for, and its derivative.
+
+A state is one vector: base point, momentum P, angular momentum L, Cayley coordinates g of the base's attitude
+relative to S0, q and q'. The base point is the common centre of mass, about which L is; of a pinned base it is R1.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+from hingepair.engine.binding import ArrayShape
+from hingepair.engine.loops import Loop
+from hingepair.equations import trees as eq
+from hingepair.equations.dynamics import cayley_attitude, cayley_rate, solve_symmetric
+from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross, dot, scale, subtract
+from hingepair.plans.trees import (
+    MAX_TRACED_OPERATIONS,
+    OUTPUTS,
+    Computation,
+    Form,
+    Request,
+    estimated_operations,
+    input_shapes,
+    output_shape,
+)
+
+MOTION = ("R1", "S1", "v1", "omega1")
+"""Outputs that are the motion of the base."""
+_MOTION_SHAPES: dict[str, ArrayShape] = {"R1": (3,), "S1": (3, 3), "v1": (3,), "omega1": (3,), "centre": (3,)}
+
+Values = Mapping[str, Any]
+
+
+def state_size(form: Form) -> int:
+    """Return the number of components of a state."""
+    return 12 + 2 * form.dof
+
+
+@functools.lru_cache(maxsize=128)
+def state_loop(form: Form, request: Request, pinned: bool, outputs: tuple[str, ...]) -> Loop:
+    """Return the cached loop from `state` and `S0` to outputs: those of `MOTION`, "centre" (from R1 to the centre of
+    mass), outputs of trees, and "rates", the derivative of the state. The request, which has no outputs, says where
+    wrenches act.
+    """
+    of_tree = tuple(name for name in outputs if name in OUTPUTS and name not in _MOTION_SHAPES)
+    loaded = request if "rates" in outputs else request._replace(loaded=())
+    asked = loaded._replace(outputs=(*of_tree, *(("qdd",) if "rates" in outputs else ())))
+    needed = input_shapes(form, asked)
+    inputs = {name: tail for name, tail in needed.items() if name not in {"q", "qd", *MOTION}}
+    inputs |= {"state": (state_size(form),), "S0": (3, 3)}
+    shapes: dict[str, ArrayShape] = {**_MOTION_SHAPES, "rates": (state_size(form),)}
+    shapes |= {name: output_shape(name, form, request) for name in of_tree}
+    return Loop(
+        "state", functools.partial(_outputs, form, loaded, pinned, outputs), inputs,
+        {name: shapes[name] for name in outputs}, form=("state", form, loaded, pinned, outputs),
+        traced=2 * estimated_operations(form, asked) <= MAX_TRACED_OPERATIONS,
+    )  # fmt: skip
+
+
+def _outputs(form: Form, request: Request, pinned: bool, outputs: tuple[str, ...], values: Values) -> dict[str, Any]:
+    dof, state = form.dof, values["state"]
+    base_point, P, L, g = (state[3 * k : 3 * k + 3] for k in range(4))
+    q, qd = state[12 : 12 + dof], state[12 + dof :]
+    S1 = cayley_attitude(g, values["S0"])
+    v = {"gravity": ZERO_VECTOR, **values, "q": q, "qd": qd, "S1": S1}
+    still = Computation(form, request, {**v, "v1": ZERO_VECTOR, "omega1": ZERO_VECTOR})
+    centre = still.centre_from_base
+    omega1, v1 = _base_rates(still, centre, P, L, pinned)
+    R1 = base_point if pinned else subtract(base_point, centre)
+    moving = Computation(form, request, {**v, "R1": R1, "v1": v1, "omega1": omega1})
+    found: dict[str, Any] = {"R1": R1, "S1": S1, "v1": v1, "omega1": omega1, "centre": centre}
+    if "rates" in outputs:
+        mass = still.composites[0].mass
+        found["rates"] = _rates(moving, centre, mass, P, cayley_rate(g, omega1), pinned)
+    return {name: found[name] if name in found else moving.outputs((name,))[name] for name in outputs}
+
+
+def _base_rates(still: Computation, centre: Vector, P: Vector, L: Vector, pinned: bool) -> tuple[Vector, Vector]:
+    """Return omega1 and v1 from the momenta; `still` has a base at rest."""
+    matter = still.composites[0]
+    *_, x, y, z = eq.base_mass_rows(still.values["S1"], matter)
+    inertia = [*x[3:], *y[3:], *z[3:]]  # about R1, on and below the diagonal
+    P_joints, L_joints = still.momentum
+    L = subtract(L, L_joints)
+    if not pinned:
+        first = scale(centre, matter.mass)
+        steiner = dot(first, centre)
+        inertia = [
+            entry - (steiner * (i == j) - first[i] * centre[j])
+            for entry, (i, j) in zip(inertia, ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)), strict=True)
+        ]
+        L = add(L, cross(centre, P_joints))
+    omega1: Any = solve_symmetric(tuple(inertia), L)[0]
+    if pinned:
+        return omega1, ZERO_VECTOR
+    velocity = scale(subtract(P, P_joints), 1 / matter.mass)
+    return omega1, subtract(velocity, cross(omega1, centre))
+
+
+def _rates(
+    moving: Computation, centre: Vector, mass: Scalar, P: Vector, g_rate: Vector, pinned: bool
+) -> tuple[Scalar, ...]:
+    """Return the derivative of the state."""
+    values = moving.values
+    force, torque = values["force1"], values["torque1"]
+    for k, place in enumerate(moving.request.loaded):
+        pose = moving.frame_poses[place]
+        force = add(force, values[f"force_{k}"])
+        torque = add(torque, add(values[f"torque_{k}"], cross(pose.d, values[f"force_{k}"])))
+    weight = scale(values["gravity"], mass)
+    if pinned:
+        qdd = _pinned_accelerations(moving)
+        return (*ZERO_VECTOR, *ZERO_VECTOR, *add(torque, cross(centre, weight)), *g_rate, *values["qd"], *qdd)
+    momentum_rates = (*add(force, weight), *subtract(torque, cross(centre, force)))
+    return (*scale(P, 1 / mass), *momentum_rates, *g_rate, *values["qd"], *moving.solved[2])
+
+
+def _pinned_accelerations(moving: Computation) -> tuple[Scalar, ...]:
+    """Return q'' where a1 is 0: the rows of M for a1, which come last, are left out."""
+    bias, values = moving.bias_forces(True), moving.values
+    size = 3 + moving.form.dof
+    loads = [load - force for load, force in zip((*values["torque1"], *values["tau"]), bias[3:], strict=True)]
+    solved = solve_symmetric(moving.mass_entries[: size * (size + 1) // 2], tuple(loads[::-1]))[0]
+    return tuple(solved[::-1][3:])

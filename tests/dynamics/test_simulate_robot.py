@@ -1,0 +1,210 @@
+"""Simulated robots against MuJoCo, the pair, and conservation laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.states import generator, rotations
+
+ROD = hp.Body(1.0, center_of_mass=(0.5, 0, 0), inertia=(0.01, 0.09, 0.09))
+
+
+def chain(count, base="fixed"):
+    """A chain of rods of 1 m, the hinges along y."""
+    first = {"body1": ROD} if base == "free" else {}
+    return hp.Mechanism(
+        [
+            hp.HingePair(
+                (float(k > 0), 0, 0), (0, 0, 0), (0, 1, 0), body2=ROD, name=f"j{k}", **(first if k == 0 else {})
+            )
+            for k in range(count)
+        ],
+        base=base,
+    )
+
+
+def test_joints_that_lie_on_their_stops_pass_an_impact_on():
+    # The upper rod rests on its lower stop; the lower one falls on its own and throws the upper one off, or not.
+    loads = {
+        "j0": hp.HingeLoad(stops=(-1.0, 0.0), stop_restitution=0.0),
+        "j1": hp.HingeLoad(stops=(-1.0, 0.3), stop_restitution=0.4),
+    }
+    found = hp.simulate(chain(2), np.linspace(0, 0.6, 61), [0.0, -0.5], loads=loads, tol=1e-12)
+    assert found.q[:, 0].max() <= 0.0
+    assert np.abs(found.energy_balance().residual).max() < 1e-10
+    k = int(np.argmax(found.q[:, 1] > 0.29))
+    assert found.qd[k - 1, 1] > 0 > found.qd[k + 2, 1]
+
+
+def test_a_robot_of_one_joint_is_the_pair():
+    rng = generator(5)
+    bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2)]
+    pair = hp.HingePair(*rng.normal(size=(3, 3)), name="k", body1=bodies[0], body2=bodies[1])
+    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0], v=rng.normal(size=3), omega=rng.normal(size=3))
+    load, t = hp.HingeLoad(stiffness=3, friction=0.2, stops=(-0.3, 0.4), stop_restitution=0.6), np.linspace(0, 1, 11)
+    of_pair = hp.simulate(pair, t, start, 0.1, 1.0, hinge_torque=load, force2=(1, 2, 3))
+    of_robot = hp.simulate(
+        hp.Mechanism([pair]), t, [0.1], [1.0], loads={"k": load}, wrenches={"k": ((1, 2, 3), 0)}, base="free",
+        base_motion=start,
+    )  # fmt: skip
+    np.testing.assert_array_equal(of_robot.q[:, 0], of_pair.psi)
+    np.testing.assert_array_equal(of_robot.base_motion.S, of_pair.S1)
+
+
+@pytest.mark.parametrize("base", ["free", "pinned"])
+def test_momenta_of_a_robot_without_loads_are_kept(base):
+    rng = generator(6)
+    omega = rng.normal(size=3)
+    start = hp.BodyMotion(R=(1, 2, 3), S=rotations(rng, 1)[0], omega=omega, **({} if base == "pinned" else {"v": omega}))
+    loads = {"j1": hp.HingeLoad(friction=0.3), "j2": hp.HingeLoad(stops=(-0.5, 0.5), stop_restitution=0.5)}
+    found = hp.simulate(
+        chain(3, "free"), np.linspace(0, 2, 21), [0.1, 0.2, 0.3], [1, 2, 3], base=base, base_motion=start,
+        loads=loads, gravity=(0, 0, 0),
+    )  # fmt: skip
+    momentum = found.momentum()
+    if base == "free":
+        assert np.ptp(momentum.linear, axis=0).max() < 1e-12
+        assert np.ptp(momentum.angular, axis=0).max() < 1e-11
+    else:
+        about = momentum.angular - np.cross((1, 2, 3), momentum.linear)
+        assert np.ptp(about, axis=0).max() < 1e-11
+    assert np.abs(found.energy_balance().residual).max() < 1e-9
+
+
+def shaken(t):
+    wave, rate = (np.stack([f(3 * t), 0 * t, 0 * t], axis=-1) for f in (np.sin, np.cos))
+    turn = hp.rodrigues((0, 0, 1), 0.5 * t)
+    return hp.BodyMotion(R=wave, S=turn, v=3 * rate, omega=(0, 0, 0.5), a=-9 * wave, alpha=np.zeros((len(t), 3)))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:j2 passes the stops")
+@pytest.mark.parametrize("base", ["fixed", "free", "pinned", "moving"])
+def test_the_accelerations_are_those_of_forward_dynamics_and_the_energies_grow_by_the_work(base):
+    robot = chain(3, "free" if base in ("free", "pinned") else "fixed")
+    loads = {
+        "j0": hp.HingeLoad(stiffness=2, damping=0.1, friction=0.5),
+        "j1": hp.HingeLoad(stops=(-0.1, 0.4), stop_restitution=0.5, motor=lambda t, *_: 3 * np.sin(2 * t)),
+        "j2": hp.HingeLoad(stops=(-0.2, 0.5), stop_stiffness=500.0, stop_damping=0.2),
+    }
+    forces = {"force1": (0.1, 0, 0.3), "torque1": lambda t, _: np.stack([np.sin(t)] * 3, -1)}
+    wrench = {"j2": (lambda t, now: np.stack([now.q[:, 1], t, 0 * t], -1), (0, 0.2, 0))}
+    start = {"base_motion": shaken} if base == "moving" else {}
+    found = hp.simulate(
+        robot, np.linspace(0, 2, 41), [0.1, 0.2, 0.3], [0, 1, 0], tau=lambda t, now: 0.3 * np.cos(now.qd),
+        loads=loads, wrenches=wrench, base=base, tol=1e-11, **start, **(forces if base in ("free", "pinned") else {}),
+    )  # fmt: skip
+    balance = found.energy_balance()
+    size = 1 + np.abs(balance.kinetic).max() + np.abs(balance.potential).max()
+    assert np.abs(balance.residual).max() <= 2e-10 * size
+    wrenches = {"j2": (found.loads["force_j2"], found.loads["torque_j2"])}
+    if base == "pinned":
+        needed = found.reactions()
+        np.testing.assert_allclose(needed.tau, found.tau, atol=1e-10)
+        np.testing.assert_allclose(needed.torque1, found.loads["torque1"], atol=1e-10)
+        return
+    of_base = {name: found.loads[name] for name in ("force1", "torque1")} if base == "free" else {}
+    expected = robot.forward_dynamics(
+        found.q, found.qd, found.tau, base_motion=found.base_motion, wrenches=wrenches, **of_base
+    )
+    np.testing.assert_allclose(found.qdd, expected.qdd, atol=1e-9)
+
+
+def test_the_error_estimate_is_the_error():
+    t = np.linspace(0, 3, 31)
+    coarse, fine = (hp.simulate(chain(4), t, np.zeros(4), tol=tol) for tol in (1e-5, 1e-14))
+    errors = np.abs(coarse.q - fine.q).max(axis=0)
+    np.testing.assert_allclose(coarse.q_error_estimate, errors, rtol=0.3)
+
+
+def test_a_driven_joint_moves_as_given_and_says_what_drives_it():
+    robot = chain(3)
+    found = hp.simulate(
+        robot, np.linspace(0, 2, 21), [0.0, 9.0, 0.0], driven={"j1": lambda t: (np.sin(t), np.cos(t), -np.sin(t))}
+    )
+    np.testing.assert_allclose(found.q[:, 1], np.sin(found.t), atol=1e-15)
+    needed = robot.inverse_dynamics(found.q, found.qd, found.qdd).tau
+    np.testing.assert_allclose(found.tau, needed, atol=1e-9)
+    assert np.abs(found.tau[:, [0, 2]]).max() == 0.0
+
+
+def test_stiff_feedback_takes_no_short_steps():
+    robot = chain(4)
+    hold = hp.Feedback(K=1e4, D=1e4, q_ref=[0.1, 0.2, -0.1, 0.3])
+    found = hp.simulate(robot, np.linspace(0, 5, 6), np.zeros(4), tau=hold)
+    assert found.steps < 400
+    np.testing.assert_allclose(found.q[-1], [0.1, 0.2, -0.1, 0.3], atol=0.02)
+
+
+@pytest.mark.slow
+def test_a_chain_of_ten_hinges_keeps_its_energy():
+    found = hp.simulate(chain(10), np.linspace(0, 10, 101), np.zeros(10), tol=1e-12)
+    energy = found.energy()
+    assert np.ptp(energy.kinetic + energy.potential) < 1e-9 * energy.kinetic.max()
+
+
+def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
+    mujoco = pytest.importorskip("mujoco")
+    body = '<inertial mass="1" pos="0.5 0 0" diaginertia="0.01 0.09 0.09"/>'
+    text = f"""<mujoco><option integrator="RK4"/><worldbody><body><joint axis="0 1 0" damping="0.2"/>{body}
+        <body pos="1 0 0"><joint axis="0 1 0" damping="0.1"/>{body}</body></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    loads = {"j0": hp.HingeLoad(damping=0.2), "j1": hp.HingeLoad(damping=0.1)}
+    expected = hp.simulate(chain(2), [0.0, 1.0], [0.0, 0.0], loads=loads, tol=1e-13).q[-1]
+    errors = []
+    for steps in (200, 400):
+        model.opt.timestep = 1 / steps
+        data = mujoco.MjData(model)
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+        errors.append(np.abs(data.qpos - expected).max())
+    assert errors[1] < 1e-8
+    assert 12 < errors[0] / errors[1] < 20  # order 4
+
+
+def test_an_event_ends_the_motion_of_a_robot():
+    found = hp.simulate(chain(2), np.linspace(0, 5, 51), [0.0, 0.0], until=lambda t, now: now.q[:, 0] - 0.5)
+    assert found.ended_by_event
+    assert found.q[-1, 0] == pytest.approx(0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("message", "change"),
+    [
+        (r"^loads: expected .*j0.*got 'j9'", {"loads": {"j9": hp.HingeLoad()}}),
+        (r"^loads\['j0'\]: expected a HingeLoad", {"loads": {"j0": 3.0}}),
+        (r"^q0\['j0'\]: expected a coordinate between the rigid stops",
+         {"loads": {"j0": hp.HingeLoad(stops=(1, 2), stop_restitution=0)}}),
+        (r"^q0: expected", {"q0": [0.0]}),
+        (r"^tau: expected .*shape \(\d+, 2\)", {"tau": lambda t, now: np.zeros((len(t), 3))}),
+        (r"^tau: expected a callable of \(t, now\)", {"tau": lambda t: t}),
+        (r"^base: expected", {"base": "floating"}),
+        (r"^base_motion: expected a callable", {"base": "moving"}),
+        (r"^force1: expected 0", {"force1": (1, 0, 0)}),
+        (r"^wrenches: expected .*got 'hand'", {"wrenches": {"hand": (0, 0)}}),
+        (r"^driven\['j1'\]: .*psid is the derivative", {"driven": {"j1": lambda t: (t, 0 * t, 0 * t)}}),
+        (r"^base_motion.omega: expected None or zeros",
+         {"base_motion": hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), omega=(1, 0, 0))}),
+        (r"^breaks: expected", {"breaks": [[1.0]]}),
+        (r"^tol: expected", {"tol": 1.0}),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_named(message, change):
+    arguments = {"q0": [0.0, 0.0]} | change
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.simulate(chain(2), [0.0, 1.0], **arguments)
+
+
+@pytest.mark.slow
+def test_a_load_that_jumps_is_named():
+    jump = {"j1": hp.HingeLoad(motor=lambda t, psi, psid: -np.sign(psid) * 2.0)}
+    with pytest.raises(hp.SimulationError, match=r"loads\['j1'\] jumps .* at j1' = "):
+        hp.simulate(chain(2), np.linspace(0, 20, 3), [1.5, 0.1], loads=jump, max_steps=3000)
+
+
+def test_limits_that_are_left_are_warned_of():
+    hinge = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=ROD, name="j", limits=(-1, 1))
+    with pytest.warns(hp.DynamicsWarning, match=r"j leaves its limits, -1 to 1 rad: it reaches .* at t = "):
+        hp.simulate(hp.Mechanism([hinge]), [0.0, 1.0], [0.0])
