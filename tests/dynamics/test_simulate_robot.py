@@ -42,7 +42,9 @@ def test_a_robot_of_one_joint_is_the_pair():
     rng = generator(5)
     bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2)]
     pair = hp.HingePair(*rng.normal(size=(3, 3)), name="k", body1=bodies[0], body2=bodies[1])
-    start = hp.BodyMotion(R=rng.normal(size=3), S=rotations(rng, 1)[0], v=rng.normal(size=3), omega=rng.normal(size=3))
+    start = hp.BodyMotion(
+        R=rng.normal(size=3), S=rotations(rng, 1)[0], v=rng.normal(size=3), omega=rng.normal(size=3)
+    )
     load, t = hp.HingeLoad(stiffness=3, friction=0.2, stops=(-0.3, 0.4), stop_restitution=0.6), np.linspace(0, 1, 11)
     of_pair = hp.simulate(pair, t, start, 0.1, 1.0, hinge_torque=load, force2=(1, 2, 3))
     of_robot = hp.simulate(
@@ -57,7 +59,9 @@ def test_a_robot_of_one_joint_is_the_pair():
 def test_momenta_of_a_robot_without_loads_are_kept(base):
     rng = generator(6)
     omega = rng.normal(size=3)
-    start = hp.BodyMotion(R=(1, 2, 3), S=rotations(rng, 1)[0], omega=omega, **({} if base == "pinned" else {"v": omega}))
+    start = hp.BodyMotion(
+        R=(1, 2, 3), S=rotations(rng, 1)[0], omega=omega, **({} if base == "pinned" else {"v": omega})
+    )
     loads = {"j1": hp.HingeLoad(friction=0.3), "j2": hp.HingeLoad(stops=(-0.5, 0.5), stop_restitution=0.5)}
     found = hp.simulate(
         chain(3, "free"), np.linspace(0, 2, 21), [0.1, 0.2, 0.3], [1, 2, 3], base=base, base_motion=start,
@@ -93,7 +97,7 @@ def test_the_accelerations_are_those_of_forward_dynamics_and_the_energies_grow_b
     wrench = {"j2": (lambda t, now: np.stack([now.q[:, 1], t, 0 * t], -1), (0, 0.2, 0))}
     start = {"base_motion": shaken} if base == "moving" else {}
     found = hp.simulate(
-        robot, np.linspace(0, 2, 41), [0.1, 0.2, 0.3], [0, 1, 0], tau=lambda t, now: 0.3 * np.cos(now.qd),
+        robot, np.linspace(0, 2, 41), [0.1, 0.2, 0.3], [0, 1, 0], tau=lambda _, now: 0.3 * np.cos(now.qd),
         loads=loads, wrenches=wrench, base=base, tol=1e-11, **start, **(forces if base in ("free", "pinned") else {}),
     )  # fmt: skip
     balance = found.energy_balance()
@@ -165,7 +169,7 @@ def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
 
 
 def test_an_event_ends_the_motion_of_a_robot():
-    found = hp.simulate(chain(2), np.linspace(0, 5, 51), [0.0, 0.0], until=lambda t, now: now.q[:, 0] - 0.5)
+    found = hp.simulate(chain(2), np.linspace(0, 5, 51), [0.0, 0.0], until=lambda _, now: now.q[:, 0] - 0.5)
     assert found.ended_by_event
     assert found.q[-1, 0] == pytest.approx(0.5, abs=1e-12)
 
@@ -178,7 +182,7 @@ def test_an_event_ends_the_motion_of_a_robot():
         (r"^q0\['j0'\]: expected a coordinate between the rigid stops",
          {"loads": {"j0": hp.HingeLoad(stops=(1, 2), stop_restitution=0)}}),
         (r"^q0: expected", {"q0": [0.0]}),
-        (r"^tau: expected .*shape \(\d+, 2\)", {"tau": lambda t, now: np.zeros((len(t), 3))}),
+        (r"^tau: expected .*shape \(\d+, 2\)", {"tau": lambda t, _: np.zeros((len(t), 3))}),
         (r"^tau: expected a callable of \(t, now\)", {"tau": lambda t: t}),
         (r"^base: expected", {"base": "floating"}),
         (r"^base_motion: expected a callable", {"base": "moving"}),
@@ -199,9 +203,18 @@ def test_what_cannot_be_used_is_named(message, change):
 
 @pytest.mark.slow
 def test_a_load_that_jumps_is_named():
-    jump = {"j1": hp.HingeLoad(motor=lambda t, psi, psid: -np.sign(psid) * 2.0)}
+    jump = {"j1": hp.HingeLoad(motor=lambda _t, _psi, psid: -np.sign(psid) * 2.0)}
     with pytest.raises(hp.SimulationError, match=r"loads\['j1'\] jumps .* at j1' = "):
         hp.simulate(chain(2), np.linspace(0, 20, 3), [1.5, 0.1], loads=jump, max_steps=3000)
+
+
+def test_what_a_file_describes_is_handed_on_as_it_is():
+    hinge = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=ROD, name="j", limits=(-1, 2))
+    robot = hp.Mechanism([hinge]).with_joint_loads({"j": hp.HingeLoad(damping=0.3, friction=0.1)})
+    found = hp.simulate(robot, [0.0, 1.0], [1.9], loads=robot.joint_loads)
+    assert {"stop", "damper", "friction"} <= {*found.loads}
+    with pytest.warns(hp.DynamicsWarning, match=r"left out are damping and dry friction of 1 joint; loads="):
+        hp.simulate(robot, [0.0, 0.1], [0.0])
 
 
 def test_limits_that_are_left_are_warned_of():

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from hingepair.dynamics.events import Side
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.rollout import Feedback
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import is_zero, one_constant
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
@@ -24,6 +23,7 @@ from hingepair.pair.hinge_load import (
     is_plain_hinge_load,
 )
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
+from hingepair.rollouts.tracks import Feedback
 
 RobotLoadArgument: TypeAlias = ArrayLike | Callable[[Array, "RobotMotionAtInstants"], ArrayLike]
 """A force or a torque as users give it: constants, or a callable of (t, now)."""
@@ -328,6 +328,7 @@ def _feedback(control: Feedback, dof: int) -> Callable[[Array, RobotMotionAtInst
     K, D = gains
 
     def tau(_: Array, now: RobotMotionAtInstants) -> Array:
-        return control.tau_ff + (control.q_ref - now.q) @ K.T + (control.qd_ref - now.qd) @ D.T
+        efforts: Array = control.tau_ff + (control.q_ref - now.q) @ K.T + (control.qd_ref - now.qd) @ D.T
+        return efforts
 
     return tau

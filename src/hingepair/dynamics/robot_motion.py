@@ -316,8 +316,9 @@ class RobotMotion:
                     powers[name] = (load * rate).sum(axis=-1)
         if self.base == "moving":
             support = self.robot.inverse_dynamics(
-                now.q, now.qd, samples.qdd, base_motion=samples.base, gravity=self.loads.gravity, wrenches=wrenches
-            )
+                now.q, now.qd, samples.qdd, base_motion=samples.base, gravity=self.loads.gravity, wrenches=wrenches,
+                joint_loads=False,
+            )  # fmt: skip
             powers["base"] = (support.force1 * now.v1 + support.torque1 * now.omega1).sum(axis=-1)
         for name, part in self.loads.parts_of(loads).items():
             powers[name] = (part * now.qd).sum(axis=-1)

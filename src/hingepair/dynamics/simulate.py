@@ -437,7 +437,7 @@ def _warn_of_units(
             radius = np.sqrt(np.linalg.eigvalsh(body.inertia)[-1] / body.mass)
             sentences += suspicions("gyration", f"{name}.inertia", [radius, max(levers)])
     for sentence in sentences:
-        warnings.warn(sentence, DynamicsWarning, stacklevel=3)
+        warnings.warn(sentence, DynamicsWarning, stacklevel=4)
 
 
 def _warn_of_range(
@@ -449,7 +449,7 @@ def _warn_of_range(
 ) -> None:
     """Warn if psi passes a stop or, by more than the tolerance, a limit at or inside which there is no stop."""
     if overrun := stop_overrun("psi", "rad", stops, lowest.q, highest.q):
-        warnings.warn(f"{overrun}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=3)
+        warnings.warn(f"{overrun}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=4)
     if limits is None:
         return
     passed = [lowest] if lowest.q < limits[0] - tolerance and stops[0] < limits[0] else []
@@ -457,7 +457,7 @@ def _warn_of_range(
     if passed:
         reached = " and ".join(f"{extreme.q:.6g} rad at t = {extreme.t:g} s" for extreme in passed)
         message = f"psi leaves the pair's limits, {limits[0]:g} to {limits[1]:g} rad: it reaches {reached}"
-        warnings.warn(f"{message}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=3)
+        warnings.warn(f"{message}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=4)
 
 
 def _check_masses(pair: HingePair, *, moves_body1: bool) -> None:

@@ -31,6 +31,7 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.integration.trajectory import LazyValue
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
+from hingepair.mechanism.tree import loads_note
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import Frozen, check_choice, finite_number, read_only
 from hingepair.numeric.instants import instants_of
@@ -134,7 +135,7 @@ class SimulatedRobotMotion(Frozen, Result):
         """
         return self.robot.inverse_dynamics(
             self.q, self.qd, self.qdd, gravity=self.gravity, wrenches=dict(self._wrenches),
-            base_motion=self.base_motion,
+            base_motion=self.base_motion, joint_loads=False,
         )  # fmt: skip
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -205,7 +206,8 @@ def simulate_robot(
             dof), or a `Feedback` with constant references. There t is an array of n instants, and `now` has the
             attributes q and qd, (n, dof), R1, S1, v1 and omega1 of the base, and base_motion, a BodyMotion of these.
         loads: `HingeLoad`s by joint: springs, dampers, dry friction, stops, motors that depend on the joint alone.
-            They add to tau. For a slider, read m for rad and N for N m.
+            They add to tau. For a slider, read m for rad and N for N m. `robot.joint_loads` are those that a URDF or
+            MJCF describes, with stops at the limits.
         driven: motions of joints that move as given, by joint: callables of times (n,) that return the coordinate and
             its first two derivatives, (n,) each. Their q0 and qd0 are those of the callable; no tau and no HingeLoad
             acts on them, and their part of `loads["motor"]` is the effort that the motion needs.
@@ -249,6 +251,9 @@ def simulate_robot(
         raise ArgumentError("robot", "a Mechanism", quoted(robot))
     if not robot.dof:
         raise ArgumentError("robot", "joints that move", "none")
+    robot.tree.single()
+    if loads is None and (note := loads_note(robot.tree)):
+        _warn(f"{robot.name}: {note}; loads=robot.joint_loads counts them, loads={{}} is silent", 4)
     kind, start = _base_of(robot, base, base_motion)
     if kind in ("free", "pinned") and robot.base != "free":
         robot = robot.with_base("free")
@@ -360,8 +365,8 @@ def _start(name: str, value: Any, robot: Mechanism) -> Array:
     return array
 
 
-def _warn(sentence: str) -> None:
-    warnings.warn(sentence, DynamicsWarning, stacklevel=5)
+def _warn(sentence: str, stacklevel: int = 5) -> None:
+    warnings.warn(sentence, DynamicsWarning, stacklevel=stacklevel)
 
 
 def _checked_range(run: Run, tol: float) -> Array:
