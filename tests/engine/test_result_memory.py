@@ -37,7 +37,11 @@ def test_what_is_kept_is_bounded():
     del arrays
     gc.collect()
     assert len(memory._free) <= 4
-    huge = memory.empty(10**7, np.dtype(np.float64))
+    large = [memory.empty(10**7 + k, np.dtype(np.float64)) for k in range(3)]  # 80 MB each
+    del large
+    gc.collect()
+    assert sum(block.size for block in memory._free) <= 160_000_000
+    huge = memory.empty(3 * 10**7, np.dtype(np.float64))
     assert huge.flags.owndata
     small = memory.empty(10, np.dtype(np.float64))
     assert small.flags.owndata

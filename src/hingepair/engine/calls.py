@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, BoundConstant, ComponentSource, bind_constant
 from hingepair.engine.loops import Loop, Program
-from hingepair.engine.outputs import Out, output_arrays
+from hingepair.engine.outputs import SMALLEST, Out, output_arrays
 from hingepair.engine.results import Results
 from hingepair.engine.rows import Output, Rows, rows_function
 from hingepair.engine.slices import run_slices
@@ -41,6 +41,7 @@ class _Compiled(NamedTuple):
 
     ufunc: Ufunc
     rows: Rows
+    most: int  # samples that `rows` computes, at most
 
 
 class _Read(NamedTuple):
@@ -206,13 +207,15 @@ class Call:
             Output(name, tail, self._limits[name][dtype.itemsize] if name in self._limits else None)
             for name, tail in self.loop.outputs
         ]
+        width = sum(math.prod(tail) for _, tail in self.loop.outputs) * dtype.itemsize
+        most = min(_FEW_SAMPLES, SMALLEST // max(1, width))  # of larger results the memory is used again
         rows = rows_function(
-            layout, outputs, dtype, self.result, kernel=ufunc, packed=packed, most=_FEW_SAMPLES,
+            layout, outputs, dtype, self.result, kernel=ufunc, packed=packed, most=most,
             general=self._any_rows, refuse=self._refuse,
         )  # fmt: skip
         if char == "d" and shared == self._shared:
             self.rows = rows
-        compiled = self._compiled[char, shared] = _Compiled(ufunc, rows)
+        compiled = self._compiled[char, shared] = _Compiled(ufunc, rows, most)
         return compiled
 
     @lock_free_cached_property
@@ -254,7 +257,7 @@ class Call:
         kernel = self._kernel(dtype.char, shared)
         if kernel is None:
             return None
-        if out is None and alike and workers == 1 and math.prod(shape) < _FEW_SAMPLES:
+        if out is None and alike and workers == 1 and math.prod(shape) < kernel.most:
             return kernel.rows(*(np.array(one, dtype, order="C", copy=None) for one in arrays))
         outputs = self._output_arrays(shape, dtype, out, dict(zip(self.argument_shapes, arrays, strict=True)))
         self._run_kernel(kernel.ufunc, arrays, outputs, shape, workers)

@@ -8,6 +8,7 @@ nobody holds them.
 from __future__ import annotations
 
 import collections
+import contextlib
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -107,7 +108,10 @@ def _steps_apart(array: NDArray[Any]) -> bool:
     return True
 
 
-_SMALLEST, _LARGEST = 1_000_000, 40_000_000  # bytes: below, new memory is quick; above, too much would be kept
+SMALLEST: Final = 1_000_000
+"""Bytes of results of which the memory is used again; less new memory is quick."""
+
+_KEPT: Final = 160_000_000  # bytes of blocks that nobody uses, at most
 _free: Final[collections.deque[NDArray[np.uint8]]] = collections.deque(maxlen=4)  # the oldest falls out
 
 
@@ -121,12 +125,15 @@ class _Lease:
 
     def __del__(self) -> None:
         _free.append(self._block)
+        while sum(block.size for block in [*_free]) > _KEPT:
+            with contextlib.suppress(IndexError):  # another thread was quicker
+                _free.popleft()
 
 
 def empty(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return an uninitialised array (count,), whose memory may be that of a former result."""
     size = count * dtype.itemsize
-    if not _SMALLEST <= size <= _LARGEST:
+    if not SMALLEST <= size <= _KEPT:
         return np.empty(count, dtype)
     for _ in range(len(_free)):
         try:

@@ -84,7 +84,7 @@ def _computed(call: Call, arrays: Arrays) -> tuple[Any, ...]:
             for (name, tail), one in zip(call.argument_shapes.items(), arrays, strict=True)
         }
         found = call.run(dict(zip(call.argument_shapes, arrays, strict=True)), shapes)
-    return (found,) if call.result is None else tuple(found[name] for name in call.outputs)
+    return (found,) if call.result is None else tuple(found.arrays().values())
 
 
 def _jacobian_of(call_of: Caller, names: tuple[str, ...]) -> Call:
@@ -119,7 +119,7 @@ def _traced(call: Call, library: Library, arrays: Arrays) -> tuple[Any, ...]:
         for (name, one), tail in zip(values.items(), tails, strict=True)
     }
     found = call.run_foreign(values, shapes, library, None, 1)
-    return (found,) if call.result is None else tuple(found.arrays()[name] for name in call.outputs)
+    return (found,) if call.result is None else tuple(found.arrays().values())
 
 
 # ---- JAX
