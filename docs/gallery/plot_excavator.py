@@ -21,9 +21,9 @@ import hingepair as hp
 # All hinge axes point along -y, so that a positive angle raises the body. Lengths are in metres, masses in kilograms,
 # angles in radians.
 axis, pivot = (0, -1, 0), (0, 0, 0)
-boom = hp.Body(mass=1750, center_of_mass=(2.7, 0, 0.45), inertia=(260, 5200, 5100))
-stick = hp.Body(mass=950, center_of_mass=(1.05, 0, 0.12), inertia=(60, 1050, 1020))
-bucket = hp.Body(mass=820, center_of_mass=(0.65, 0, -0.25), inertia=(210, 240, 260))
+boom = hp.Body(mass=1750, centre_of_mass=(2.7, 0, 0.45), inertia=(260, 5200, 5100))
+stick = hp.Body(mass=950, centre_of_mass=(1.05, 0, 0.12), inertia=(60, 1050, 1020))
+bucket = hp.Body(mass=820, centre_of_mass=(0.65, 0, -0.25), inertia=(210, 240, 260))
 hinges = [
     hp.HingePair(u1=(0.35, 0, 1.8), u2=pivot, n=axis, name="boom", body2=boom),
     hp.HingePair(u1=(5.68, 0, 0), u2=pivot, n=axis, name="stick", body2=stick),

@@ -19,7 +19,7 @@ import hingepair as hp
 # Body 1 is the aircraft, with x forward, y to the left and z up; its reference point is its centre of gravity. Body 2
 # is the leg of the left wheel; its reference point is the hub. At psi = 0 the gear is extended, at 90 degrees it is
 # in the wing.
-leg = hp.Body(mass=21, center_of_mass=(0, 0.02, 0.2), inertia=(1.9, 1.9, 0.2))
+leg = hp.Body(mass=21, centre_of_mass=(0, 0.02, 0.2), inertia=(1.9, 1.9, 0.2))
 axis = (-np.cos(np.radians(20)), -np.sin(np.radians(20)), 0.12)
 rake = hp.rodrigues((0, 1, 0), np.radians(8))  # on the ground the leg is raked back
 gear = hp.HingePair(u1=(0.35, 1.4, -0.55), u2=(0, 0.05, 0.95), n=axis, home=rake, body2=leg)

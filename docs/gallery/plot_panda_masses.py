@@ -14,7 +14,7 @@ import hingepair as hp
 # %%
 # The recording is computed here, with noise in the positions (0.01 mrad) and in the torques (0.2 N m).
 robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
-tool = hp.Body(mass=1.2, center_of_mass=(0, 0.02, 0.08), inertia=(0.004, 0.004, 0.002))
+tool = hp.Body(mass=1.2, centre_of_mass=(0, 0.02, 0.08), inertia=(0.004, 0.004, 0.002))
 friction = {name: hp.HingeLoad(damping=0.6, friction=0.4) for name in robot.names}
 real = robot.with_payload("panda_hand", tool).with_joint_loads(friction)
 

@@ -23,7 +23,7 @@ def test_forces_of_a_scene_are_those_of_its_motion():
     found = scene.forces(gravity=(0, 0, 0))
     state = scene.evaluate(("S2", "R2", "a2", "omega2", "alpha2")).state
     body2 = scene.pair.body2
-    lever = state.S2 @ body2.center_of_mass
+    lever = state.S2 @ body2.centre_of_mass
     acceleration = state.a2 + np.cross(state.alpha2, lever)
     acceleration += np.cross(state.omega2, np.cross(state.omega2, lever))
     np.testing.assert_allclose(found.hinge_force, body2.mass * acceleration, rtol=0, atol=1e-10)
@@ -318,7 +318,7 @@ name = "mast_turn"
 u1 = [0, 0, 1]
 u2 = [0, 0, 0]
 n = [0, 1, 0.2]
-body2 = { mass = 30, center_of_mass = [0.4, 0, 0.1], inertia = [2, 3, 4] }
+body2 = { mass = 30, centre_of_mass = [0.4, 0, 0.1], inertia = [2, 3, 4] }
 [[joint]]
 name = "ladder"
 parent = "mast_turn"

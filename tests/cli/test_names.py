@@ -115,14 +115,14 @@ name = {a}
 u1 = [0, 0, 1]
 u2 = [0, 0, 0]
 n = [0, 1, 0]
-body2 = {{ mass = 3, inertia = [1, 1, 1], center_of_mass = [1, 0, 0] }}
+body2 = {{ mass = 3, inertia = [1, 1, 1], centre_of_mass = [1, 0, 0] }}
 [[joint]]
 name = {b}
 u1 = [1, 0, 0]
 u2 = [0, 0, 0]
 n = [0, 1, 0]
 parent = {a}
-body2 = {{ mass = 3, inertia = [1, 1, 1], center_of_mass = [1, 0, 0] }}
+body2 = {{ mass = 3, inertia = [1, 1, 1], centre_of_mass = [1, 0, 0] }}
 """
 MOVED = """
 [motion]

@@ -94,8 +94,8 @@ def test_a_standing_double_pendulum_is_not_called_stable():
     assert len(small.natural_frequencies) == 2
 
 
-ROD1 = hp.Body(mass=1.3, center_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))
-ROD2 = hp.Body(mass=0.7, center_of_mass=(0.4, 0, 0), inertia=(0.05, 0.08, 0.09))
+ROD1 = hp.Body(mass=1.3, centre_of_mass=(0.5, 0, 0), inertia=(0.1, 0.1, 0.12))
+ROD2 = hp.Body(mass=0.7, centre_of_mass=(0.4, 0, 0), inertia=(0.05, 0.08, 0.09))
 DOUBLE = hp.PlanarPair(u1=(1, 0), u2=(0, 0), body1=ROD1, body2=ROD2)
 
 

@@ -9,7 +9,7 @@ import hingepair as hp
 from hingepair.errors import ArgumentError
 from support.trees import Robot, base_motion, random_model, record_of
 
-ROD = hp.Body(mass=2, inertia=(0.01, 1, 1), center_of_mass=(1, 0, 0))
+ROD = hp.Body(mass=2, inertia=(0.01, 1, 1), centre_of_mass=(1, 0, 0))
 PAIR = hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), body2=ROD)
 
 

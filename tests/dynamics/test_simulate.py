@@ -482,7 +482,7 @@ def test_instants_that_look_like_milliseconds_are_warned_of():
 
 
 def test_an_inertia_far_above_the_levers_is_warned_of():
-    milli = hp.Body(2.0, center_of_mass=(0.1, 0, 0), inertia=np.diag([1e3, 4e4, 4e4]))
+    milli = hp.Body(2.0, centre_of_mass=(0.1, 0, 0), inertia=np.diag([1e3, 4e4, 4e4]))
     pair = hp.HingePair((0, 0, 0), (-0.2, 0, 0), (0, 1, 0), body2=milli)
     with pytest.warns(
         hp.DynamicsWarning, match=r"body2\.inertia: its radius of gyration is 141 m, .* kg m\^2"

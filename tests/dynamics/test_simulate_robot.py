@@ -8,7 +8,7 @@ import pytest
 import hingepair as hp
 from support.states import generator, rotations
 
-ROD = hp.Body(1.0, center_of_mass=(0.5, 0, 0), inertia=(0.01, 0.09, 0.09))
+ROD = hp.Body(1.0, centre_of_mass=(0.5, 0, 0), inertia=(0.01, 0.09, 0.09))
 
 
 def chain(count, base="fixed"):

@@ -23,8 +23,8 @@ u2 = [0.45, 0, 0.1]
 n = [0, 1, 0.4]
 home = { axis = [0, 0, 1], deg = 20 }
 limits = [-3, 3]
-body1 = { mass = 2, center_of_mass = [0.1, 0, 0.1], inertia = [0.2, 0.3, 0.35] }
-body2 = { mass = 1.5, center_of_mass = [0.05, 0, 0], inertia = [0.1, 0.2, 0.25] }
+body1 = { mass = 2, centre_of_mass = [0.1, 0, 0.1], inertia = [0.2, 0.3, 0.35] }
+body2 = { mass = 1.5, centre_of_mass = [0.05, 0, 0], inertia = [0.1, 0.2, 0.25] }
 """
 TIME = "[time]\nstart = 0\nstop = 1\nsamples = 11\n"
 START = "R1_0 = [1, 2, 3]\nS1_0 = { axis = [1, 2, 0.5], deg = 70 }\n"
@@ -33,8 +33,8 @@ planar = true
 [pair]
 u1 = [1, 0]
 u2 = [-0.3, 0]
-body1 = { mass = 1.3, center_of_mass = [0.5, 0, 0], inertia = [0.1, 0.1, 0.12] }
-body2 = { mass = 0.7, center_of_mass = [0.4, 0, 0], inertia = [0.05, 0.08, 0.09] }
+body1 = { mass = 1.3, centre_of_mass = [0.5, 0, 0], inertia = [0.1, 0.1, 0.12] }
+body2 = { mass = 0.7, centre_of_mass = [0.4, 0, 0], inertia = [0.05, 0.08, 0.09] }
 """
 
 

@@ -52,7 +52,7 @@ def test_pinocchio_reads_the_mass_properties(k):
     for joint, body, origin in ((1, pair.body1, 0), (2, pair.body2, pair.u2)):
         read = model.inertias[joint]
         assert read.mass == body.mass
-        assert np.abs(read.lever - (body.center_of_mass - origin)).max() <= 16 * U * 4
+        assert np.abs(read.lever - (body.centre_of_mass - origin)).max() <= 16 * U * 4
         assert np.abs(read.inertia - body.inertia).max() <= 16 * U * np.abs(body.inertia).max()
 
 
@@ -71,7 +71,7 @@ def test_mujoco_reads_the_mass_properties(k, write):
         mujoco.mju_quat2Mat(turn, read.iquat)
         turn = turn.reshape(3, 3)
         assert read.mass == body.mass
-        assert np.abs(read.ipos - (body.center_of_mass - origin)).max() <= 16 * U * 4
+        assert np.abs(read.ipos - (body.centre_of_mass - origin)).max() <= 16 * U * 4
         inertia = turn @ np.diag(read.inertia) @ turn.T
         assert np.abs(inertia - body.inertia).max() <= eigen * np.abs(body.inertia).max()
 
@@ -102,8 +102,8 @@ def test_masses_and_limits_are_read_back():
         back = hp.from_urdf(hp.to_urdf(pair), HINGE_JOINT_NAME, body2_frame=BODY2_LINK_NAME)
         for one, two, origin in ((pair.body1, back.body1, 0), (pair.body2, back.body2, pair.u2)):
             assert two.mass == one.mass
-            lengths = np.linalg.norm(one.center_of_mass) + np.linalg.norm(origin)
-            assert np.abs(two.center_of_mass - one.center_of_mass).max() <= 4 * U * lengths
+            lengths = np.linalg.norm(one.centre_of_mass) + np.linalg.norm(origin)
+            assert np.abs(two.centre_of_mass - one.centre_of_mass).max() <= 4 * U * lengths
             assert np.abs(two.inertia - one.inertia).max() <= 4 * U * np.abs(one.inertia).max()
 
 

@@ -23,7 +23,7 @@ def check_same(robot, back):
     bodies = ([tree.base, *(joint.body for joint in tree.joints)] for tree in (one, other))
     for a, b in zip(*bodies, strict=True):
         assert a.mass == b.mass
-        assert np.array_equal(a.center_of_mass, b.center_of_mass)
+        assert np.array_equal(a.centre_of_mass, b.centre_of_mass)
         assert np.array_equal(a.inertia, b.inertia)
     for a, b in zip(one.joints, other.joints, strict=True):
         assert (a.name, a.kind, a.parent, a.mimic) == (b.name, b.kind, b.parent, b.mimic)
@@ -58,7 +58,7 @@ def test_what_was_written_is_read_back(name):
     assert names == [joint.name for joint in robot.tree.joints]
 
 
-BODY = hp.Body(mass=2, center_of_mass=(0.1, 0, 0), inertia=(1, 1.5, 1))
+BODY = hp.Body(mass=2, centre_of_mass=(0.1, 0, 0), inertia=(1, 1.5, 1))
 
 
 def pairs():

@@ -44,7 +44,7 @@ def test_links_fixed_to_each_other_are_one_body(frames):
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
         expected = frame.placement.actInv(model.inertias[joint])
         assert abs(body.mass - expected.mass) <= 4 * U * expected.mass
-        assert np.abs(body.center_of_mass - expected.lever).max() <= 32 * U * 12
+        assert np.abs(body.centre_of_mass - expected.lever).max() <= 32 * U * 12
         assert np.abs(body.inertia - expected.inertia).max() <= 64 * U * expected.mass * 12**2
 
 
@@ -71,7 +71,7 @@ def with_inertial(link, mass, moments, origin="0 0 0"):
 def test_a_link_alone_is_read_to_the_bit():
     body = from_urdf(with_inertial("lower", 0.3, (0.1, 0.2, 0.25), "0.1 0.2 0.3"), "elbow").body2
     assert body.mass == 0.3
-    assert np.array_equal(body.center_of_mass, (0.1, 0.2, 0.3))
+    assert np.array_equal(body.centre_of_mass, (0.1, 0.2, 0.3))
     assert np.array_equal(body.inertia, np.diag([0.1, 0.2, 0.25]))
     assert from_urdf(ARM, "elbow").body1 is None
 
@@ -135,7 +135,7 @@ def test_the_elbow_of_talos_brings_its_limits_and_masses():
     assert pair.limits == (model.lowerPositionLimit[at], model.upperPositionLimit[at])
     for body, inertia in ((pair.body1, model.inertias[model.parents[joint]]), (pair.body2, model.inertias[joint])):
         assert math.isclose(body.mass, inertia.mass, rel_tol=4 * U)
-        assert np.abs(body.center_of_mass - inertia.lever).max() <= 16 * U
+        assert np.abs(body.centre_of_mass - inertia.lever).max() <= 16 * U
         assert np.abs(body.inertia - inertia.inertia).max() <= 16 * U * np.abs(inertia.inertia).max()
 
 

@@ -45,7 +45,7 @@ def same_numbers(one, other, bound):
     ]
     bodies = ([tree.base, *(joint.body for joint in tree.joints)] for tree in (one, other))
     for a, b in zip(*bodies, strict=True):
-        for name in ("mass", "center_of_mass", "inertia"):
+        for name in ("mass", "centre_of_mass", "inertia"):
             assert np.abs(getattr(a, name) - getattr(b, name)).max() <= bound * (1 + abs(a.mass)), name
     for a, b in zip(one.joints, other.joints, strict=True):
         assert max(np.abs(getattr(a, name) - getattr(b, name)).max() for name in ("u", "S", "n")) <= bound
@@ -296,13 +296,13 @@ LIFT = Slider(u1=(0, 0, 1), u2=(0, 0.5, 0), n=(3, 0, 4), name="lift", rate_limit
 
 
 def test_pairs_in_series_share_their_bodies():
-    mass = hp.Body(mass=2, center_of_mass=(0.1, 0, 0), inertia=(1, 1, 1))
+    mass = hp.Body(mass=2, centre_of_mass=(0.1, 0, 0), inertia=(1, 1, 1))
     lift = replace(LIFT, body1=hp.Body(3, inertia=(1, 1, 1)))
     tree = tree_of_pairs([replace(BOOM, body2=mass), STICK, lift], None, "fixed", "arm")
     assert (tree.name, [joint.parent for joint in tree.joints]) == ("arm", [0, 1, 2])
     assert [joint.u.tolist() for joint in tree.joints] == [[1, 0, 2], [2.5, 0, 0], [1, 0, 0.75]]
     assert [joint.body.mass for joint in tree.joints] == [2, 3, 0]
-    assert tree.joints[0].body.center_of_mass.tolist() == [0.6, 0, 0]
+    assert tree.joints[0].body.centre_of_mass.tolist() == [0.6, 0, 0]
     assert tree.joints[2].n.tolist() == [0.6, 0, 0.8]
     assert tree.links["stick"].R.tolist() == [1, 0, -0.25]
     assert (list(tree.links), tree.tips) == (["base", "boom", "stick", "lift"], ("lift",))
@@ -410,7 +410,7 @@ def test_a_slider_is_a_value():
 
 def test_a_payload_adds_its_mass_where_it_is():
     tree = tree_of("panda")
-    body = hp.Body(mass=3, center_of_mass=(0, 0, 0.1), inertia=(0.1, 0.2, 0.15))
+    body = hp.Body(mass=3, centre_of_mass=(0, 0, 0.1), inertia=(0.1, 0.2, 0.15))
     laden = add_payload(tree, "fixed", "panda_hand", body)
     model = pin.buildModelFromUrdf(str(robot_urdf("panda")))
     frame = model.frames[model.getFrameId("panda_hand", pin.FrameType.BODY)]

@@ -382,7 +382,7 @@ def test_robots_states_and_calls_can_be_copied(robot, motion):
 
 def arm(*masses):
     """Hinges about y in series; a mass of 0 is none."""
-    body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
+    body = hp.Body(mass=1, centre_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
     given = {"u1": (0, 0, 0.3), "u2": (0, 0, 0), "n": (0, 1, 0)}
     return weightless(
         [hp.HingePair(**given, name=f"joint_{k}", body2=body if m else None) for k, m in enumerate(masses)]

@@ -82,7 +82,7 @@ def test_jax_computes_in_float32_and_differentiates_attitudes_by_their_entries(j
 
 @pytest.mark.slow(3)
 def test_derivatives_of_derivatives_are_those_of_the_equations(jax):
-    body = hp.Body(mass=2.0, center_of_mass=(0.3, 0, 0), inertia=(0.1, 0.1, 0.1))
+    body = hp.Body(mass=2.0, centre_of_mass=(0.3, 0, 0), inertia=(0.1, 0.1, 0.1))
     arm = hp.Mechanism([hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=body)])
 
     def torque(q):

@@ -97,7 +97,7 @@ def chain(count):
     rng = states.generator(822, count)
     pairs = []
     for k in range(count):
-        body = hp.Body(mass=1.0, center_of_mass=rng.normal(size=3) * 0.1, inertia=(0.02, 0.03, 0.04))
+        body = hp.Body(mass=1.0, centre_of_mass=rng.normal(size=3) * 0.1, inertia=(0.02, 0.03, 0.04))
         place = {"u1": rng.normal(size=3) * 0.1, "u2": (0, 0, 0), "n": rng.normal(size=3)}
         home = hp.euler_to_matrix(rng.normal(size=3))
         pairs.append(hp.HingePair(**place, home=home, name=f"joint_{k}", body2=body))

@@ -155,7 +155,7 @@ def lever_arms(k=None):
     first, second, third, tool = (
         rng.uniform(-1, 1, (COUNT, 1, 3))[slice(None) if k is None else (k, 0)] for _ in range(4)
     )
-    bodies = [hp.Body(m, center_of_mass=(0.1, 0.2, m), inertia=(1, 1.1, 1.2)) for m in (2.0, 1.0, 0.5)]
+    bodies = [hp.Body(m, centre_of_mass=(0.1, 0.2, m), inertia=(1, 1.1, 1.2)) for m in (2.0, 1.0, 0.5)]
     robot = hp.Mechanism(
         [
             hp.HingePair(u1=(0, 0, 1), u2=first, n=(0, 1, 0), name="a", body2=bodies[0]),
@@ -231,7 +231,7 @@ def test_joints_are_locked_after_reading_as_while_reading(locked):
         assert one.load == other.load
         for got, wanted in ((one.u, other.u), (one.S, other.S), (one.body.inertia, other.body.inertia)):
             assert np.abs(got - wanted).max() <= 16 * 2.0**-53
-        assert np.abs(one.body.center_of_mass - other.body.center_of_mass).max() <= 16 * 2.0**-53
+        assert np.abs(one.body.centre_of_mass - other.body.centre_of_mass).max() <= 16 * 2.0**-53
     again = expected.with_locked({})
     assert (again.names, again.tips) == (expected.names, expected.tips)
 

@@ -86,7 +86,7 @@ def test_random_robots_keep_their_bounds(part):
 
 def test_a_mass_on_an_oblique_axis_keeps_its_bound():
     """It moves to the parent (T9), and what stays with its joint is rounding of the size of the whole mass."""
-    body = hp.Body(mass=1, center_of_mass=(0.5, 0.5, 0.5), inertia=(1e-9, 1e-9, 1e-9))
+    body = hp.Body(mass=1, centre_of_mass=(0.5, 0.5, 0.5), inertia=(1e-9, 1e-9, 1e-9))
     robot = hp.Mechanism([hp.HingePair((0, 0, 0), (0, 0, 0), (1, 1, 1), body2=body)])
     tau = robot.inverse_dynamics([0.3], [0.0], [0.0]).tau
     assert abs(tau[0]) <= robot.error_bounds([0.3], [0.0], [0.0], outputs=("tau",))["tau"]
@@ -134,7 +134,7 @@ def test_bounds_of_accelerations_hold_and_are_finite(seed):
 
 
 def test_accelerations_of_a_follower_with_a_tip_without_mass_have_a_bound():
-    body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
+    body = hp.Body(mass=1, centre_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
     hinges = [
         hp.HingePair((0, 0, 0.3), (0, 0, 0), (0, 1, 0), name=f"joint_{k}", body2=own)
         for k, own in enumerate((body, body, None))

@@ -372,7 +372,7 @@ def test_a_second_call_heeds_all_that_differs_from_the_first(ur5, torques, state
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_derivatives_are_nan_where_nothing_resists(backend):
-    body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
+    body = hp.Body(mass=1, centre_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
     given = {"u1": (0, 0, 0.3), "u2": (0, 0, 0), "n": (0, 1, 0)}
     arm = weightless([hp.HingePair(**given, name=f"joint_{k}", body2=body if k < 2 else None) for k in range(3)])
     q = np.random.default_rng(1).normal(size=(4, 3))

@@ -15,7 +15,7 @@ PITCH = 0.03
 
 
 def body(mass, *centre):
-    return hp.Body(mass=mass, center_of_mass=centre, inertia=mass * np.diag((0.01, 0.02, 0.025)))
+    return hp.Body(mass=mass, centre_of_mass=centre, inertia=mass * np.diag((0.01, 0.02, 0.025)))
 
 
 def robot(base: str) -> hp.Mechanism:

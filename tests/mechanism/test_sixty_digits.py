@@ -291,7 +291,7 @@ def test_centre_energy_and_momentum_are_within_their_bounds(arm):
         for body, (origin, turn) in enumerate(truth.poses):
             masses = robot.tree.joints[body - 1].body if body else robot.tree.base
             own, inertia = mpmath.mpf(masses.mass), masses.inertia.astype(object) * mpmath.mpf(1)
-            centre = origin + turn @ (masses.center_of_mass.astype(object) * mpmath.mpf(1))[:, None]
+            centre = origin + turn @ (masses.centre_of_mass.astype(object) * mpmath.mpf(1))[:, None]
             place, rate = centre.c0[..., 0], centre.c1[..., 0]
             spread = np.eye(3).astype(object) * (np.trace(inertia) / 2) - inertia  # second moments
             push = turn.c0 @ spread @ np.swapaxes(turn.c1, -1, -2)
@@ -314,7 +314,7 @@ def test_centre_energy_and_momentum_are_within_their_bounds(arm):
 
 
 def test_no_bound_is_finite_where_the_mass_matrix_may_be_singular():
-    body = hp.Body(mass=1, center_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
+    body = hp.Body(mass=1, centre_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
     hinges = [
         hp.HingePair(u1=(0, 0, 0.3), u2=(0, 0, 0), n=(0, 1, 0), name=f"joint_{k}", body2=own)
         for k, own in enumerate((body, None))

@@ -37,7 +37,7 @@ def moving(rng, *shape):
 
 def size_of(pair, body1, psid, psidd):
     """Mass, reach and acceleration of a state: what its forces and torques are made of before they cancel."""
-    levers = (pair.u1, pair.u2, pair.body1.center_of_mass, pair.body2.center_of_mass)
+    levers = (pair.u1, pair.u2, pair.body1.centre_of_mass, pair.body2.centre_of_mass)
     reach = 1 + sum(map(np.linalg.norm, levers))
     mass = pair.body1.mass + pair.body2.mass + np.abs(pair.body1.inertia).sum() + np.abs(pair.body2.inertia).sum()
     rate = np.linalg.norm(body1.omega) + abs(psid)
@@ -148,7 +148,7 @@ def newton_euler(pair, body1, psi, psid, psidd):
     )
     f, t, levers, parts = [], [], [], []
     for body, R, S, v, omega, a, alpha in bodies:
-        r, J = S @ body.center_of_mass, S @ body.inertia @ S.T
+        r, J = S @ body.centre_of_mass, S @ body.inertia @ S.T
         a_c = a + np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
         v_c, R_c, m = v + np.cross(omega, r), R + r, body.mass
         f.append(m * (a_c - GRAVITY))
@@ -185,7 +185,7 @@ def test_forces_are_those_of_sixty_digits():
     for _ in range(3):
         pair, body1 = massive(rng), moving(rng, 4)
         psi, (psid, psidd) = rng.uniform(-3, 3, 4), rng.normal(size=(2, 4))
-        bodies = [(body.mass, body.center_of_mass, body.inertia) for body in (pair.body1, pair.body2)]
+        bodies = [(body.mass, body.centre_of_mass, body.inertia) for body in (pair.body1, pair.body2)]
         given = tuple(getattr(body1, letter) for letter in ("R", "S", "v", "omega", "a", "alpha"))
         constants = (pair.u1, pair.u2, pair.constants.axis, pair.home)
         truth = forces_from_attitude(constants, bodies, given, psi, psid, psidd, GRAVITY)
@@ -393,7 +393,7 @@ def test_an_inertia_that_was_not_given_is_warned_of_and_shapes_give_one():
     m = 3 * volumes / volumes.sum()
     middle = (m[0] - m[1]) / 3
     about = m[0] * (4 + 9) / 12 + m[0] * (1 - middle) ** 2 + 0.4 * m[1] * 0.25 + m[1] * (1 + middle) ** 2
-    np.testing.assert_allclose(shaped.center_of_mass, (0, 0, middle), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(shaped.centre_of_mass, (0, 0, middle), rtol=0, atol=1e-15)
     assert shaped.inertia[0, 0] == pytest.approx(about, rel=1e-14)
     assert shaped.inertia[2, 2] == pytest.approx(m[0] * 5 / 12 + 0.1 * m[1], rel=1e-14)
     np.testing.assert_allclose(
@@ -568,7 +568,7 @@ def test_results_print_in_a_line():
 
 def test_the_pin_of_a_planar_pair_bears_what_the_hinge_in_space_does():
     rng = generator(77)
-    body2 = hp.Body(mass=2, center_of_mass=(0.1, 0.2, 0), inertia=(1, 2, 3))
+    body2 = hp.Body(mass=2, centre_of_mass=(0.1, 0.2, 0), inertia=(1, 2, 3))
     flat = hp.PlanarPair((1, 0.3), (-0.5, 0.2), body2=body2)
     q, qd, qdd = rng.normal(size=(3, 5, 4))
     body1, psi, psid, psidd = motion_in_space(q, qd, qdd)

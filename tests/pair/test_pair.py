@@ -113,7 +113,7 @@ VALUES = {
     "pair": (made(**EVERYTHING), ("u1", "u2", "n", "home")),
     "planar": (hp.PlanarPair((1, 0), (1, 0)), ("u1", "u2")),
     "motion": (hp.BodyMotion(R=np.zeros(3), S=np.eye(3), v=np.ones(3)), ("R", "S", "v")),
-    "body": (hp.Body(2.0, shapes=[hp.Sphere(1.0)]), ("center_of_mass", "inertia")),
+    "body": (hp.Body(2.0, shapes=[hp.Sphere(1.0)]), ("centre_of_mass", "inertia")),
     "box": (hp.Box((1, 2, 3)), ("size", "center")),
     "cylinder": (hp.Cylinder(1, 2), ("center", "axis")),
     "sphere": (hp.Sphere(1), ("center",)),

@@ -18,7 +18,7 @@ ACCEPTED = {
         "body1": LIGHT, "body2": None, "torque_limit": 0.0, "rate_limit": 2,
     },
     hp.PlanarPair: {"u1": (1, 0), "u2": (0, 0), "name": "link", "body1": None, "body2": LIGHT},
-    hp.Body: {"mass": 2.0, "center_of_mass": (0, 0, 1), "inertia": EYE, "shapes": [BALL, hp.Box((1, 1, 1))]},
+    hp.Body: {"mass": 2.0, "centre_of_mass": (0, 0, 1), "inertia": EYE, "shapes": [BALL, hp.Box((1, 1, 1))]},
     hp.Box: {"size": (1, 2, 3), "center": (0, 0, 1), "axes": EYE},
     hp.Cylinder: {"radius": 1, "length": 2, "center": (0, 0, 1), "axis": (0, 0, 3)},
     hp.Sphere: {"radius": 1, "center": (0, 0, 1)},
@@ -83,7 +83,7 @@ REFUSED = {
     hp.PlanarPair: {"u1": NO_PLANAR, "u2": NO_PLANAR, "name": NO_NAME, "body1": NO_BODY, "body2": NO_BODY},
     hp.Body: {
         "mass": NO_SIZE,
-        "center_of_mass": [*NO_VECTOR[:-1], (TWO, SHAPE)],
+        "centre_of_mass": [*NO_VECTOR[:-1], (TWO, SHAPE)],
         "inertia": [
             *((np.diag(own), (hp.ArgumentError, "principal moments above 0")) for own in ((0, 1, 1), (1, 1, -1))),
             (THREE, (hp.ArgumentError, "principal moments above 0")),
@@ -136,7 +136,7 @@ def test_the_arguments_beside_those_that_are_refused_are_taken(make):
 DEFAULTS = {
     hp.HingePair: {"home": EYE, "name": "hinge_pair", "limits": None, "torque_limit": None, "rate_limit": None},
     hp.PlanarPair: {"name": "planar_pair", "body1": None, "body2": None},
-    hp.Body: {"mass": 1.0, "center_of_mass": (0, 0, 0), "inertia": 0.01 * EYE, "shapes": ()},
+    hp.Body: {"mass": 1.0, "centre_of_mass": (0, 0, 0), "inertia": 0.01 * EYE, "shapes": ()},
     hp.Box: {"center": (0, 0, 0), "axes": EYE},
     hp.Cylinder: {"center": (0, 0, 0), "axis": (0, 0, 1)},
     hp.Sphere: {"center": (0, 0, 0)},

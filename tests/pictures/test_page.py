@@ -406,7 +406,7 @@ return { rates, text: document.getElementById("position").textContent,
 @in_a_browser
 @pytest.mark.slow
 def test_the_page_shows_velocities_efforts_and_what_is_beyond_its_limits(tmp_path):
-    arm = hp.Body(mass=2, center_of_mass=(0.5, 0, 0), inertia=(1, 1, 1))
+    arm = hp.Body(mass=2, centre_of_mass=(0.5, 0, 0), inertia=(1, 1, 1))
     turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="turn", limits=(-0.5, 0.9), torque_limit=8)
     tip = hp.HingePair(u1=(1, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="tip", body2=arm)
     (tmp_path / "crane.urdf").write_text(hp.to_urdf(hp.Mechanism([turn, tip])))

@@ -52,7 +52,7 @@ def test_hinges_are_drums_along_their_axes_and_sliders_are_prisms():
 
 
 def test_a_body_without_a_joint_ends_at_its_last_links_or_beyond_its_centre_of_mass():
-    heavy = hp.Body(mass=1, center_of_mass=(0.2, 0, 0), inertia=(1, 1, 1))
+    heavy = hp.Body(mass=1, centre_of_mass=(0.2, 0, 0), inertia=(1, 1, 1))
     *_, last = simple(BASE, hp.HingePair(u1=(2, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), name="arm", body2=heavy))
     np.testing.assert_allclose(rods_of(last)[0][1], (0.4, 0, 0), atol=1e-15)
     *_, last = simple(BASE, ELBOW)

@@ -18,7 +18,7 @@ u1 = [0.4, 0, 0]
 u2 = [-0.25, 0.1, 0.05]
 n = [0, 1, 0.3]
 limits = [-0.3, 0.3]
-body1 = { mass = 0.6, inertia = [0.02, 0.03, 0.04], center_of_mass = [0.1, 0, 0] }
+body1 = { mass = 0.6, inertia = [0.02, 0.03, 0.04], centre_of_mass = [0.1, 0, 0] }
 body2 = { mass = 1.1, inertia = [0.002, 0.02, 0.02] }
 [time]
 start = 0
@@ -125,7 +125,7 @@ def test_all_that_hangs_on_talos_elbow_is_body2():
     scene = hp.load_scene(MODELS / "talos_elbow.toml")
     body2 = scene.pair.body2
     assert body2.mass == pytest.approx(arm.mass, abs=1e-6)
-    np.testing.assert_allclose(body2.center_of_mass, arm.lever, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(body2.centre_of_mass, arm.lever, rtol=0, atol=1e-6)
     np.testing.assert_allclose(body2.inertia, arm.inertia, rtol=0, atol=1e-6)
     assert 10 < np.abs(scene.forces().hinge_torque).max() < scene.pair.torque_limit
 

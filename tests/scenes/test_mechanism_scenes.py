@@ -29,7 +29,7 @@ u1 = [0.1, 0, 1]
 u2 = [-0.5, 0, 0.1]
 n = [0, -1, 0]
 rate_limit = 0.5
-body2 = { mass = 90, center_of_mass = [0.2, 0, 0], inertia = [2, 30, 30] }
+body2 = { mass = 90, centre_of_mass = [0.2, 0, 0], inertia = [2, 30, 30] }
 
 [[joint]]
 name = "ram"

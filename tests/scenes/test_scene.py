@@ -367,7 +367,7 @@ def test_masses_and_shapes_come_with_the_pair(tmp_path: Path) -> None:
 torque_limit = 5
 [pair.body1]
 mass = 12
-center_of_mass = [0, 0, "1/8"]
+centre_of_mass = [0, 0, "1/8"]
 inertia = [1, 1, 0.5]
 shapes = [{ box = [1, 2, 3], axes = { rpy_deg = [0, 0, 90] } }, { cylinder = 0.1, length = 2 }]
 [pair.body2]
@@ -376,7 +376,7 @@ shapes = [{ sphere = 0.2, center = [0, 0, 1] }]
 [motion]
 """
     pair = scene_of(tmp_path, GOOD.replace("\n[motion]\n", bodies)).pair
-    assert (pair.body1.mass, pair.body1.center_of_mass.tolist()) == (12, [0, 0, 0.125])
+    assert (pair.body1.mass, pair.body1.centre_of_mass.tolist()) == (12, [0, 0, 0.125])
     assert pair.body1.inertia.diagonal().tolist() == [1, 1, 0.5]
     assert pair.body1.shapes[0].size.tolist() == [1, 2, 3]
     np.testing.assert_allclose(pair.body1.shapes[0].axes, hp.rodrigues((0, 0, 1), np.pi / 2), rtol=0, atol=4 * U)

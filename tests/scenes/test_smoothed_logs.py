@@ -65,7 +65,7 @@ def test_a_noisy_log_is_smoothed_with_its_rates(tmp_path, quaternions):
 def test_the_noise_of_forces_is_what_smoothing_leaves(tmp_path):
     """Not the roughness of the smoothed curves, of which nothing is left."""
     text = PAIR.replace(
-        "[motion]", "body2 = { mass = 3, center_of_mass = [0.1, 0, 0], inertia = [0.1, 0.1, 0.1] }\n\n[motion]"
+        "[motion]", "body2 = { mass = 3, centre_of_mass = [0.1, 0, 0], inertia = [0.1, 0.1, 0.1] }\n\n[motion]"
     )
     path, _ = written(tmp_path, text, quaternions=False)
     forces = hp.load_scene(path).forces()

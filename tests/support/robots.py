@@ -37,7 +37,7 @@ def check_against_model(tree, model, root):
         size = 1 + np.linalg.norm(inertia.lever)
         moment = (inertia.mass + np.abs(inertia.inertia).max()) * size**2
         assert abs(body.mass - inertia.mass) <= 8 * U * inertia.mass
-        assert np.abs(body.center_of_mass - inertia.lever).max() <= 64 * U * size
+        assert np.abs(body.centre_of_mass - inertia.lever).max() <= 64 * U * size
         assert np.abs(body.inertia - inertia.inertia).max() <= 64 * U * moment
     frames = {frame.name: frame for frame in model.frames if frame.type == pin.FrameType.BODY}
     assert set(tree.links) == set(frames)

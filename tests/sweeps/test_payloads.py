@@ -21,7 +21,7 @@ u2 = [0.1, 0, 0.2]
 n = [1, 2, 0]
 home = { axis = [0, 1, 1], deg = 20 }
 body1 = { mass = 5, inertia = [0.2, 0.2, 0.3] }
-body2 = { mass = 3, inertia = [1, 1.1, 1.2], center_of_mass = [1, 0, 0] }
+body2 = { mass = 3, inertia = [1, 1.1, 1.2], centre_of_mass = [1, 0, 0] }
 [[joint]]
 name = "trolley"
 parent = "boom"
@@ -46,10 +46,10 @@ S = { axis = [1, 1, 0], deg = 40 }
 [mechanism.payload.jaw]
 mass = 1
 inertia = [0.1, 0.12, 0.14]
-center_of_mass = [0.01, 0.02, -0.1]
+centre_of_mass = [0.01, 0.02, -0.1]
 [mechanism.payload.boom]
 mass = 0.5
-center_of_mass = [0.3, 0, 0]
+centre_of_mass = [0.3, 0, 0]
 shapes = [{ box = [0.6, 0.1, 0.1], center = [0.3, 0, 0] }]
 [mechanism.payload.trolley]
 mass = 0.25
@@ -69,7 +69,7 @@ ON_A_BASE = {"fixed": ("", ""), "free": ('base = "free"', FREE)}
 BEAM = hp.Box((0.6, 0.1, 0.1), (0.3, 0, 0))
 VARIED = {
     "jaw.mass": "low = 0.5\nhigh = 3",
-    "jaw.center_of_mass[1]": "mean = 0\nstd = 0.1",
+    "jaw.centre_of_mass[1]": "mean = 0\nstd = 0.1",
     "jaw.inertia[2]": "low = 0.08\nhigh = 0.2",
     "boom.mass": "low = 0.1\nhigh = 2",
 }

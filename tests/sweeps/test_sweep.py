@@ -35,7 +35,7 @@ u1 = [0.5, "0.1*2", 0.1]
 u2 = [-0.25, 0.1, 0.3]
 n = [1, 2, 0]
 body1 = { mass = 5, inertia = [1, 1, 1] }
-body2 = { mass = 2, inertia = [0.1, 0.2, 0.2], center_of_mass = [0, 0, 0.1] }
+body2 = { mass = 2, inertia = [0.1, 0.2, 0.2], centre_of_mass = [0, 0, 0.1] }
 [motion]
 x = 0
 y = "0.1*t"
@@ -57,7 +57,7 @@ name = "boom"
 u1 = [0, 0, 1]
 u2 = [0, 0, 0]
 n = [0, 1, 0]
-body2 = { mass = 3, inertia = [1, 1, 1], center_of_mass = [1, 0, 0] }
+body2 = { mass = 3, inertia = [1, 1, 1], centre_of_mass = [1, 0, 0] }
 [mechanism.payload.boom]
 mass = 1
 inertia = [0.1, 0.1, 0.1]
@@ -192,12 +192,12 @@ def test_whole_motions_are_those_of_the_scenes(kind, ending):
         assert np.abs(found[column] - whole).max() < 1e-12
 
 
-@pytest.mark.filterwarnings("ignore:pair.body2. no center_of_mass is given")
+@pytest.mark.filterwarnings("ignore:pair.body2. no centre_of_mass is given")
 @pytest.mark.slow
 @pytest.mark.parametrize("inertia", ["inertia = [0.1, 0.2, 0.2], ", ""], ids=["given", "of_shapes"])
 def test_masses_that_follow_from_shapes_are_those_of_the_scene(inertia):
     shapes = "shapes = [{ sphere = 0.1, center = [0, 0.2, 0.3] }]"
-    text = ARM.replace("inertia = [0.1, 0.2, 0.2], center_of_mass = [0, 0, 0.1]", inertia + shapes)
+    text = ARM.replace("inertia = [0.1, 0.2, 0.2], centre_of_mass = [0, 0, 0.1]", inertia + shapes)
     sweep = 'scene = "arm.toml"\noutputs = ["hinge_torque"]\nreduce = ["max"]\n[[vary]]\n'
     Path("arm.toml").write_text(text)
     found = table(swept("shapes", "mass.parquet", sweep + 'key = "pair.body2.mass"\nvalues = [1, 3]\n'))

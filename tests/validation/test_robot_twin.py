@@ -100,7 +100,7 @@ def test_the_twin_has_the_masses_to_the_last_bit(name):
     robot = hp.load_robot(name, base="free")
     bodies = [robot.tree.base, *(joint.body for joint in robot.tree.joints)]
     for own, inertia in zip(bodies, list(hp.to_pinocchio(robot).model.inertias)[1:], strict=True):
-        assert (inertia.mass, inertia.lever.tolist()) == (own.mass, own.center_of_mass.tolist())
+        assert (inertia.mass, inertia.lever.tolist()) == (own.mass, own.centre_of_mass.tolist())
 
 
 # ---------------------------------------------------------------- the report

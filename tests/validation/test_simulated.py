@@ -21,8 +21,8 @@ SPACE = """
 u1 = [0.4, 0, 0.1]
 u2 = [-0.25, 0.1, 0.05]
 n = [0, 1, 0.3]
-body1 = { mass = 0.6, center_of_mass = [0.1, 0, 0], inertia = [0.002, 0.03, 0.031] }
-body2 = { mass = 1.1, center_of_mass = [0, 0.05, 0.02], inertia = [0.004, 0.02, 0.021] }
+body1 = { mass = 0.6, centre_of_mass = [0.1, 0, 0], inertia = [0.002, 0.03, 0.031] }
+body2 = { mass = 1.1, centre_of_mass = [0, 0.05, 0.02], inertia = [0.004, 0.02, 0.021] }
 [dynamics]
 psi_0 = 0.2
 psid_0 = -3
@@ -37,8 +37,8 @@ planar = true
 [pair]
 u1 = [1, 0]
 u2 = [-0.3, 0]
-body1 = { mass = 1.3, center_of_mass = [0.5, 0, 0], inertia = [0.1, 0.1, 0.12] }
-body2 = { mass = 0.7, center_of_mass = [0.4, 0, 0], inertia = [0.05, 0.08, 0.09] }
+body1 = { mass = 1.3, centre_of_mass = [0.5, 0, 0], inertia = [0.1, 0.1, 0.12] }
+body2 = { mass = 0.7, centre_of_mass = [0.4, 0, 0], inertia = [0.05, 0.08, 0.09] }
 [dynamics]
 psi_0 = 0.5
 damping = 0.02

@@ -255,7 +255,7 @@ def newton_euler_rates(pair: HingePair, hinge_torque: Callable[[float], float]) 
         S1 = np.eye(3) + 2 * w * Q + 2 * Q @ Q
         psi, omega1, psid = y[7], y[11:14], y[14]
         S2 = S1 @ (np.eye(3) + np.sin(psi) * K + (1 - np.cos(psi)) * K @ K) @ pair.home
-        axis, r1, h = S1 @ pair.n, S1 @ body1.center_of_mass, S2 @ (body2.center_of_mass - pair.u2)
+        axis, r1, h = S1 @ pair.n, S1 @ body1.centre_of_mass, S2 @ (body2.centre_of_mass - pair.u2)
         arm = S1 @ pair.u1
         omega2, alpha2 = omega1 + psid * axis, np.cross(omega1, psid * axis)
         # Accelerations of both centres of mass where those of the coordinates are zero.

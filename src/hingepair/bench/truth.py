@@ -316,7 +316,7 @@ class ExactRobot:
 
     def _required(self, body: int) -> Required:
         masses = self._tree.joints[body - 1].body if body else self._tree.base
-        parts = masses.mass, masses.center_of_mass, masses.inertia
+        parts = masses.mass, masses.centre_of_mass, masses.inertia
         return required(*self.poses[body], parts, self._gravity)
 
 

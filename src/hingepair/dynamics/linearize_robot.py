@@ -96,7 +96,7 @@ def linearize_robot(
 
     >>> import numpy as np
     >>> import hingepair as hp
-    >>> rod = hp.Body(mass=2, inertia=(0.01, 1, 1), center_of_mass=(1, 0, 0))
+    >>> rod = hp.Body(mass=2, inertia=(0.01, 1, 1), centre_of_mass=(1, 0, 0))
     >>> arm = hp.Mechanism([hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), body2=rod)])
     >>> hp.linearize(arm, [np.pi / 2]).natural_frequencies.round(4)
     array([2.5573])

@@ -435,7 +435,7 @@ def driven_at(label: str, motion: JointCallable, t: Array) -> tuple[Array, Array
 def _length(robot: Mechanism) -> float:
     """Return the sum of the distances between joints and to centres of mass [m]; 1 m if all of them are zero."""
     bodies = [robot.tree.base, *(joint.body for joint in robot.tree.joints)]
-    vectors = [joint.u for joint in robot.tree.joints] + [body.center_of_mass for body in bodies]
+    vectors = [joint.u for joint in robot.tree.joints] + [body.centre_of_mass for body in bodies]
     return sum(float(np.linalg.norm(vector)) for vector in vectors) or 1.0
 
 

@@ -235,7 +235,7 @@ def simulate(
             1 - now.psi, instead of one that stays at 0, such as np.maximum(1 - now.psi, 0).
         tol: tolerance of each step, a number from 1e-14 to 1e-2; 1e-10 by default. The error of an angle in one step
             is at most tol [rad]. The error of a position is at most tol times the sum of the lengths of u1, u2 and
-            both bodies' center_of_mass [m], or times 1 m if all of them are zero.
+            both bodies' centre_of_mass [m], or times 1 m if all of them are zero.
         max_steps: largest number of steps tried, 30,000 by default, which take about a minute: a free swing needs
             some 20 a period, an impact some 5. A motion that needs more is a SimulationError. The second run for
             error estimates may take three times as many.
@@ -432,8 +432,8 @@ def _warn_of_units(
     for name in ("body1", "body2") if base in BASES[:2] else ("body2",):
         body, lever = bodies[name]
         if body is not None:
-            levers = [float(np.linalg.norm(vector)) for vector in (lever, body.center_of_mass)]
-            levers.append(float(np.linalg.norm(lever - body.center_of_mass)))
+            levers = [float(np.linalg.norm(vector)) for vector in (lever, body.centre_of_mass)]
+            levers.append(float(np.linalg.norm(lever - body.centre_of_mass)))
             radius = np.sqrt(np.linalg.eigvalsh(body.inertia)[-1] / body.mass)
             sentences += suspicions("gyration", f"{name}.inertia", [radius, max(levers)])
     for sentence in sentences:

@@ -239,7 +239,7 @@ def simulate_robot(
 
     >>> import numpy as np
     >>> import hingepair as hp
-    >>> rod = hp.Body(1.0, center_of_mass=(0.5, 0, 0), inertia=(0.01, 0.09, 0.09))
+    >>> rod = hp.Body(1.0, centre_of_mass=(0.5, 0, 0), inertia=(0.01, 0.09, 0.09))
     >>> names = "upper", "lower"
     >>> u1 = (0, 0, 0), (1, 0, 0)
     >>> arm = hp.Mechanism([hp.HingePair(a, (0, 0, 0), (0, 1, 0), body2=rod, name=b) for a, b in zip(u1, names)])

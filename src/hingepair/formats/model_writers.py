@@ -416,7 +416,7 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
     link = add_element(robot, "link", name=part.link)
     if part.body is not None:
         inertial = add_element(link, "inertial")
-        place = part.body.center_of_mass - part.origin
+        place = part.body.centre_of_mass - part.origin
         add_element(inertial, "origin", xyz=place, rpy=_NO_TURN)
         add_element(inertial, "mass", value=part.body.mass)
         moments = dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _moments(part.body), strict=True))
@@ -445,7 +445,7 @@ def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
     """Add the inertial element of a _ModelPart, and a geom for each of its shapes, to a body element of MJCF."""
     if part.body is not None:
-        place = part.body.center_of_mass - part.origin
+        place = part.body.centre_of_mass - part.origin
         add_element(body, "inertial", pos=place, mass=part.body.mass, fullinertia=_moments(part.body))
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}

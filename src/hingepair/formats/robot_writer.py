@@ -167,7 +167,7 @@ def _add_inertial(link: ET.Element, masses: MassProperties) -> None:
     element `link` of a URDF.
     """
     inertial = add_element(link, "inertial")
-    add_element(inertial, "origin", xyz=masses.center_of_mass, rpy=(0.0, 0.0, 0.0))
+    add_element(inertial, "origin", xyz=masses.centre_of_mass, rpy=(0.0, 0.0, 0.0))
     add_element(inertial, "mass", value=masses.mass)
     moments = masses.inertia[np.triu_indices(3)].tolist()
     add_element(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))

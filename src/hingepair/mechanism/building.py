@@ -58,7 +58,7 @@ def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tr
             points[number] = pair.u1 - u2
         if pair.u2.ndim > 1:
             links[pair.name] = replace(links[pair.name], samples=read_only(0.0 - pair.u2))
-            mass, centre, inertia = np.array(joint.body.mass), joint.body.center_of_mass + one.u2, joint.body.inertia
+            mass, centre, inertia = np.array(joint.body.mass), joint.body.centre_of_mass + one.u2, joint.body.inertia
             body = Payload(mass, centre, inertia)
             moved = body.moments(-pair.u2, np.eye(3)) - body.moments(-one.u2, np.eye(3))
             samples = samples.with_matter(number, moved)
@@ -145,7 +145,7 @@ def _body_or_none(masses: MassProperties) -> Body | None:
     """Return mass properties as a Body; return None if the mass is 0, or if no rigid body can have them."""
     if not masses.mass or unphysical_reason(masses):
         return None
-    return Body(masses.mass, masses.center_of_mass, masses.inertia)
+    return Body(masses.mass, masses.centre_of_mass, masses.inertia)
 
 
 def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
@@ -160,7 +160,7 @@ def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
     if frame.samples is not None:
-        payload_with_samples = Payload(np.array(body.mass), body.center_of_mass, body.inertia)
+        payload_with_samples = Payload(np.array(body.mass), body.centre_of_mass, body.inertia)
         return add_matter(tree, link, payload_with_samples)
     payload = body_inertia(body).placed(FramePose(frame.S, frame.R))
     counts = frame.body > 0 or base == "free"
@@ -230,7 +230,7 @@ def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:
         for kind, group in (("links", tree.links), ("frames", tree.frames))
     }
     name = next(iter(poses["links"]), f"body {number}")
-    inertia = Inertia(masses.mass, masses.center_of_mass, masses.inertia)
+    inertia = Inertia(masses.mass, masses.centre_of_mass, masses.inertia)
     without_mass = [tree.without_mass[number]] if number in tree.without_mass else []
     leaves = [link for link in tree.leaves or tree.tips if link in poses["links"]]
     return {
@@ -242,7 +242,7 @@ def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:
 def _with_mass(tree: Tree, number: int, payload: Inertia) -> Tree:
     """Return a copy of a tree with more mass at the body of this number, in the body's axes."""
     masses = tree.base if number == 0 else tree.joints[number - 1].body
-    own = Inertia(masses.mass, masses.center_of_mass, masses.inertia)
+    own = Inertia(masses.mass, masses.centre_of_mass, masses.inertia)
     total = mass_properties({"body": own, "payload": payload})
     without_mass = {body: name for body, name in tree.without_mass.items() if body != number}
     tree = replace(tree, source=None, without_mass=without_mass)

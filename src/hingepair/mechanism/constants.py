@@ -309,7 +309,7 @@ def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
     """Return the exact `_MassMoments` of a body in the axes of the program; `axes` is the rotation from these to the
     body's own axes, in which its MassProperties are given.
     """
-    c, inertia = _exact(body.center_of_mass), _exact(body.inertia)
+    c, inertia = _exact(body.centre_of_mass), _exact(body.inertia)
     m = Fraction(body.mass)
     half = (inertia[0] + inertia[4] + inertia[8]) / 2
     N = [(half if i == j else 0) - (inertia[3 * i + j] + inertia[3 * j + i]) / 2 for i in range(3) for j in range(3)]
@@ -429,7 +429,7 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
     count = len(tree.joints) + 1
     mass, moment, spread = ([0.0] * count for _ in range(3))
     for k, body in enumerate([tree.base, *(joint.body for joint in tree.joints)]):
-        lever = float(np.abs(body.center_of_mass).sum())
+        lever = float(np.abs(body.centre_of_mass).sum())
         mass[k] = abs(body.mass)
         moment[k] = mass[k] * lever
         spread[k] = moment[k] * lever + float(np.abs(body.inertia).max())
@@ -450,7 +450,7 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
     smallest_force, smallest_torque = (_ROUNDING_OF_PIVOTS * size for size in (mass[0], spread[0]))
     is_regular = False
     if tree.base.mass > 0:
-        c, least = tree.base.center_of_mass, float(np.linalg.eigvalsh(tree.base.inertia)[0])
+        c, least = tree.base.centre_of_mass, float(np.linalg.eigvalsh(tree.base.inertia)[0])
         # A force may also turn the base about its centre of mass, which resists it least.
         is_regular = least > smallest_torque and 1 / (1 / tree.base.mass + float(c @ c) / least) > smallest_force
     lowest = (0.0, 0.0) if is_regular else (max(smallest_force, 1e-300), max(smallest_torque, 1e-300))
@@ -461,5 +461,5 @@ def _inertia_about_axis(body: MassProperties, n: NDArray[np.float64]) -> float:
     """Return the moment of inertia [kg m^2] of a body about an axis through the body's reference point. The unit
     vector n of the axis is in the body's own axes.
     """
-    across = np.cross(n, body.center_of_mass)
+    across = np.cross(n, body.centre_of_mass)
     return float(n @ body.inertia @ n + body.mass * (across @ across))

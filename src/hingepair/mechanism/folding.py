@@ -328,7 +328,7 @@ def unphysical_reason(masses: MassProperties) -> str:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            Body(masses.mass, masses.center_of_mass, masses.inertia)
+            Body(masses.mass, masses.centre_of_mass, masses.inertia)
     except ArgumentError as error:
         return str(error)
     return ""

@@ -38,7 +38,7 @@ def inertial_parameters(tree: Tree, with_base: bool) -> Float64Array:
     bodies = [*([tree.single().base] if with_base else []), *(joint.body for joint in tree.joints)]
     rows = []
     for body in bodies:
-        m, c = body.mass, body.center_of_mass
+        m, c = body.mass, body.centre_of_mass
         J = body.inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
         rows += [m, *(m * c), *(J[entry] for entry in _ENTRIES)]
     return read_only(np.array(rows, dtype=np.float64))

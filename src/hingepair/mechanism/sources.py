@@ -239,7 +239,7 @@ def _same_body(one: Body, other: Body) -> bool:
     """Return whether two Body objects have equal mass properties; their shapes are not compared."""
     return one is other or (
         one.mass == other.mass
-        and np.array_equal(one.center_of_mass, other.center_of_mass)
+        and np.array_equal(one.centre_of_mass, other.centre_of_mass)
         and np.array_equal(one.inertia, other.inertia)
     )
 
@@ -259,4 +259,4 @@ def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_l
 
 def body_inertia(body: Body) -> Inertia:
     """Return the mass properties of a Body as an Inertia, in the body's axes from its reference point."""
-    return Inertia(body.mass, np.asarray(body.center_of_mass), np.asarray(body.inertia))
+    return Inertia(body.mass, np.asarray(body.centre_of_mass), np.asarray(body.inertia))

@@ -58,13 +58,13 @@ class MassProperties(Frozen):
 
     Attributes:
         mass: [kg].
-        center_of_mass: from the body's reference point, its own axes [m]; shape (3,). Zero where the mass is 0.
+        centre_of_mass: from the body's reference point, its own axes [m]; shape (3,). Zero where the mass is 0.
         inertia: about the centre of mass, own axes [kg m^2]; shape (3, 3), symmetric. Where the mass is 0: the sum of
             the inertias, about the reference point.
     """
 
     mass: float
-    center_of_mass: NDArray[np.float64]
+    centre_of_mass: NDArray[np.float64]
     inertia: NDArray[np.float64]
 
 

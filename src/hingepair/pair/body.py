@@ -162,21 +162,21 @@ class Body(Frozen):
     Args:
         mass: mass of the body, above zero [kg]. If it is not given, 1 kg is assumed, and the methods that compute
             dynamics issue a `DynamicsWarning`.
-        center_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). By
+        centre_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). By
             default, it leads to the centre of mass of the shapes, and it is zero if there are none.
         inertia: inertia about the centre of mass, body axes [kg m^2]: a symmetric matrix, shape (3, 3), or the three
             moments about axes through the centre of mass that are parallel to the body's x, y and z axes, shape (3,).
             All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
             1e-3 of the sum of all three, as from rounded data of a flat body, is accepted with a `DynamicsWarning`,
             and the inertia is used as given. If no inertia is given, the inertia of the shapes about their own centre
-            of mass is used, scaled to the mass, even if `center_of_mass` is another point. If there are no shapes
+            of mass is used, scaled to the mass, even if `centre_of_mass` is another point. If there are no shapes
             either, a radius of gyration of 0.1 m about every axis through the centre of mass is assumed, and the
             methods that compute dynamics issue a `DynamicsWarning`.
         shapes: Box, Cylinder and Sphere objects, which viewers draw. The shapes determine the inertia and the centre
             of mass, each unless it is given. All shapes have the same density, and the mass of a volume that two
             shapes share counts twice. By default, there are no shapes, and viewers draw the body as an arm that leads
             to the hinge, with one half of the hinge.
-        centre_of_mass: the same as `center_of_mass`, in the spelling of the robots' methods.
+        center_of_mass: the same as `centre_of_mass`, in American spelling.
         _computed: an internal argument that `dataclasses.replace` passes.
 
     `dataclasses.replace(body, mass=3)` returns a body with another mass. Values that were not given for `body`, such
@@ -187,36 +187,37 @@ class Body(Frozen):
             the argument.
 
     >>> import hingepair as hp
-    >>> hp.Body(mass=2, center_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
+    >>> hp.Body(mass=2, centre_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
     [0.02, 0.02, 0.02]
     >>> rod = hp.Body(mass=3, shapes=[hp.Cylinder(radius=0.02, length=2, center=(1, 0, 0), axis=(1, 0, 0))])
-    >>> rod.center_of_mass.tolist(), rod.inertia.diagonal().round(6).tolist()
+    >>> rod.centre_of_mass.tolist(), rod.inertia.diagonal().round(6).tolist()
     ([1.0, 0.0, 0.0], [0.0006, 1.0003, 1.0003])
     """
 
     mass: float
-    center_of_mass: NDArray[np.float64]
+    centre_of_mass: NDArray[np.float64]
     inertia: NDArray[np.float64]
     shapes: tuple[Shape, ...]
     _computed: Mapping[str, Any]
-    """The values of mass, center_of_mass and inertia that were not given, by name."""
+    """The values of mass, centre_of_mass and inertia that were not given, by name."""
 
     def __init__(
         self,
         mass: float | None = None,
-        center_of_mass: ArrayLike | None = None,
+        centre_of_mass: ArrayLike | None = None,
         inertia: ArrayLike | None = None,
         shapes: Iterable[Shape] = (),
         *,
-        centre_of_mass: ArrayLike | None = None,
+        center_of_mass: ArrayLike | None = None,
         _computed: Mapping[str, Any] | None = None,  # computed values of the body that dataclasses.replace copies
     ) -> None:
         # A value that is the object which the earlier body computed was not given by the user.
         earlier = _computed or {}
-        if centre_of_mass is not None:  # also where dataclasses.replace passes the centre of the earlier body
-            center_of_mass = centre_of_mass
+        label = "centre_of_mass" if center_of_mass is None else "center_of_mass"
+        if center_of_mass is not None:  # also where dataclasses.replace passes the centre of the earlier body
+            centre_of_mass = center_of_mass
         mass = None if mass is earlier.get("mass") else mass
-        center_of_mass = None if center_of_mass is earlier.get("center_of_mass") else center_of_mass
+        centre_of_mass = None if centre_of_mass is earlier.get("centre_of_mass") else centre_of_mass
         inertia = None if inertia is earlier.get("inertia") else inertia
         mass_value = _DEFAULT_BODY_MASS_IN_KILOGRAMS if mass is None else _positive_number("mass", mass)
         if not isinstance(shapes, Iterable):
@@ -226,21 +227,21 @@ class Body(Frozen):
             if not isinstance(shape, Shape):
                 raise ArgumentError("shapes", "Box, Cylinder or Sphere", quoted(shape))
         default_centre, inertia_per_mass = _mass_distribution(
-            shape_tuple if inertia is None or center_of_mass is None else ()
+            shape_tuple if inertia is None or centre_of_mass is None else ()
         )
-        centre = default_centre if center_of_mass is None else one_constant("center_of_mass", center_of_mass, 3)
+        centre = default_centre if centre_of_mass is None else one_constant(label, centre_of_mass, 3)
         with np.errstate(over="ignore"):
             tensor = mass_value * inertia_per_mass if inertia is None else _inertia_matrix(inertia)
         tensor = _checked_inertia(tensor)
-        arguments = {"mass": mass, "center_of_mass": center_of_mass, "inertia": inertia}
-        values = {"mass": mass_value, "center_of_mass": centre, "inertia": tensor}
+        arguments = {"mass": mass, "centre_of_mass": centre_of_mass, "inertia": inertia}
+        values = {"mass": mass_value, "centre_of_mass": centre, "inertia": tensor}
         computed = {name: value for name, value in values.items() if arguments[name] is None}
         _set_frozen_attributes(self, **values, shapes=shape_tuple, _computed=computed)
 
     @property
-    def centre_of_mass(self) -> NDArray[np.float64]:
-        """The same as `center_of_mass`, in the spelling of the robots' methods."""
-        return self.center_of_mass
+    def center_of_mass(self) -> NDArray[np.float64]:
+        """The same as `centre_of_mass`, in American spelling."""
+        return self.centre_of_mass
 
     @property
     def assumed(self) -> tuple[str, ...]:
@@ -258,16 +259,16 @@ class Body(Frozen):
                 "no inertia is given, a radius of gyration of 0.1 m is taken; Body(inertia=...) or Body(shapes=...) "
                 "gives it, in a scene the key inertia or shapes of the body"
             )
-        if "center_of_mass" in self._computed and "inertia" not in self._computed and self.center_of_mass.any():
-            centre = ", ".join(f"{component:.4g}" for component in self.center_of_mass + 0.0)
+        if "centre_of_mass" in self._computed and "inertia" not in self._computed and self.centre_of_mass.any():
+            centre = ", ".join(f"{component:.4g}" for component in self.centre_of_mass + 0.0)
             sentences.append(
-                f"no center_of_mass is given beside inertia, that of the shapes is taken, ({centre}) m; "
-                "center_of_mass gives it"
+                f"no centre_of_mass is given beside inertia, that of the shapes is taken, ({centre}) m; "
+                "centre_of_mass gives it"
             )
         return tuple(sentences)
 
     def __repr__(self) -> str:
-        return _constructor_text(self, "mass", "center_of_mass", "inertia", *(["shapes"] if self.shapes else []))
+        return _constructor_text(self, "mass", "centre_of_mass", "inertia", *(["shapes"] if self.shapes else []))
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -280,12 +281,12 @@ def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], 
     with np.errstate(all="ignore"):
         volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
         weights, centers = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])
-        center_of_mass = weights @ centers
-        levers = centers - center_of_mass
+        centre_of_mass = weights @ centers
+        levers = centers - centre_of_mass
         second_moments = np.einsum("n,ni,nj->ij", weights, levers, levers) + np.einsum("n,nij->ij", weights, moments)
     if not (np.isfinite(second_moments).all() and second_moments.any()):
         raise ArgumentError("shapes", "sizes whose volume and inertia can be computed", shapes)
-    return read_only(center_of_mass), np.trace(second_moments) * np.eye(3) - second_moments
+    return read_only(centre_of_mass), np.trace(second_moments) * np.eye(3) - second_moments
 
 
 def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:

@@ -267,7 +267,7 @@ def _moments(body: Body | None, turn: Any, u: Any) -> tuple[float, Any, Any, flo
     """
     if body is None:
         return 0.0, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
-    m, inertia, lever = body.mass, body.inertia, body.center_of_mass - u
+    m, inertia, lever = body.mass, body.inertia, body.centre_of_mass - u
     c = _product(turn, lever[..., None])[..., 0]
     J = _product(_product(turn, inertia), _swapped(turn))
     N = (J[..., 0, 0] + J[..., 1, 1] + J[..., 2, 2])[..., None, None] / 2 * np.eye(3) - J + m * _outer(c, c)
@@ -285,7 +285,7 @@ def _lowest_pivots(
     hinge = _ROUNDING * spread2
     force = _ROUNDING * (m1 + m2)
     torque = _ROUNDING * (spread1 + spread2 + 2 * reach * np.abs(h2).sum(axis=-1) + m2 * reach**2)
-    c = np.zeros(3) if body1 is None else body1.center_of_mass
+    c = np.zeros(3) if body1 is None else body1.centre_of_mass
     resists = least1 > torque
     if m1 > 0 and least1 > 0:
         resists &= 1 / (1 / m1 + float(c @ c) / least1) > force

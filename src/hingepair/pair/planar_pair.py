@@ -259,7 +259,7 @@ class PlanarPair(Shown):
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))
         >>> pair.massive().body2
-        Body(mass=2.0, center_of_mass=[0.0, 0.0, 0.0], inertia=[[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])
+        Body(mass=2.0, centre_of_mass=[0.0, 0.0, 0.0], inertia=[[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])
         """
         pair: HingePair | None = self.constants.cache.others.get("massive")
         if pair is None:
@@ -542,12 +542,12 @@ def _body_in_plane(body: Body) -> Body:
     moment of inertia about the axis parallel to z through the centre of mass. An inertia that was assumed stays
     assumed if it is unchanged.
     """
-    x, y, _ = body.center_of_mass
+    x, y, _ = body.centre_of_mass
     level = np.eye(3) * body.inertia[2, 2]
     inertia = (
         body.inertia if np.array_equal(body.inertia, level) else level
     )  # the object, so that an assumed inertia stays assumed
-    return replace(body, center_of_mass=np.array((x, y, 0.0)), inertia=inertia)
+    return replace(body, centre_of_mass=np.array((x, y, 0.0)), inertia=inertia)
 
 
 def motion_in_space(q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None) -> tuple[Any, ...]:

@@ -34,7 +34,7 @@ def robot_size(tree: Tree) -> float:
         shifts = [abs(joint.axis.shift(limit)) for limit in drawn_limits(joint) if math.isfinite(limit)]
         lengths.append(lengths[joint.parent] + math.hypot(*joint.u) + max(shifts, default=0.0))
     ends = [lengths[tree.links[tip].body] + math.hypot(*tree.links[tip].R) for tip in tree.tips]
-    centres = [2 * math.hypot(*body.center_of_mass) for body in (tree.base, *(joint.body for joint in tree.joints))]
+    centres = [2 * math.hypot(*body.centre_of_mass) for body in (tree.base, *(joint.body for joint in tree.joints))]
     size = max(*lengths, *ends) or max(centres)
     return size if 1e-6 <= size <= 1e6 else 1.0
 
@@ -121,7 +121,7 @@ def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
     if far:
         return far
     masses = tree.joints[body_number - 1].body if body_number else tree.base
-    beyond = 2 * masses.center_of_mass
+    beyond = 2 * masses.centre_of_mass
     return [beyond] if _SHORTEST * size < math.hypot(*beyond) < size / 2 else []
 
 

@@ -69,9 +69,11 @@ _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]
     ),
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers_key(3)}),
 }
+CENTRES: Final = ("centre_of_mass", "center_of_mass")
+"""Both spellings of the key."""
 BODY_KEYS: Final[Mapping[str, Key]] = {
     "mass": Table.number,
-    "center_of_mass": numbers_key(3),
+    **dict.fromkeys(CENTRES, numbers_key(3)),
     "inertia": _read_inertia,
     "shapes": _read_shapes,
 }

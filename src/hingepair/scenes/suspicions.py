@@ -26,7 +26,9 @@ _KIND_BY_KEY: Final[Mapping[str, str]] = {
         ("phi", "phi_x", "phi_y", "phi_z", "psi", "phi_0", "psi_0", "rest", "stops", "rad", "rpy"), _ANGLES
     ),
     **dict.fromkeys(("omega1", "psi_dot", "omega1_0", "psid_0", "rate_limit", "friction_rate"), _RATES),
-    **dict.fromkeys(("u1", "u2", "center_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS),
+    **dict.fromkeys(
+        ("u1", "u2", "centre_of_mass", "center_of_mass", "center", "box", "sphere", "cylinder", "length"), _LENGTHS
+    ),
 }
 """Quantities of the keys of a scene, wherever they stand."""
 _FUNCTION_KINDS: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}

@@ -14,7 +14,7 @@ from hingepair.mechanism.states import MechanismForces
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.pair.body import Body
-from hingepair.scenes.pair_table import BODY_KEYS, construct_from_table
+from hingepair.scenes.pair_table import BODY_KEYS, CENTRES, construct_from_table
 from hingepair.scenes.robot_scene import RobotResult, RobotScene
 from hingepair.scenes.robot_table import with_payload
 from hingepair.scenes.tables import Table
@@ -24,7 +24,7 @@ class _VariedProperty(NamedTuple):
     """Mass property of a payload that is varied."""
 
     column: int  # of its values among the varied numbers
-    name: str  # mass, center_of_mass or inertia
+    name: str  # mass, one of CENTRES, or inertia
     component: int  # index of its component or principal moment; 0 for the mass
 
 
@@ -42,12 +42,12 @@ class _VariedPayload(NamedTuple):
         """
         count = len(numbers)
         mass = np.full(count, self.body.mass)
-        centre = np.tile(self.body.center_of_mass, (count, 1))
+        centre = np.tile(self.body.centre_of_mass, (count, 1))
         inertia = np.tile(self.body.inertia, (count, 1, 1))
         for column, name, component in self.varied:
             if name == "mass":
                 mass = numbers[:, column]
-            elif name == "center_of_mass":
+            elif name in CENTRES:
                 centre[:, component] = numbers[:, column]
             else:
                 inertia[:, component, component] = numbers[:, column]
@@ -151,7 +151,7 @@ def payload_variant_computer(
             return None
         link, name, *component = steps[2:]
         body = payload.table(str(link)).values
-        is_supported = component == [] if name == "mass" else name == "center_of_mass" and len(component) == 1
+        is_supported = component == [] if name == "mass" else name in CENTRES and len(component) == 1
         if not is_supported and not (name == "inertia" and len(component) == 1 and len(body["inertia"]) == 3):
             return None
         varied.setdefault(str(link), []).append(

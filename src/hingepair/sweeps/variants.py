@@ -16,6 +16,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.scenes.load import moved_again, scene_from_tables, with_constants_evaluated
 from hingepair.scenes.pair_scene import PairScene
+from hingepair.scenes.pair_table import CENTRES
 from hingepair.scenes.robot_scene import RobotScene
 from hingepair.scenes.robot_table import read_mechanism, with_payload
 from hingepair.scenes.scene import Scene
@@ -165,8 +166,10 @@ def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | i
     values = {key: read(table, key) for key, read in readers.items() if key in table.values and key not in varied}
     for name in ("body1", "body2"):
         body = table.values.get(name, {})
-        if {"inertia", "center_of_mass"} <= body.keys() and not any(
-            tuple(steps[1:3]) == (name, "shapes") for steps in keys
+        if (
+            "inertia" in body
+            and not body.keys().isdisjoint(CENTRES)
+            and not any(tuple(steps[1:3]) == (name, "shapes") for steps in keys)
         ):
             values[name] = {key: value for key, value in body.items() if key != "shapes"}
     return {**table.values, **values}

@@ -423,5 +423,5 @@ def _model(
 
 def _inertia(pin: Any, body: Body | MassProperties) -> Any:
     inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
-    inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.center_of_mass), np.array(body.inertia)
+    inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.centre_of_mass), np.array(body.inertia)
     return inertia

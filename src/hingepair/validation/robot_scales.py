@@ -101,7 +101,7 @@ class RobotScales:
         force, torque = np.zeros((2, count, bodies))
         for k in reversed(range(bodies)):
             masses, sums, size = self._masses(k), self._sums[k], self._sizes[k]
-            lever, inertia = float(norm(masses.center_of_mass)), float(norm(masses.inertia.ravel()))
+            lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
             turning = sums["A"] + sums["S"] * size["W"] ** 2
             body_force = abs(masses.mass) * (sums["a"] + turning * lever + self._gravity * sums["S"])
             force[:, k] += body_force
@@ -133,7 +133,7 @@ class RobotScales:
                 self._masses(k),
                 1.0 + self._sums[k]["S"],
             )  # inertias are multiplied by rotations from both sides
-            lever, inertia = float(norm(masses.center_of_mass)), float(norm(masses.inertia.ravel()))
+            lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
             carriers = [
                 column for body in np.flatnonzero(self._carries[:, k]) for column in self._velocity_columns(int(body))
             ]
@@ -156,7 +156,7 @@ class RobotScales:
         scales = {name: np.zeros(count) for name in ("kinetic", "potential", "linear", "angular")}
         for k in range(len(self._lengths)):
             masses, sums, size = self._masses(k), self._sums[k], self._sizes[k]
-            lever, inertia = float(norm(masses.center_of_mass)), float(norm(masses.inertia.ravel()))
+            lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))
             mass = abs(masses.mass)
             rate, place = sums["v"] + sums["W"] * lever, sums["R"] + sums["S"] * lever
             scales["kinetic"] += mass * rate * (size["v"] + size["W"] * lever) + inertia * sums["W"] * size["W"]

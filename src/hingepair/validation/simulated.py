@@ -110,14 +110,14 @@ def _force_scales(
     force = norm(loads["force1"]) + norm(loads["force2"])
     torque = norm(loads["torque1"]) + norm(loads["torque2"])
     if pair.body1 is not None:
-        lever = float(norm(pair.body1.center_of_mass))
+        lever = float(norm(pair.body1.centre_of_mass))
         inertial_force = pair.body1.mass * (acceleration + (A1 + W1**2) * lever)
         force = force + inertial_force
         torque = torque + lever * inertial_force + np.abs(pair.body1.inertia).max() * (A1 + W1**2)
     parts = [np.abs(load) for name, load in loads.items() if name.endswith("_torque")]
     hinge_torque = np.sum(parts, axis=0) + norm(loads["torque2"]) + float(norm(pair.u2)) * norm(loads["force2"])
     if pair.body2 is not None:
-        lever = float(norm(pair.body2.center_of_mass)) + float(norm(pair.u2))
+        lever = float(norm(pair.body2.centre_of_mass)) + float(norm(pair.u2))
         inertial_force = pair.body2.mass * (acceleration + (A1 + W1**2) * to_hinge + (A2 + W2**2) * lever)
         turning = np.abs(pair.body2.inertia).max() * (A2 + W2**2) + lever * inertial_force
         hinge_torque, force = hinge_torque + turning, force + inertial_force

@@ -153,7 +153,7 @@ def compare_descriptions(robot: Mechanism, twin: Twin) -> tuple[Comparison, ...]
         moment = (abs(there.mass) + float(np.abs(there.inertia).max())) * size**2 / 4
         parts = (
             (abs(body.mass - there.mass), abs(there.mass)),
-            (_largest(body.center_of_mass - there.lever) if body.mass else 0.0, size),
+            (_largest(body.centre_of_mass - there.lever) if body.mass else 0.0, size),
             (_largest(body.inertia - there.inertia), moment),
         )
         errors.append(max(error for error, _ in parts))
