@@ -17,7 +17,7 @@ from hingepair.errors import ArgumentError, HingePairError, MissingDependencyErr
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.robots import load_robot, robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
-from hingepair.formats.xml_text import DEFAULT_LIMITS, commented
+from hingepair.formats.xml_text import commented
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
@@ -186,10 +186,8 @@ def urdf_command(
     requested_base = "fixed" if fixed_base else "floating" if floating_base else None
     robot = load_mechanism(source) if is_scene_file(source, joint, body1_frame, body2_frame) else None
     if robot is not None:
-        _print_assumed_limits(robot)
         return write_text(to_urdf(robot, base=requested_base or "free"), out, input_files(source))
     pair = to_spatial(load_named_pair(source, joint, body1_frame, body2_frame))
-    _print_assumed_limits(Mechanism([pair]))
     setup = _load_dynamics_setup(source, joint, body1_frame, body2_frame)
     if setup is None:
         return write_text(to_urdf(pair, base=requested_base or "free"), out, input_files(source))
@@ -199,23 +197,6 @@ def urdf_command(
     written = {"damping", "friction", "stops", *(_START_POSE if base == "fixed" else ())}
     written |= {"base"} if requested_base or setup.base in {"free", "fixed"} else set()
     return write_text(_add_omission_comment("URDF", text, setup, written), out, input_files(source))
-
-
-def _print_assumed_limits(robot: Mechanism) -> None:
-    """Print the limits of effort and rate that URDF requires of joints with limits of position, and that are made
-    up.
-    """
-    limited = [joint for joint in robot.tree.joints if np.isfinite(joint.position_limits).any()]
-    of_limit = (("effort", "effort_limit"), ("velocity", "rate_limit"))
-    assumed = []
-    for name, attribute in of_limit:
-        joints = [joint.name for joint in limited if np.isinf(getattr(joint, attribute))]
-        if joints:
-            more = f" and {len(joints) - 3} more" * (len(joints) > 3)
-            value = DEFAULT_LIMITS[name]
-            assumed.append(f"{name} {value:g} of {', '.join(joints[:3])}{more}")
-    if assumed:
-        print(f"hingepair: assumed, since URDF wants a limit: {'; '.join(assumed)}", file=sys.stderr)
 
 
 def mjcf_command(

@@ -10,7 +10,6 @@ frame (R2, S2).
 
 from __future__ import annotations
 
-import functools
 import math
 import warnings
 import xml.etree.ElementTree as ET
@@ -23,13 +22,13 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.formats.xml_text import (
-    DEFAULT_LIMITS,
     add_element,
     add_urdf_joint,
     axis_for_urdf,
     check_xml_text,
-    commented,
     document,
+    limits_sentences,
+    urdf_limits,
 )
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
@@ -85,10 +84,10 @@ def to_urdf(
       connects `body2_at_hinge` with `body1`. This joint is revolute if the pair has limits, else continuous.
     - `body2` has the frame (R2, S2); it is fixed to `body2_at_hinge` at -u2.
 
-    If a URDF joint has any limit, it must state effort and velocity. If a pair has a limit of any kind, the text
-    states effort="1000.0" [N m] for a missing torque_limit, and velocity="100.0" [rad/s] for a missing rate_limit.
-    For a body without mass properties, 1 kg and the inertia 0.01 kg m^2 about each axis are written, unless it is the
-    fixed base; a `DynamicsWarning` and a comment in the text say so. For a body without shapes, a box, a rod to the
+    A URDF joint with any limit must state effort and velocity. For a missing torque_limit, effort="1000.0" [N m or N]
+    is written, and for a missing rate_limit velocity="100.0" [rad/s or m/s]. For a body of a pair without mass
+    properties, 1 kg and the inertia 0.01 kg m^2 about each axis are written, unless it is the fixed base. A
+    `DynamicsWarning` and a comment in the text say what is made up. For a body without shapes, a box, a rod to the
     hinge point and a cylinder along the hinge axis are written. Simulators reject a body if one principal moment of
     inertia exceeds the sum of the other two. Rounding can cause this for a flat body; the moments are then written
     slightly larger, so that simulators accept them.
@@ -117,9 +116,10 @@ def to_urdf(
 
     >>> import hingepair as hp
     >>> beam = hp.Body(mass=2, shapes=[hp.Box((1, 0.2, 0.1))])
-    >>> pair = hp.HingePair((0.5, 0, 0.1), (-0.25, 0.1, 0), (0, 1, 0), limits=(-1, 1), body1=beam, body2=beam)
+    >>> limits = dict(limits=(-1, 1), torque_limit=50, rate_limit=3)
+    >>> pair = hp.HingePair((0.5, 0, 0.1), (-0.25, 0.1, 0), (0, 1, 0), body1=beam, body2=beam, **limits)
     >>> [line.strip() for line in hp.to_urdf(pair).splitlines() if "<limit" in line]
-    ['<limit lower="-1.0" upper="1.0" effort="1000.0" velocity="100.0" />']
+    ['<limit lower="-1.0" upper="1.0" effort="50.0" velocity="3.0" />']
     """
     check_choice("base", base, ("free", "floating", "fixed"))
     if isinstance(pair, Mechanism):
@@ -154,13 +154,16 @@ def to_urdf(
     )
     add_element(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
     add_element(hinge, "axis", xyz=axis_for_urdf(_axis_in_body2(pair)))
-    if limit := _limit_attributes(pair, limits):
-        add_element(hinge, "limit", **limit)
+    made_up = ""
+    if limits is not None or pair.torque_limit is not None or pair.rate_limit is not None:
+        range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
+        upper, made_up = urdf_limits(pair.torque_limit, pair.rate_limit)
+        add_element(hinge, "limit", **range_, **upper)
     if hinge_load.damping or hinge_load.friction:
         add_element(hinge, "dynamics", damping=hinge_load.damping, friction=hinge_load.friction)
     to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE_LINK_NAME, BODY2_LINK_NAME)
     add_element(to_body2, "origin", xyz=-pair.u2, rpy=_NO_TURN)
-    return _document(robot, parts)
+    return document(robot, [*_assumptions(parts), *limits_sentences([(HINGE_JOINT_NAME, made_up)])])
 
 
 def to_mjcf(
@@ -251,15 +254,12 @@ def to_mjcf(
     add_element(at_hinge, "joint", name=HINGE_JOINT_NAME, type="hinge", axis=_axis_in_body2(pair), **joint_attributes)
     _add_mjcf_body(at_hinge, part2)
     add_element(at_hinge, "body", name=BODY2_LINK_NAME, pos=-pair.u2)
-    return _document(root, (part1, part2))
+    return document(root, _assumptions((part1, part2)))
 
 
-def _document(root: ET.Element, parts: tuple[_ModelPart, _ModelPart]) -> str:
-    """Return the XML text; a DynamicsWarning and a comment for each sentence on assumed mass properties."""
-    sentences = [f"{part.link}: {sentence}" for part in parts for sentence in part.assumed]
-    for sentence in sentences:
-        warn_of_dynamics(sentence)
-    return functools.reduce(commented, reversed(sentences), document(root))
+def _assumptions(parts: tuple[_ModelPart, _ModelPart]) -> list[str]:
+    """Return the sentences on assumed mass properties."""
+    return [f"{part.link}: {sentence}" for part in parts for sentence in part.assumed]
 
 
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
@@ -395,18 +395,6 @@ def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
 def _round_for_drawing(length: float) -> float:
     """Return a length rounded to two significant digits, which suffice for a drawing."""
     return float(f"{length:.2g}")
-
-
-def _limit_attributes(pair: HingePair, limits: tuple[float, float] | None) -> dict[str, float]:
-    """Return a dict of the attributes of URDF's element `limit` by name, with defaults for missing effort and
-    velocity. `limits` are the limits of the angle [rad] or None. The dict is empty if `limits` is None and the pair
-    has no limits of torque and rate.
-    """
-    pair_limits = {"effort": pair.torque_limit, "velocity": pair.rate_limit}
-    if limits is None and set(pair_limits.values()) == {None}:
-        return {}
-    range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
-    return range_ | {key: DEFAULT_LIMITS[key] if value is None else value for key, value in pair_limits.items()}
 
 
 def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:

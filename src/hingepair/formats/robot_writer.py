@@ -7,7 +7,6 @@ they hang on links of their own, whose fixed joints have numbers for names.
 
 from __future__ import annotations
 
-import math
 import warnings
 import xml.etree.ElementTree as ET
 
@@ -15,12 +14,13 @@ import numpy as np
 
 from hingepair.errors import URDFError
 from hingepair.formats.xml_text import (
-    DEFAULT_LIMITS,
     add_element,
     add_urdf_joint,
     axis_for_urdf,
     check_xml_text,
     document,
+    limits_sentences,
+    urdf_limits,
 )
 from hingepair.mechanism.kinds import KINDS
 from hingepair.mechanism.mechanism import Mechanism
@@ -46,7 +46,9 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
         if joints:
             message = f"{tree.name}: URDF has no {part}; not written are the {written} of {', '.join(joints)}"
             warnings.warn(message, DynamicsWarning, stacklevel=3)
-    return document(_UrdfWriter(tree).build(base))
+    writer = _UrdfWriter(tree)
+    root = writer.build(base)
+    return document(root, limits_sentences(writer.made_up_limits))
 
 
 class _UrdfWriter:
@@ -62,6 +64,7 @@ class _UrdfWriter:
         # Names that are made up differ from all that are there.
         self._links = {*tree.links, *tree.frames}
         self._joints = {*tree.frames, *(joint.name for joint in tree.joints)}
+        self.made_up_limits: list[tuple[str, str]] = []  # names of joints, and what URDF demands of them
 
     def build(self, base: str) -> ET.Element:
         """Return the element <robot> with all links and joints. Unless `base` is "free", a joint of the type `base`
@@ -147,11 +150,9 @@ class _UrdfWriter:
         element = add_urdf_joint(root, joint.name, kind, parent, child)
         add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
         add_element(element, "axis", xyz=axis_for_urdf(joint.n))
-        upper_limits = {"effort": joint.effort_limit, "velocity": joint.rate_limit}
-        if kind != "continuous" or np.isfinite(list(upper_limits.values())).any():
-            limit = {
-                key: value if math.isfinite(value) else DEFAULT_LIMITS[key] for key, value in upper_limits.items()
-            }
+        if kind != "continuous" or np.isfinite((joint.effort_limit, joint.rate_limit)).any():
+            limit, made_up = urdf_limits(joint.effort_limit, joint.rate_limit)
+            self.made_up_limits.append((joint.name, made_up))
             if bounded or kind == "prismatic":  # without numbers, readers hold a slider at 0; infinity is the largest
                 limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
             add_element(element, "limit", **limit)

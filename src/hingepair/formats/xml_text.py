@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array
+from hingepair.pair.body import warn_of_dynamics
 
-DEFAULT_LIMITS = {"effort": 1000.0, "velocity": 100.0}
-"""Limits to write where URDF demands them and none are given: [N m or N] and [rad/s or m/s] that stop nothing."""
+_DEFAULT_LIMITS = {"effort": 1000.0, "velocity": 100.0}  # [N m or N] and [rad/s or m/s]; they stop nothing
 
 # Compiled when used, which takes milliseconds.
 _INVALID = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
@@ -43,10 +45,40 @@ def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Elemen
     return ET.SubElement(parent, tag, attributes | texts)
 
 
-def document(root: ET.Element) -> str:
-    """Return the XML text of an element, with its declaration. The element is indented in place."""
+def urdf_limits(effort: float | None, velocity: float | None) -> tuple[dict[str, float], str]:
+    """Return the attributes effort and velocity of URDF's element `limit`, which demands both, and a phrase on those
+    that are made up because the limit is None or infinite; "" if none is.
+    """
+    given = {"effort": effort, "velocity": velocity}
+    attributes = {
+        key: _DEFAULT_LIMITS[key] if value is None or np.isinf(value) else value for key, value in given.items()
+    }
+    made_up = [f"{key} {value:g}" for key, value in attributes.items() if value != given[key]]
+    return attributes, " and ".join(made_up)
+
+
+def limits_sentences(made_up: Iterable[tuple[str, str]]) -> list[str]:
+    """Return a sentence, if any, on pairs of the name of a joint and a phrase of `urdf_limits`."""
+    joints: dict[str, list[str]] = {}
+    for joint, phrase in made_up:
+        if phrase:
+            joints.setdefault(phrase, []).append(joint)
+    texts = [
+        f"{phrase} of {', '.join(names[:3])}{f' and {len(names) - 3} more' * (len(names) > 3)}"
+        for phrase, names in joints.items()
+    ]
+    return [f"limits that URDF demands and that are not given are made up: {'; '.join(texts)}"] if texts else []
+
+
+def document(root: ET.Element, sentences: Sequence[str] = ()) -> str:
+    """Return the XML text of an element, with its declaration, and a DynamicsWarning and a comment for each sentence
+    on what is assumed. The element is indented in place.
+    """
+    for sentence in sentences:
+        warn_of_dynamics(sentence)
     ET.indent(root)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+    text = '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+    return functools.reduce(commented, reversed(sentences), text)
 
 
 def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:

@@ -21,7 +21,7 @@ from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.sources import body_inertia, nominal_pair, parts_of_pairs, parts_of_urdf
 from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Source, Tree
 from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only, real_array
-from hingepair.pair.body import Body
+from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import check_rotation
 from hingepair.urdf.reader import read_urdf
@@ -120,7 +120,7 @@ def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | Non
 
 def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
     """Return a Joint of a tree as a pair between the frames of the two bodies that it connects. A body
-    is None in the pair if it has no mass, or if no rigid body can have its mass properties.
+    is None in the pair if it has no mass, and with a DynamicsWarning if no rigid body can have its mass properties.
     """
     carrier = tree.single().base if joint.parent == 0 else tree.joints[joint.parent - 1].body
     both_limits = np.isfinite(joint.position_limits).all()
@@ -132,8 +132,8 @@ def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
         home=joint.S,
         name=joint.name,
         limits=joint.position_limits if both_limits else None,
-        body1=_body_or_none(carrier),
-        body2=_body_or_none(joint.body),
+        body1=_body_or_none(f"body1 of {joint.name!r}", carrier),
+        body2=_body_or_none(f"body2 of {joint.name!r}", joint.body),
         torque_limit=joint.effort_limit if np.isfinite(joint.effort_limit) else None,
         rate_limit=joint.rate_limit if np.isfinite(joint.rate_limit) else None,
         **({"pitch": joint.pitch} if KINDS[joint.kind].has_pitch else {}),
@@ -141,9 +141,13 @@ def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
     return pair
 
 
-def _body_or_none(masses: MassProperties) -> Body | None:
-    """Return mass properties as a Body; return None if the mass is 0, or if no rigid body can have them."""
-    if not masses.mass or unphysical_reason(masses):
+def _body_or_none(label: str, masses: MassProperties) -> Body | None:
+    """Return mass properties as a Body; return None if the mass is 0, and with a DynamicsWarning, which begins with
+    `label`, if no rigid body can have them.
+    """
+    if reason := unphysical_reason(masses):
+        warn_of_dynamics(f"{label}: no rigid body has its mass properties, which are left out: {reason}")
+    if not masses.mass or reason:
         return None
     return Body(masses.mass, masses.centre_of_mass, masses.inertia)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, HingePairError, choices, nearest, quoted
 from hingepair.mechanism import building
 from hingepair.mechanism.inertial_parameters import (
     BaseParameters,
@@ -89,16 +89,23 @@ class Mechanism(MechanismMethods):
     [0.9, 0.0, 1.0]
     """
 
-    tree: Tree = field(init=False)
-    base: str = field(init=False)
+    tree: Tree
+    base: str
 
     def __init__(
         self,
-        pairs: Iterable[RobotJoint],
+        pairs: Iterable[RobotJoint] = (),
         parents: Sequence[int] | None = None,
         base: str = "fixed",
         name: str | None = None,
+        *,
+        tree: Tree | None = None,  # which dataclasses.replace passes
     ) -> None:
+        if tree is not None:
+            raise HingePairError(
+                "dataclasses.replace cannot change a Mechanism: make it again with what is to differ, as by "
+                'load_robot(..., base="free")'
+            )
         self._set(building.tree_of_pairs(pairs, parents, base, name), base)
 
     def _set(self, tree: Tree, base: str) -> None:
@@ -340,7 +347,8 @@ class Mechanism(MechanismMethods):
         connects.
 
         The frame of a body is that of the link behind its joint. body1 and body2 of the pair are None if the body has
-        no mass, or if no rigid body can have its mass properties. A pair has no armature.
+        no mass, and with a `DynamicsWarning` if no rigid body can have its mass properties: a robot computes with
+        them as they are written, a pair refuses them. A pair has no armature.
 
         Raises:
             ArgumentError: the robot has no such moving joint; the message lists the moving joints.

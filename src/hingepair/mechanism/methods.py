@@ -1697,8 +1697,9 @@ class MechanismMethods(Shown):
                 where = f"body2 of {link!r}"
             else:
                 continue
-            expected = "mass properties, as in HingePair(..., body2=hp.Body(mass=2.0))"
-            raise ArgumentError(where, expected.replace("body2=", f"{where[:5]}="), None)
+            body = where[:5]
+            example = f"HingePair(..., {body}=hp.Body(mass=2.0)), or in a scene {body}.mass = 2.0 of its [[joint]]"
+            raise ArgumentError(where, f"mass properties, as in {example}", None)
         if self._constants.overflows:
             expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
             raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")

@@ -130,13 +130,14 @@ def load_sweep(path: str | Path) -> Sweep:
         str(scene_path), contents, tuple(number.key for number in varied), _read_names(table, "outputs"), reductions
     )
     first = _variant_computer(task)
-    with table.naming("outputs"):
-        try:
-            first.compute(numbers[0])  # says at once what cannot be computed
-        except SceneError as error:
-            raise SceneError(
-                f"{_variant_text(task, 0, numbers[0])}: {error.name}", error.expected, error.got
-            ) from None
+    try:
+        first.compute(numbers[0])  # says at once what cannot be computed
+    except ArgumentError as error:
+        named = error.name if isinstance(error, SceneError) else f"{scene_path.name}: {error.name}"
+        where = (
+            f"{_variant_text(task, 0, numbers[0])}: {named}" if error.name != "outputs" else table.label("outputs")
+        )
+        raise SceneError(where, error.expected, error.got) from None
     if chunk_size is None:
         # At least four chunks and about 1000 at most, of as many variants as are computed at once where that fits.
         variants_limit = max(len(numbers) // 1000, _MAX_STATES // first.samples)

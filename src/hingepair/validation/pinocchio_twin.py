@@ -49,6 +49,13 @@ def import_pinocchio(caller_name: str) -> Any:
     return pinocchio
 
 
+def joins_wrongly(mass: float) -> bool:
+    """Return whether Pinocchio adds a body of this mass [kg] to another with a wrong centre of mass: it divides by
+    the sum of the masses, but by 2^-104 kg at least.
+    """
+    return mass != 0 and mass < 2.0**-104
+
+
 # ---- coordinates
 
 

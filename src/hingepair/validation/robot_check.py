@@ -18,7 +18,14 @@ from hingepair.pair.accuracy import unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_arguments
 from hingepair.plans.trees import BASE_MOTION
-from hingepair.validation.pinocchio_twin import BASE_AT_REST, Twin, frame_motions, import_pinocchio, robot_twin
+from hingepair.validation.pinocchio_twin import (
+    BASE_AT_REST,
+    Twin,
+    frame_motions,
+    import_pinocchio,
+    joins_wrongly,
+    robot_twin,
+)
 from hingepair.validation.report import Comparison, CrossValidation
 from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
 from hingepair.validation.states import finite_samples, samples_of
@@ -128,7 +135,8 @@ def _read_samples(
     names = BASE_MOTION[: 2 * len(coordinates)]
     attributes = {name: name[:-1] for name in names}
     shapes = {**dict.fromkeys(names, (3,)), "S1": (3, 3), **dict.fromkeys(coordinates, (robot.dof,))}
-    given = {**coordinates, **base_inputs(base_motion, names)}
+    motion = base_inputs(base_motion, names)
+    given = {**coordinates, **{name: motion[name] for name in names if name in motion}}
     values = read_arguments(given, shapes, CoordinateNames(robot.names, noun="joints"), BASE_LABELS)
     shape = broadcast_shape(values.shapes)
     at_rest = {name: np.asarray(getattr(BASE_AT_REST, attribute)) for name, attribute in attributes.items()}
@@ -228,8 +236,7 @@ def _mass_outputs(
     if tips:
         jacobians = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in tips]
         outputs["jacobian"] = np.array([one @ columns for one in jacobians])
-    upper = np.triu(pin.crba(model, data, state[0]))
-    outputs["mass_matrix"] = columns.T @ (upper + np.triu(upper, 1).T) @ columns
+    outputs["mass_matrix"] = columns.T @ _mass_matrix(pin, twin, state[0]) @ columns
     if len(state) > 1:
         outputs["kinetic"] = _kinetic_energy(pin, twin, *state[:2])
         outputs["potential"] = pin.computePotentialEnergy(model, data, state[0])
@@ -238,6 +245,19 @@ def _mass_outputs(
             about_origin = momentum.angular + np.cross(data.com[0], momentum.linear)
             outputs |= {"linear": momentum.linear.copy(), "angular": about_origin}
     return outputs
+
+
+def _mass_matrix(pin: Any, twin: Twin, q: Float64Array) -> Float64Array:
+    """Return the mass matrix at one configuration, by `rnea` where `crba` would add inertias wrongly."""
+    model, data = twin.model, twin.data
+    if not any(joins_wrongly(inertia.mass) for inertia in model.inertias):
+        upper = np.triu(pin.crba(model, data, q))
+        return upper + np.triu(upper, 1).T
+    gravity, rest = model.gravity.copy(), np.zeros(model.nv)
+    model.gravity = pin.Motion.Zero()
+    columns = [pin.rnea(model, data, q, rest, unit) for unit in np.eye(model.nv)]
+    model.gravity = gravity
+    return np.stack(columns, axis=-1)
 
 
 def _kinetic_energy(pin: Any, twin: Twin, q: Float64Array, v: Float64Array) -> float:

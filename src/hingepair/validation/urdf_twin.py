@@ -16,7 +16,7 @@ import numpy as np
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import unit_roundoff
-from hingepair.validation.pinocchio_twin import Twin, import_pinocchio
+from hingepair.validation.pinocchio_twin import Twin, import_pinocchio, joins_wrongly
 from hingepair.validation.report import Comparison
 
 _U = unit_roundoff(np.float64)
@@ -39,6 +39,8 @@ def urdf_twin(robot: Mechanism) -> tuple[Twin | None, str]:
     source = robot.tree.source
     if source is None:
         return None, f"{own}, since it was not read from a URDF, or was changed afterwards"
+    if light := [joint.name for joint in robot.tree.joints if joins_wrongly(joint.body.mass)]:
+        return None, f"{own}, since Pinocchio misplaces the centre of mass of the body of {light[0]!r}"
     if source.snap:
         return None, f"{own}, since snap={source.snap:g} changed angles of the URDF"
     pin = import_pinocchio("cross_validate")
