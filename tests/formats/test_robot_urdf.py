@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -156,3 +157,11 @@ def test_a_floating_root_joint_is_a_free_base(base):
     if base == "floating":
         check_same(robot, back)
         assert robot.links == back.links
+
+
+def test_limits_that_are_made_up_are_told():
+    joints = [hp.HingePair((0, 0, 1), (0, 0, 0), (0, 1, 0), name=f"j{k}", limits=(-1, 1)) for k in range(5)]
+    robot = hp.Mechanism([*joints[:4], replace(joints[4], torque_limit=3)])
+    wanted = "made up: effort 1000 and velocity 100 of j0, j1, j2 and 1 more; velocity 100 of j4"
+    with pytest.warns(hp.DynamicsWarning, match=wanted):
+        assert f"{wanted} -->" in hp.to_urdf(robot)

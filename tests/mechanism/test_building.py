@@ -570,3 +570,16 @@ def test_a_body_without_a_link_does_not_take_the_place_of_another():
     model.addFrame(pin.Frame("lower", 1, pin.SE3.Identity(), pin.FrameType.BODY))
     links = hp.Mechanism.from_pinocchio(model).tree.links
     assert {name: frame.body for name, frame in links.items()} == {"universe": 0, "lower": 1, "lower_link": 2}
+
+
+def test_a_robot_is_made_again_rather_than_replaced():
+    with pytest.raises(hp.HingePairError, match=r"dataclasses.replace cannot change a Mechanism: .* base=\"free\""):
+        replace(hp.Mechanism.from_urdf(ARM), base="free")
+
+
+def test_a_pair_of_a_robot_leaves_out_masses_that_no_body_has():
+    body = '<inertial><mass value="-1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
+    robot = hp.Mechanism.from_urdf(f'<robot name="r"><link name="a"/><link name="b">{body}</link>{joint}</robot>')
+    with pytest.warns(hp.DynamicsWarning, match="body2 of 'j': no rigid body has its .* expected a number above 0"):
+        assert robot["j"].body2 is None

@@ -379,6 +379,35 @@ def test_a_file_that_is_no_sweep_is_refused(name):
     assert not [*Path().glob("*.parts")]
 
 
+TREE = """[base]
+x = "t"
+[mechanism]
+base = "free"
+[[joint]]
+name = "j"
+u1 = [0.1, 0, 0]
+u2 = [-0.4, 0, 0]
+n = [0, 1, 0]
+body2.mass = 2.0
+[motion]
+j = "t"
+[time]
+start = 0
+stop = 1
+samples = 3
+"""
+
+
+def test_what_a_scene_of_a_robot_lacks_is_named_as_it_is_written():
+    Path("tree.toml").write_text(TREE)
+    sweep = 'scene = "tree.toml"\noutputs = ["force1"]\n[[vary]]\nkey = "joint[0].body2.mass"\nvalues = [1.0, 2.0]\n'
+    Path("grid.toml").write_text(sweep)
+    lacking = "tree.toml: body1 of the first pair: expected mass properties, as in .* body1.mass = 2.0 of its"
+    assert re.search(rf"variant 0 \(joint\[0\]\.body2\.mass = 1\): {lacking}", refusal("sweep", "grid.toml"))
+    Path("grid.toml").write_text(sweep.replace("joint[0]", "joint.j"))
+    assert "vary[0].key: expected a place in brackets after a list of 1" in refusal("sweep", "grid.toml")
+
+
 def test_a_variant_that_fails_names_itself_and_its_chunk():
     Path("grid.toml").write_text(GRID.replace("high = 4", "high = -2"))
     shown = refusal("sweep", "grid.toml")

@@ -332,3 +332,19 @@ def test_the_report_says_what_a_robot_was_compared_with():
         assert (report.ok, report.compared_with, report.description) == (True, own + reason, ())
         assert f"compared with {own}{reason}" in str(report)
     assert hp.cross_validate(pickle.loads(pickle.dumps(robot)), np.ones(robot.dof)).description
+
+
+@pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")
+@pytest.mark.parametrize("base", ["fixed", "free"])
+@pytest.mark.parametrize("masses", [("1e-200", "1e-200"), ("-1", "2")])
+def test_masses_that_pinocchio_adds_wrongly_are_compared_all_the_same(masses, base):
+    link = """<link name="{0}"><inertial><origin xyz="0.1 0.2 0"/><mass value="{1}"/>
+        <inertia ixx="{1}" iyy="{1}" izz="{1}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+    joint = """<joint name="{1}" type="continuous"><parent link="{0}"/><child link="{1}"/>
+        <origin xyz="0.3 0 0.1" rpy="0.1 0.2 0.3"/><axis xyz="0 1 0"/></joint>"""
+    links = "".join(map(link.format, ("base", "b", "c"), ("1", *masses)))
+    joints = "".join(map(joint.format, ("base", "b"), ("b", "c")))
+    robot = hp.Mechanism.from_urdf(f'<robot name="r">{links}{joints}</robot>', base=base)
+    report = hp.cross_validate(robot, *np.random.default_rng(0).uniform(-1, 1, (3, 4, 2)))
+    assert report.ok, str(report)
+    assert "since Pinocchio misplaces the centre of mass of the body of 'b'" in str(report)
