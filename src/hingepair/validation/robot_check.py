@@ -252,7 +252,8 @@ def _mass_matrix(pin: Any, twin: Twin, q: Float64Array) -> Float64Array:
     model, data = twin.model, twin.data
     if not any(joins_wrongly(inertia.mass) for inertia in model.inertias):
         upper = np.triu(pin.crba(model, data, q))
-        return upper + np.triu(upper, 1).T
+        matrix: Float64Array = upper + np.triu(upper, 1).T
+        return matrix
     gravity, rest = model.gravity.copy(), np.zeros(model.nv)
     model.gravity = pin.Motion.Zero()
     columns = [pin.rnea(model, data, q, rest, unit) for unit in np.eye(model.nv)]
