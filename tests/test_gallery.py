@@ -10,6 +10,7 @@ import pytest
 
 GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
 PRINTED = {
+    "cart_pole": (r"upright from [3-6]\.\d s on, with 4\.0 N", r"way of the cart: 0\.\d m"),
     "door_closer": (r"spring alone .* at 1\.9\d m/s", r"100 N m s/rad +at 12 degrees after 5\.8 s"),
     "excavator": (r"boom .* digging +32\d", r"stick .* digging +2[23]\d", r"bucket .* digging +8\d"),
     "gimbal": (

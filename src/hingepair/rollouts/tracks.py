@@ -134,6 +134,8 @@ def count_steps(tracks: Mapping[str, Track], steps: int | None, method: str) -> 
             "2 steps + 1 instants, for rk4" if count is None else f"{2 * count + 1 if halves else count} instants"
         )
         raise ShapeError(one.label, f"values for {wanted}, or for one", f"{one.instants}")
+    if count is None and any(one.has_steps and name not in MOVING_BASE for name, one in tracks.items()):
+        count = 1
     if count is None:
         raise ArgumentError("steps", "a number of steps, since no argument has an axis of steps", None)
     return count
