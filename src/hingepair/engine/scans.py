@@ -17,6 +17,7 @@ from hingepair.engine.slices import run_in_threads
 from hingepair.numeric.arrays import FloatArray
 
 _CALL_STEPS: Final = 200_000  # of all samples in a call, which no interrupt ends: some ten milliseconds
+_BYTES: Final = 8  # of a number
 _PROTOTYPE: Final = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *[ctypes.c_int64] * 4)
 
 
@@ -48,7 +49,6 @@ class Scan:
                 self._ranks[name] = len(tail)
         self.inputs = tuple(self._ranks)
         self._ranks |= {name: len(tail) for name, tail in loop.outputs}
-        self._first = int(bool(constants))  # row of the first array
         self._constants = np.array(constants)
         self._kernel = loop.program(tuple(pattern)).scan_kernel()
         self._function = _PROTOTYPE(self._kernel.address("scan"))
@@ -76,18 +76,15 @@ class Scan:
         """
         if not samples or not records:
             return
-        table = np.zeros((len(self._ranks) + self._first, SCAN_WORDS), np.int64)
-        if self._first:
-            table[0, :3] = self._constants.ctypes.data, 0, self._constants.itemsize
-        rows = []  # kept alive
-        for row, (name, rank) in zip(table[self._first :], self._ranks.items(), strict=True):
+        rows = [[self._constants.ctypes.data, 0, _BYTES, 0, 0, 0]] if self._constants.size else []
+        kept = []  # arrays, so that their memory stays
+        for name, rank in self._ranks.items():
             if name in arrays:
-                rows.append(_with_rows(arrays[name], rank))
-                stride, *steps = (
-                    0 if n == 1 else step for n, step in zip(rows[-1].shape, rows[-1].strides, strict=True)
-                )
-                row[:3] = rows[-1].ctypes.data, stride, rows[-1].strides[-1]
-                row[3 : 2 + len(steps)] = steps[:-1]
+                kept.append(_with_rows(arrays[name], rank))
+                rows.append(_table_row(kept[-1]))
+            else:
+                rows.append([0] * SCAN_WORDS)
+        table = np.array(rows, np.int64)
         most = max(LANES, min(-(-samples // workers), _CALL_STEPS // (records * every * stages)))
         size = -(-most // LANES) * LANES
 
@@ -104,5 +101,15 @@ class Scan:
 
 def _with_rows(array: FloatArray, rank: int) -> FloatArray:
     """Return an array in which the components of a sample are one axis."""
+    if rank == 1:
+        return array
     lead = array.shape[: array.ndim - rank]
     return np.reshape(array, (*lead, math.prod(array.shape[array.ndim - rank :])), copy=False)
+
+
+def _table_row(array: FloatArray) -> list[int]:
+    """Return the row of a scan's table: address, and strides of samples, components, records, steps and stages."""
+    address, _ = array.__array_interface__["data"]
+    samples, *steps = (0 if n == 1 else stride for n, stride in zip(array.shape[:-1], array.strides, strict=False))
+    step = array.strides[-1] if array.shape[-1] > 1 else _BYTES
+    return [address, samples, step, *steps, *[0] * (3 - len(steps))]
