@@ -64,6 +64,15 @@ def test_regressor_of_a_free_base_has_rows_of_the_base():
         assert np.abs(Y[k] - expected).max() <= 16 * U * np.abs(expected).max()
 
 
+def test_bounds_of_the_regressor_stand_beside_others():
+    robot = hp.load_robot("ur5_robot")
+    states_of_it = states(robot.dof)
+    alone = robot.error_bounds(*states_of_it, outputs=("torque_regressor",))
+    every = robot.error_bounds(*states_of_it, outputs=("R", "torque_regressor", "tau_q"), frames="tool0")
+    assert [*every] == ["R", "torque_regressor", "tau_q"]
+    np.testing.assert_array_equal(every["torque_regressor"], alone["torque_regressor"])
+
+
 def test_inertial_parameters_are_those_of_pinocchio():
     model = model_of("1")
     expected = np.concatenate([inertia.toDynamicParameters() for inertia in list(model.inertias)])

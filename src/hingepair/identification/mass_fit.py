@@ -399,15 +399,13 @@ def _weighted_least_squares(recording: _Recording, count: int) -> _Found:
         noise = np.maximum(np.sqrt(np.maximum(ends @ products @ ends, 0.0) / free), max(least, 1e-300))
     if not lengths.any():
         raise FitError("q, qd, qdd", "a motion whose torques depend on the robot's masses", "none that does")
-    # Scores, whose neighbours may be correlated; their sum is what rounding has left of the step.
+    # Covariance, from scores whose neighbours may be correlated.
     scores = []
     for part in recording.blocks(count):
         rows = recording.rows(part)
         left = recording.torques(part) - rows @ (recording.described + step)
         scores.append(np.einsum("nik,ni->kn", rows, left / noise**2) / unit[:, None])
-    every = np.concatenate(scores, axis=1)
-    step = step + inverse @ every.sum(axis=1) / unit
-    covariance, lag = sandwich(inverse, every, robot.dof)
+    covariance, lag = sandwich(inverse, np.concatenate(scores, axis=1), robot.dof)
     std = np.sqrt(np.diagonal(covariance)) / unit
     std[(lengths == 0) | (np.abs(vectors[:, ~seen]) > 1e-3).any(axis=1)] = np.inf
     factor = np.sqrt(np.where(seen, sizes, 0.0))[:, None] * vectors.T * unit
@@ -531,6 +529,9 @@ def _fitted_robot(recording: _Recording, parameters: Float64Array, further: Floa
     for k, joint in enumerate(robot.tree.coordinates):
         found: dict[str, Any] = {name: fitted[term][k] for term, name in fields.items() if term in fitted}
         loads[joint.name] = replace(joint.load, **found)
+    # What is fitted counts the loads of followers, too.
+    nothing: dict[str, Any] = {name: 0.0 for term, name in fields.items() if term in fitted}
+    loads |= {joint.name: replace(joint.load, **nothing) for joint in robot.tree.joints if joint.mimic is not None}
     return robot.with_joint_loads(loads)
 
 

@@ -495,8 +495,9 @@ class MechanismMethods(Shown):
             outputs, None, (*accepted, *_TORQUE_SLOPES), TASKS[self._level(coordinates)].outputs
         )
         bounds: dict[str, Float64Array] = {}
-        for slopes in (False, True):
-            names = tuple(name for name in asked if (name in _TORQUE_SLOPES) == slopes)
+        slopes_and_bodies = (*_TORQUE_SLOPES, *OF_BODIES)
+        for group in ({*asked} - {*slopes_and_bodies}, {*_TORQUE_SLOPES}, {*OF_BODIES}):
+            names, slopes = tuple(name for name in asked if name in group), group == {*_TORQUE_SLOPES}
             if not names:
                 continue
             wanted, chosen = (self._all_efforts("inverse_dynamics"), ()) if slopes else (names, self._frames(frames))
