@@ -88,6 +88,7 @@ if TYPE_CHECKING:
     )
     from hingepair.scenes.derive import derive
     from hingepair.scenes.load import load_scene
+    from hingepair.sweeps.search import Search, search
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
     from hingepair.validation.pinocchio_twin import to_pinocchio
 
@@ -137,6 +138,7 @@ __all__ = [
     "RotationError",
     "SceneError",
     "Screw",
+    "Search",
     "ShapeError",
     "SimulationError",
     "Slider",
@@ -175,6 +177,7 @@ __all__ = [
     "rotation_exp",
     "rotation_log",
     "sample_pairs",
+    "search",
     "simulate",
     "skew",
     "smooth",
@@ -215,6 +218,7 @@ _LAZY_MODULE_BY_NAME = {
         "mechanism.states": "JointWrenches MechanismAccelerations MechanismDerivatives MechanismForces "
         "MechanismState",
         "pair.body": "Body Box Cylinder Sphere",
+        "sweeps.search": "Search search",
         "pair.tolerances": "sample_pairs",
         "pictures.page": "view",
         "pictures.plot": "plot",

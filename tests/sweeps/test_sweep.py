@@ -425,7 +425,7 @@ def test_stores_and_schedulers_that_cannot_be_used_are_refused(monkeypatch):
     Path("there.parquet").write_text("mine")
     assert "--out: expected a name that does not exist yet" in refused("--out", "there.parquet")
     assert Path("there.parquet").read_text() == "mine"
-    assert "--out: expected a name that ends in .parquet or .zarr" in refused("--out", "x.csv")
+    assert "--out: expected a name that ends in .csv, .parquet, .zarr" in refused("--out", "x.txt")
     assert "--out: expected a place that can be written" in refused("--out", "nowhere/x.parquet")
     monkeypatch.setattr(sweeps, "_TIMEOUT", 0.2)
     assert "--scheduler: expected the address of" in refused("--scheduler", "tcp://127.0.0.1:1", "--out", "y.parquet")
@@ -448,13 +448,19 @@ def test_of_two_sweeps_into_one_store_the_second_is_refused_and_the_first_is_who
     assert "--out: expected a store that no other sweep is writing now, got 'grid.parquet.parts'" in shown[0]
 
 
-@pytest.mark.parametrize("package", ["dask", "pyarrow"])
-def test_a_package_that_is_not_installed_is_named_before_anything_is_written(package, monkeypatch):
+def test_a_sweep_needs_no_package_for_a_csv_file(monkeypatch):
     there = stores.find_spec
-    monkeypatch.setattr(stores, "find_spec", lambda name: None if name == package else there(name))
-    shown = refusal("sweep", "grid.toml")
-    assert f"sweep: expected the package {package}: pip install 'hingepair[dask]'" in shown
+    whole = table(swept("grid", "whole.parquet"))
+    for module in (stores, sweeps):
+        monkeypatch.setattr(module, "find_spec", lambda name: None if name in {"dask", "pyarrow"} else there(name))
+    shown = refusal("sweep", "grid.toml", "--out", "grid.parquet")
+    assert "sweep: expected the package pyarrow: pip install 'hingepair[dask]'; or --out" in shown
     assert not Path("grid.parquet.parts").exists()
+    run_command("sweep", "grid.toml")
+    header, *rows = Path("grid.csv").read_text().splitlines()
+    found = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    assert header.split(",") == [*whole]
+    assert_array_equal(found.T, list(whole.values()))
 
 
 def test_a_full_disk_leaves_nothing_that_could_be_taken_for_whole(monkeypatch):

@@ -24,6 +24,7 @@ from hingepair.cli.pairs import mjcf_command, urdf_command
 from hingepair.cli.pictures import plot_command, view_command
 from hingepair.cli.robots import robots_command
 from hingepair.cli.scenes import check_command, forces_command, run_command
+from hingepair.cli.search import search_command
 from hingepair.cli.sweep import sweep_command
 from hingepair.cli.tolerance import tolerance_command
 from hingepair.errors import HingePairError
@@ -35,6 +36,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "derive": derive_command,
         "tolerance": tolerance_command,
         "sweep": sweep_command,
+        "search": search_command,
         "fit": fit_command,
         "masses": masses_command,
     },

@@ -26,8 +26,8 @@ _REDUCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = 
     "t_max": lambda x, t: t[x.argmax(axis=1)],
     "t_absmax": lambda x, t: t[np.abs(x).argmax(axis=1)],
 }
-REDUCTIONS: Final = (*_REDUCTIONS, "q5", "q50", "q95")
-"""Names of reductions; of the quantiles, examples.
+REDUCTIONS: Final = (*_REDUCTIONS, "q5", "q50", "q95", "t_below(0.1)", "t_above(0.1)", "t_at(0.1)", "t_settled(0.1)")
+"""Names of reductions; of quantiles and levels, examples.
 
 A NaN at an instant makes a reduction NaN; of t_min, t_max and t_absmax, it makes it the first such instant.
 """
@@ -36,11 +36,48 @@ A NaN at an instant makes a reduction NaN; of t_min, t_max and t_absmax, it make
 _QUANTILE: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
 
 
+_LEVEL: Final = re.compile(r"(t_below|t_above|t_at|t_settled)\(([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\)")
+
+
 def is_reduction(name: object) -> bool:
-    """Return whether an object is the name of a reduction, such as "max", or of a quantile from "q0" to "q100", such
-    as "q2.5".
+    """Return whether an object is the name of a reduction: "max", a quantile such as "q2.5", or the time at a level,
+    such as "t_below(0.1)".
     """
-    return isinstance(name, str) and (name in _REDUCTIONS or _QUANTILE.fullmatch(name) is not None)
+    return isinstance(name, str) and (
+        name in _REDUCTIONS or any(pattern.fullmatch(name) for pattern in (_QUANTILE, _LEVEL))
+    )
+
+
+def reduction_ending(column: str) -> str | None:
+    """Return the reduction in which the name of a column ends, such as t_min of psi_t_min; None if there is none."""
+    places = (place + 1 for place, letter in enumerate(column) if letter == "_")
+    return next((column[place:] for place in places if is_reduction(column[place:])), None)
+
+
+def _time_at_level(kind: str, level: Any, x: Float64Array, t: Float64Array) -> Float64Array:
+    """Return when components are below, above or at a level for the first time, or stay within it of their last value
+    from then on; linear between instants, and NaN if never. x has shape (variants, samples, components).
+    """
+    if kind == "t_settled":
+        x = x - x[:, -1:]
+        outside = np.abs(x) > level
+        before, has = x.shape[1] - 1 - np.argmax(outside[:, ::-1], axis=1), outside.any(axis=1)
+        missing = np.full(has.shape, t[0])
+    else:
+        start = np.sign(x[:, :1] - level)
+        there = {"t_below": x < level, "t_above": x > level, "t_at": np.sign(x - level) != start}[kind]
+        there[:, 0] |= (kind == "t_at") & (start[:, 0] == 0)
+        before, has = np.argmax(there, axis=1) - 1, there.any(axis=1) & ~there[:, 0]
+        missing = np.where(there[:, 0], t[0], np.nan)
+    before = np.clip(before, 0, len(t) - 2)
+    here, after = (np.take_along_axis(x, (before + k)[:, None], axis=1)[:, 0] for k in (0, 1))
+    if kind == "t_settled":
+        level = np.copysign(level, here)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(after == here, 0.0, (level - here) / (after - here))
+    time = t[before] + share * (t[before + 1] - t[before])
+    found: Float64Array = np.where(np.isnan(x).any(axis=1), np.nan, np.where(has, time, missing))
+    return found
 
 
 def reduce_arrays(
@@ -54,8 +91,10 @@ def reduce_arrays(
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)
     reduced: dict[str, Any] = {}
     for reduction in reductions:
-        quantile = _QUANTILE.fullmatch(reduction)
-        if quantile:
+        quantile, at_level = _QUANTILE.fullmatch(reduction), _LEVEL.fullmatch(reduction)
+        if at_level:
+            reduced[reduction] = _time_at_level(at_level[1], float(at_level[2]), flat, t)
+        elif quantile:
             reduced[reduction] = np.quantile(flat, float(quantile[1]) / 100, axis=1)
         else:
             reduced[reduction] = _REDUCTIONS[reduction](flat, t)

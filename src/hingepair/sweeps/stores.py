@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import csv
+import io
 import json
 import os
 import shutil
@@ -20,7 +22,7 @@ from hingepair.errors import ArgumentError, MissingDependencyError, quoted
 from hingepair.numeric.column_file import write_npz
 from hingepair.numeric.whole_file import whole_file
 
-STORE_SUFFIXES: Final = (".parquet", ".zarr")
+STORE_SUFFIXES: Final = (".csv", ".parquet", ".zarr")
 """Endings of the names of stores."""
 
 _LOCK_NAME: Final = "lock"  # file in the folder of the chunks, locked while a sweep runs
@@ -41,7 +43,7 @@ class Store:
 
     def __init__(self, path: Path, identity: str) -> None:
         if path.suffix.lower() not in STORE_SUFFIXES:
-            raise ArgumentError("out", f"a name that ends in {' or '.join(STORE_SUFFIXES)}", quoted(str(path)))
+            raise ArgumentError("out", f"a name that ends in {', '.join(STORE_SUFFIXES)}", quoted(str(path)))
         self.path, self.identity = path, identity
         self.parts = path.with_name(f"{path.name}.parts")
         self._check_new()
@@ -89,7 +91,7 @@ class Store:
         """Write the store from the files of all `chunk_count` chunks, and delete the folder of these files.
         `chunk_size` is the number of variants in each chunk but the last.
         """
-        write = _write_parquet if self.path.suffix.lower() == ".parquet" else _write_zarr
+        write = {".csv": _write_csv, ".parquet": _write_parquet, ".zarr": _write_zarr}[self.path.suffix.lower()]
         with _convert_os_errors(self.path):
             write(self, chunk_count, chunk_size)
             shutil.rmtree(self.parts)
@@ -144,13 +146,25 @@ def _convert_os_errors(path: Path) -> Iterator[None]:
         ) from None
 
 
-def check_packages(path: Path) -> None:
-    """Raise a MissingDependencyError that names a missing package, unless Dask and the package that writes a store
-    with the suffix of `path` (PyArrow or Zarr) are installed.
-    """
-    for package in ("dask", {".parquet": "pyarrow", ".zarr": "zarr"}.get(path.suffix.lower(), "numpy")):
-        if find_spec(package) is None:
-            raise MissingDependencyError("sweep", f"the package {package}: pip install 'hingepair[dask]'", "none")
+def check_package(path: Path) -> None:
+    """Raise a MissingDependencyError if the package that writes a store with the suffix of `path` is missing."""
+    package = {".parquet": "pyarrow", ".zarr": "zarr"}.get(path.suffix.lower())
+    if package is not None and find_spec(package) is None:
+        expected = f"the package {package}: pip install 'hingepair[dask]'; or --out with a name that ends in .csv"
+        raise MissingDependencyError("sweep", expected, "none")
+
+
+def _write_csv(store: Store, chunk_count: int, _chunk_size: int) -> None:
+    """Write a Store as a CSV file from the files of its `chunk_count` chunks."""
+    with whole_file(store.path) as file:
+        for chunk in range(chunk_count):
+            columns = _scalar_columns(store.read(chunk))
+            text = io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            if chunk == 0:
+                writer.writerow(columns)
+            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
+            file.write(text.getvalue().encode())
 
 
 def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:

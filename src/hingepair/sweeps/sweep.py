@@ -10,8 +10,9 @@ import json
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,7 +26,7 @@ from hingepair.scenes.load import scene_files
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.sweeps.designs import DESIGN_NAMES, design_values, read_varied_number
 from hingepair.sweeps.reductions import REDUCTIONS, is_reduction, reduce_arrays
-from hingepair.sweeps.stores import Store, check_packages
+from hingepair.sweeps.stores import Store, check_package
 from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
 
 # Keys that the file of a sweep may have.
@@ -70,8 +71,11 @@ class Sweep:
         return -(-self.variants // self.chunk)
 
     def default_store(self) -> Path:
-        """Return the default path of the store: the sweep file's stem with .parquet (reductions) or .zarr."""
-        return Path(f"{self.files[0].stem}{'.parquet' if self.task.reductions else '.zarr'}")
+        """Return the default path of the store: the sweep file's stem with .parquet (reductions) or .zarr, or with
+        .csv where the package that writes these is not installed.
+        """
+        package, suffix = ("pyarrow", ".parquet") if self.task.reductions else ("zarr", ".zarr")
+        return Path(f"{self.files[0].stem}{suffix if find_spec(package) else '.csv'}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +213,7 @@ def run_sweep(
         workers: number of these threads; -1 for one on every core.
         progress: is called after each chunk with the numbers of finished chunks and of all chunks.
     """
-    check_packages(out)
+    check_package(out)
     with contextlib.ExitStack() as connected:
         # A scheduler that does not answer leaves nothing behind.
         client = None if scheduler is None else connected.enter_context(_connect(scheduler))
@@ -256,24 +260,30 @@ def _compute_on_threads(
     """Compute the chunks of a Sweep with the given indices on threads of this process, and call `store_chunk` with
     the index and the columns of each chunk when it is finished.
     """
-    import dask
+    stopped = threading.Event()
 
     def compute_and_store(chunk_index: int) -> None:
-        """Compute the chunk with the index `chunk_index`, and call `store_chunk` with the index and the chunk's
-        columns.
-        """
+        if stopped.is_set():
+            return
         first = chunk_index * sweep.chunk
-        store_chunk(
-            chunk_index, compute_chunk(sweep.task, chunk_index, first, sweep.numbers[first : first + sweep.chunk])
-        )
+        try:
+            store_chunk(
+                chunk_index, compute_chunk(sweep.task, chunk_index, first, sweep.numbers[first : first + sweep.chunk])
+            )
+        except BaseException:
+            stopped.set()
+            raise
 
-    tasks = [dask.delayed(compute_and_store, pure=False)(chunk_index) for chunk_index in chunk_indices]
-    try:
-        dask.compute(*tasks, scheduler="threads", num_workers=thread_count, optimize_graph=False)
-    except (HingePairError, MemoryError, OSError):
-        raise
-    except Exception as error:
-        raise _error_of_chunk(error, "all chunks") from error
+    with ThreadPoolExecutor(thread_count) as pool:
+        try:
+            for done in as_completed([pool.submit(compute_and_store, chunk_index) for chunk_index in chunk_indices]):
+                done.result()
+        except (HingePairError, MemoryError, OSError):
+            raise
+        except Exception as error:
+            raise _error_of_chunk(error, "all chunks") from error
+        finally:
+            stopped.set()  # chunks that wait end at once, after Ctrl-C too
 
 
 def _connect(scheduler_address: str) -> Any:
@@ -294,7 +304,7 @@ def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int],
     """Compute the chunks of a Sweep with the given indices on the workers of a Dask client's cluster, and call
     `store_chunk` with the index and the columns of each chunk when it is finished.
     """
-    from distributed import as_completed
+    from distributed import as_completed as as_finished
 
     if not client.scheduler_info()["workers"]:
         address = client.scheduler.address
@@ -308,7 +318,7 @@ def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int],
         for number, part in parts.items()
     }
     try:
-        for future in as_completed(list(futures)):
+        for future in as_finished(list(futures)):
             number = futures.pop(future)
             if future.status == "error":
                 raise _error_of_chunk(future.exception(), f"chunk {number}") from None

@@ -128,7 +128,7 @@ class VariantComputer:
         """Return (t, arrays) for one variant: the instants [s], (samples,), and the outputs by name, (samples, ...).
         `numbers` are the values of the varied numbers; shape (numbers,).
         """
-        scene = self._scene_of_variant(numbers)
+        scene = self.scene(numbers)
         return scene.times(), scene.arrays(self._outputs)
 
     def compute_together(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
@@ -138,7 +138,8 @@ class VariantComputer:
         """
         return None if self._payload_computer is None else self._payload_computer.compute(numbers)
 
-    def _scene_of_variant(self, numbers: Float64Array) -> Scene:
+    def scene(self, numbers: Float64Array) -> Scene:
+        """Return the scene with these values of the varied numbers."""
         values = dict(self._tables.values)
         for root in {steps[0] for steps in self._keys}:
             values[str(root)] = copy.deepcopy(values[str(root)])

@@ -1,0 +1,365 @@
+"""Search: numbers of a scene for which results have wanted values, or for which a result is smallest or largest."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hingepair.errors import ArgumentError, MissingDependencyError, choices, quoted
+from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.tables import align_columns, cell_text
+from hingepair.scenes.scene import Scene
+from hingepair.scenes.tables import Table, read_tables
+from hingepair.sweeps.reductions import REDUCTIONS, reduce_arrays, reduction_ending
+from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
+
+Range = tuple[float, float] | None
+"""Lower and upper end of a number; None for any."""
+
+_CONDITION = re.compile(r"\s*(\S+?)\s*(<=|>=|=|<|>)\s*(\S+)\s*")
+_TOLERANCE = 1e-6  # of a wanted value, relative to it or to the size of the result at the start
+_BRACKET_STEPS = 40  # of a factor of 1.5 each: seven decades to either side
+_SCAN = 25  # places at which a number with a range is tried before the search is local
+
+
+class Condition(NamedTuple):
+    """What a result is to be, such as psi_t_min = 5."""
+
+    result: str  # column and reduction
+    sign: str  # "=", "<=" or ">="
+    value: float
+
+    def miss(self, got: float) -> float:
+        """Return by how much a result misses the condition; 0 for an inequality that holds."""
+        excess = got - self.value
+        if self.sign == "<=":
+            return max(0.0, excess)
+        return min(0.0, excess) if self.sign == ">=" else excess
+
+    def __str__(self) -> str:
+        return f"{self.result} {self.sign} {self.value:.9g}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """Numbers that `search` found."""
+
+    #: the numbers, by their key in the scene file
+    values: dict[str, float]
+    #: what they are in the scene file
+    start: dict[str, float]
+    #: the results that the conditions and the aim name, at the numbers found
+    results: dict[str, float]
+    #: the conditions, as text
+    conditions: tuple[str, ...]
+    #: whether all conditions hold, and a smallest or largest result is not at the end of a range
+    ok: bool
+    #: number of variants of the scene that were computed
+    evaluations: int
+    #: the scene with these numbers
+    scene: Scene
+
+    def __str__(self) -> str:
+        rows = [("number", "in the scene", "found")]
+        rows += [(key, cell_text(self.start[key]), cell_text(value)) for key, value in self.values.items()]
+        results = [("result", "value"), *((name, cell_text(value)) for name, value in self.results.items())]
+        wanted = [f"wanted: {', '.join(self.conditions)}"] if self.conditions else []
+        verdict = f"{'found' if self.ok else 'NOT FOUND'} after {self.evaluations} variants"
+        return "\n".join((*align_columns(rows, {1, 2}), "", *align_columns(results, {1}), *wanted, verdict))
+
+
+def search(
+    scene: Scene | str | os.PathLike[str],
+    vary: str | Sequence[str] | Mapping[str, Range],
+    until: str | Sequence[str] = (),
+    *,
+    minimize: str | None = None,
+    maximize: str | None = None,
+) -> Search:
+    """Return numbers of a scene for which results have wanted values, or for which one result is smallest or largest.
+
+    A result is a component of an output and a reduction, joined by `_`, as columns of sweeps are called: `psi_last`,
+    `R2_z_max`, `hinge_torque_absmax`, `psi_t_below(0.01)`.
+
+    One number and one condition with `=` are solved by bracketing, from the value in the scene outwards; several by
+    least squares; a smallest or largest result by a scan of the ranges and a local search. What is found is near the
+    value in the scene, not the best of all.
+
+    Args:
+        scene: a Scene, or the path of its file.
+        vary: keys of the numbers, such as "dynamics.damping" or "pair.u1[0]", or a dict that gives a range (low,
+            high), or None, for each. Numbers without a range keep their sign.
+        until: conditions such as "psi_t_below(0.01) = 5", "psid_min >= -0.2".
+        minimize: the result that is to be smallest; needs ranges. The conditions hold as well as they can.
+        maximize: the result that is to be largest.
+
+    Raises:
+        ArgumentError: a key leads to no number, a condition cannot be read, or a result is none of the scene.
+        MissingDependencyError: SciPy is not installed; the extra `measured` has it.
+
+    >>> import hingepair as hp
+    >>> found = hp.search("models/thrown_flail.toml", {"dynamics.psid_0": (-6, 0)}, "psi_last = -1")
+    >>> found.ok, abs(found.results["psi_last"] + 1) < 1e-6
+    (True, True)
+    """
+    try:
+        import scipy.optimize as scipy
+    except ImportError as error:
+        raise MissingDependencyError("search", "SciPy: pip install 'hingepair[measured]'", str(error)) from None
+    conditions = [read_condition(text) for text in ([until] if isinstance(until, str) else until)]
+    if minimize is not None and maximize is not None:
+        raise ArgumentError("maximize", "None beside minimize", quoted(maximize))
+    aim = minimize if maximize is None else maximize
+    if not conditions and aim is None:
+        raise ArgumentError("until", 'a condition such as "psi_last = 1.5", or minimize=', "none")
+    names = (*(condition.result for condition in conditions), *(() if aim is None else (aim,)))
+    variants = _Variants(scene, vary, names)
+    misses = [lambda x, k=k, one=one: one.miss(variants.results(x)[k]) for k, one in enumerate(conditions)]
+    if aim is not None:
+        sign = 1.0 if maximize is None else -1.0
+        x = _smallest(scipy, variants, lambda x: sign * variants.results(x)[-1], misses)
+    elif len(variants.keys) == 1 and len(conditions) == 1 and conditions[0].sign == "=":
+        x = _root(scipy, variants, misses[0])
+    else:
+        x = _least_misses(scipy, variants, misses)
+    results = dict(zip(names, variants.results(x), strict=True))
+    first = dict(zip(names, variants.results(variants.start), strict=True))
+    held = all(
+        abs(one.miss(results[one.result])) <= _TOLERANCE * max(abs(one.value), abs(first[one.result]), 1e-9)
+        for one in conditions
+    )
+    inside = aim is None or not variants.is_at_an_end(x)
+    return Search(
+        values=dict(zip(variants.keys, x.tolist(), strict=True)),
+        start=dict(zip(variants.keys, variants.start.tolist(), strict=True)),
+        results=results,
+        conditions=tuple(map(str, conditions)),
+        ok=held and inside and all(map(math.isfinite, results.values())),
+        evaluations=len(variants.known),
+        scene=variants.computer.scene(x),
+    )
+
+
+def read_condition(text: object) -> Condition:
+    """Return the condition that a text such as "psi_t_min = 5" states."""
+    match = _CONDITION.fullmatch(text) if isinstance(text, str) else None
+    try:
+        if match is None:
+            raise ValueError
+        value = float(match[3])
+        if not math.isfinite(value):
+            raise ValueError
+    except ValueError:
+        expected = 'conditions such as "psi_t_min = 5" or "psid_max <= 1": result, sign, number'
+        raise ArgumentError("until", expected, quoted(text)) from None
+    return Condition(match[1], match[2] if match[2] == "=" else f"{match[2][0]}=", value)
+
+
+class _Variants:
+    """The scene with other numbers, and its results, each computed once."""
+
+    def __init__(
+        self,
+        scene: Scene | str | os.PathLike[str],
+        vary: str | Sequence[str] | Mapping[str, Range],
+        names: Sequence[str],
+    ) -> None:
+        if isinstance(scene, Scene):
+            path, values = scene.files[0], dict(scene.tables.values)
+        else:
+            tables = read_tables(scene)
+            path, values = Path(scene), dict(tables.values)
+        keys = [vary] if isinstance(vary, str) else list(vary)
+        if not keys:
+            raise ArgumentError("vary", 'a key such as "dynamics.damping"', quoted(vary))
+        entry = Table("vary", "", {}, {})
+        steps = [parse_key(entry, key) for key in keys]
+        for one in steps:
+            check_number_path(entry, values, one)
+        self.keys: list[str] = keys
+        self.start = np.array([_number(key, values, one) for key, one in zip(keys, steps, strict=True)])
+        ranges = [vary[key] if isinstance(vary, Mapping) else None for key in keys]
+        self.low, self.high = np.array([_ends(*each) for each in zip(keys, ranges, self.start, strict=True)]).T
+        self.has_ranges = all(one is not None for one in ranges)
+        self.start = np.clip(self.start, self.low, self.high)
+        self.known: dict[bytes, list[float]] = {}
+        self._names = names
+        self._columns = [_column(name) for name in names]
+        outputs = self._find_outputs(str(path), values, steps)
+        self.computer = VariantComputer(str(path), values, steps, outputs)
+        self.results(self.start)  # says at once what cannot be computed
+
+    def _find_outputs(
+        self, path: str, values: dict[str, Any], steps: Sequence[Sequence[str | int]]
+    ) -> tuple[str, ...]:
+        """Return the outputs whose components the results are: the longest name that the scene has."""
+        found: dict[str, None] = {}
+        for name, (column, _) in zip(self._names, self._columns, strict=True):
+            parts = column.split("_")
+            refusal: ArgumentError | None = None
+            for count in range(len(parts), 0, -1):
+                output = "_".join(parts[:count])
+                try:
+                    computer = VariantComputer(path, values, steps, (output,))
+                    computer.compute(self.start)
+                except ArgumentError as error:
+                    refusal = refusal or error
+                else:
+                    found[output] = None
+                    break
+            else:
+                expected = f"a component of an output of the scene ({refusal.expected if refusal else ''})"
+                raise ArgumentError(name, expected, quoted(column))
+        return tuple(found)
+
+    def results(self, x: Float64Array) -> list[float]:
+        """Return the results at numbers x; NaN where the scene cannot be computed with them."""
+        key = np.asarray(x, np.float64).tobytes()
+        if key not in self.known:
+            self.known[key] = self._computed(np.asarray(x, np.float64))
+        return self.known[key]
+
+    def _computed(self, x: Float64Array) -> list[float]:
+        try:
+            t, arrays = self.computer.compute(x)
+        except ArgumentError:
+            if not self.known:
+                raise
+            return [math.nan] * len(self._names)
+        batch = {name: array[None] for name, array in arrays.items()}
+        columns = reduce_arrays(t, batch, tuple(dict.fromkeys(reduction for _, reduction in self._columns)))
+        for name in self._names:
+            if name not in columns:
+                reduction = _column(name)[1]
+                known = [column for column in columns if column.endswith(f"_{reduction}")]
+                raise ArgumentError("until", choices(known), quoted(name))
+        return [float(columns[name][0]) for name in self._names]
+
+    def is_at_an_end(self, x: Float64Array) -> bool:
+        """Return whether a number is at an end of its range."""
+        near = 1e-6 * (self.high - self.low)
+        return bool(((x - self.low < near) | (self.high - x < near)).any())
+
+
+def _column(name: str) -> tuple[str, str]:
+    """Return (column, reduction) of the name of a result."""
+    reduction = reduction_ending(name)
+    if reduction is None:
+        raise ArgumentError("until", f"a result that ends in a reduction, _ and {choices(REDUCTIONS)}", quoted(name))
+    return name[: -len(reduction) - 1], reduction
+
+
+def _number(key: str, values: Mapping[str, Any], steps: Sequence[str | int]) -> float:
+    here: Any = values
+    for step in steps:
+        here = here[step]
+    if isinstance(here, str):
+        raise ArgumentError("vary", "the key of a number, not of an expression", f"{key} = {here!r}")
+    return float(here)
+
+
+def _ends(key: str, ends: Range, start: float) -> tuple[float, float]:
+    """Return the lower and the upper end of a number: without a range, it keeps its sign."""
+    if ends is None:
+        return (0.0, math.inf) if start > 0 else (-math.inf, 0.0) if start < 0 else (-math.inf, math.inf)
+    try:
+        low, high = map(float, ends)
+    except (TypeError, ValueError):
+        low, high = math.nan, math.nan
+    if not low < high:
+        raise ArgumentError(f"vary[{key!r}]", "a range (low, high), or None", quoted(ends))
+    return low, high
+
+
+def _root(scipy: Any, variants: _Variants, miss: Any) -> Float64Array:
+    """Return the number at which `miss` is 0, nearest to the start; the best one that was seen if there is none."""
+    low, high, start = float(variants.low[0]), float(variants.high[0]), float(variants.start[0])
+    if math.isfinite(high - low):
+        places = sorted({start, *np.linspace(low, high, _SCAN).tolist()}, key=lambda x: abs(x - start))
+    else:  # outwards by factors; from 0 by steps that grow
+        size = abs(start) or 1.0
+        grown = [size * 1.5**k for k in range(-_BRACKET_STEPS // 2, _BRACKET_STEPS)]
+        offsets = (
+            grown if start == 0 else [x - size for x in grown] + [size / 1.5**k - size for k in range(_BRACKET_STEPS)]
+        )
+        steps = [math.copysign(1.0, start) * x for x in offsets] + ([-x for x in offsets] if start == 0 else [])
+        places = [start, *sorted((start + x for x in steps), key=lambda x: abs(x - start))]
+    seen: dict[float, float] = {}
+    for x in places:
+        got = miss(np.array([x]))
+        if not math.isfinite(got):
+            continue
+        seen[x] = got
+        below = max((y for y in seen if y < x), default=None)
+        above = min((y for y in seen if y > x), default=None)
+        for other in (below, above):
+            if got == 0 or (other is not None and seen[other] * got < 0):
+                if got == 0:
+                    return np.array([x])
+                root = scipy.brentq(lambda y: miss(np.array([y])), *sorted((x, other)), xtol=1e-14, rtol=1e-13)
+                return np.array([root])
+    return np.array([min(seen, key=lambda x: abs(seen[x]))])
+
+
+def _least_misses(scipy: Any, variants: _Variants, misses: Sequence[Any]) -> Float64Array:
+    """Return the numbers with the least squares of misses, each relative to its size at the start."""
+    scales = np.array([abs(miss(variants.start)) or 1.0 for miss in misses])
+
+    def residuals(x: Float64Array) -> Float64Array:
+        found = np.array([miss(x) for miss in misses]) / scales
+        return np.where(np.isfinite(found), found, 1e6)
+
+    size = np.where(variants.start == 0, 1.0, np.abs(variants.start))
+    solved = scipy.least_squares(
+        residuals,
+        np.clip(variants.start, variants.low + 1e-9 * size, variants.high - 1e-9 * size),
+        bounds=(variants.low, variants.high),
+        x_scale=size,
+        diff_step=1e-5,
+        xtol=1e-12,
+        ftol=1e-12,
+        gtol=1e-12,
+    )
+    return np.asarray(solved.x, np.float64)
+
+
+def _smallest(scipy: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) -> Float64Array:
+    """Return the numbers at which `aim` is smallest: the best of a scan of the ranges, then a local search. What the
+    conditions miss counts a thousandfold.
+    """
+    if not variants.has_ranges:
+        raise ArgumentError("vary", 'ranges, as in {"dynamics.damping": (0.1, 10)}, beside minimize', "none")
+    width = variants.high - variants.low
+    first = aim(variants.start)
+    scales = [abs(miss(variants.start)) or 1.0 for miss in misses]
+
+    def cost(x: Float64Array) -> float:
+        x = np.clip(x, variants.low, variants.high)
+        missed = sum((miss(x) / scale) ** 2 for miss, scale in zip(misses, scales, strict=True))
+        total = float(aim(x) + 1e3 * max(abs(first), 1e-9) * missed)
+        return total if math.isfinite(total) else math.inf
+
+    count = len(width)
+    if count == 1:
+        shares = np.linspace(0, 1, _SCAN)[:, None]
+    else:
+        from scipy.stats import qmc
+
+        shares = qmc.Sobol(count, seed=0).random(64)
+    tried = [variants.start, *(variants.low + share * width for share in shares)]
+    best = min(tried, key=cost)
+    simplex = np.clip([best, *(best + 0.05 * np.diag(width))], variants.low, variants.high)
+    for k in range(count):  # a corner at an end would leave the simplex flat
+        if simplex[k + 1, k] == best[k]:
+            simplex[k + 1, k] = best[k] - 0.05 * width[k]
+    found = scipy.minimize(
+        cost, best, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12}
+    )
+    return np.asarray(np.clip(found.x, variants.low, variants.high), np.float64)
