@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
+from hingepair.formats.robot_mjcf import MJCF_COMPILER, mjcf_joint_attributes, robot_to_mjcf
 from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.formats.xml_text import (
     add_element,
@@ -32,7 +33,7 @@ from hingepair.formats.xml_text import (
 )
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
-from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape, warn_of_dynamics
+from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_pair, check_single_pair
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
@@ -54,16 +55,6 @@ _INERTIA_MARGIN = 2.0**-46
 
 2^-50 was enough in all of 1,000 flat bodies.
 """
-# Nothing of the model is left to the compiler's judgement: its masses are those written, and body2 stays a body.
-_MJCF_COMPILER = {
-    "angle": "radian",
-    "autolimits": "true",
-    "inertiafromgeom": "false",
-    "balanceinertia": "false",
-    "boundmass": "0",
-    "boundinertia": "0",
-    "fusestatic": "false",
-}
 
 
 def to_urdf(
@@ -123,9 +114,7 @@ def to_urdf(
     """
     check_choice("base", base, ("free", "floating", "fixed"))
     if isinstance(pair, Mechanism):
-        for name, value in (("hinge_torque", hinge_torque), ("body1", body1)):
-            if value is not None:
-                raise ArgumentError(name, "None, since a robot has no single hinge", quoted(value))
+        _refuse_for_robots(hinge_torque=hinge_torque, body1=body1)
         return robot_to_urdf(pair, base)
     if body1 is not None and base != "fixed":
         raise ArgumentError(
@@ -167,18 +156,18 @@ def to_urdf(
 
 
 def to_mjcf(
-    pair: HingePair,
+    pair: HingePair | Mechanism,
     *,
-    base: str = "free",
+    base: str | None = None,
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
 ) -> str:
-    """Return the pair as text in MJCF, the model format of MuJoCo; equal pairs give equal texts. `base` is "free",
-    "pinned" or "fixed". `hinge_torque` is a HingeLoad or None, and `body1` is the initial pose of body 1 or None.
-    Warn if `hinge_torque` has properties that MJCF cannot hold.
+    """Return a HingePair or a Mechanism as text in MJCF, the model format of MuJoCo; equal pairs give equal texts.
+    `base` is "free", "pinned" or "fixed". `hinge_torque` (a HingeLoad) and `body1` (the initial pose of body 1) are
+    only for pairs. Warn if there are properties that MJCF cannot hold.
 
-    The model has three bodies, with these names:
+    For a pair, the model has three bodies, with these names:
 
     - "body1" has the frame (R1, S1).
     - "body2_at_hinge", the child of "body1", has its origin at the hinge point and is rotated by the joint "hinge".
@@ -189,14 +178,18 @@ def to_mjcf(
     it is the fixed base; a `DynamicsWarning` and a comment in the text say so. For a body without shapes, a box, a
     rod to the hinge point and a cylinder along the hinge axis are written.
 
+    For a `Mechanism`, the model has all links as bodies, added frames as sites, and joints in the order of q with
+    limits of position and effort, loads (`joint_loads`) and armatures; mimic joints are joint equalities. Limits of
+    rates and shapes are not written. `Mechanism.from_mjcf` reads the text back.
+
     Args:
-        pair: the pair, whose limits, torque_limit and mass properties (pair.body1 and pair.body2) are written. Its
-            rate_limit is not written, since MuJoCo has no rate limits. A torque_limit of 0, which MuJoCo does not
-            allow, is left out with a `DynamicsWarning`.
-        base: "free" (default): body 1 has a free joint. "pinned": body 1 has a ball joint at R1, qpos is (quat_wxyz,
-            psi), and qvel is (S1^T omega1, psi'). The attitude S1 is then the product of the initial attitude and the
-            rotation matrix of quat_wxyz, in this order. "fixed": body 1 does not move, qpos is (psi), and qvel is
-            (psi').
+        pair: a `Mechanism`; or a `HingePair`, whose limits, torque_limit and mass properties (pair.body1 and
+            pair.body2) are written. Its rate_limit is not written, since MuJoCo has no rate limits. A torque_limit of
+            0, which MuJoCo does not allow, is left out with a `DynamicsWarning`.
+        base: "free": body 1, or the base of a robot, has a free joint. "pinned": body 1 has a ball joint at R1, qpos
+            is (quat_wxyz, psi), and qvel is (S1^T omega1, psi'). The attitude S1 is then the product of the initial
+            attitude and the rotation matrix of quat_wxyz, in this order. "fixed": it does not move. By default,
+            "free" for a pair, and the base of the robot for a robot.
         hinge_torque: `HingeLoad` at the hinge. Its spring, damping and friction are written. If it has stops, they
             are written in place of the limits of the pair; the softness of the stops depends on MuJoCo's solver. A
             `DynamicsWarning` lists its other properties, which MJCF cannot hold.
@@ -217,11 +210,17 @@ def to_mjcf(
     >>> root.find("worldbody/body/body").get("pos")
     '0.5 0.0 0.1'
     """
+    if isinstance(pair, Mechanism):
+        _refuse_for_robots(hinge_torque=hinge_torque, body1=body1)
+        chosen = pair.base if base is None else base
+        check_choice("base", chosen, ("free", "fixed"))
+        return robot_to_mjcf(pair, chosen, gravity)
+    base = "free" if base is None else base
     check_choice("base", base, ("free", "pinned", "fixed"))
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
     part1, part2 = _pair_parts(pair, base)
     root = ET.Element("mujoco", {"model": pair.name})
-    add_element(root, "compiler", **_MJCF_COMPILER)
+    add_element(root, "compiler", **MJCF_COMPILER)
     add_element(root, "option", gravity=one_constant("gravity", gravity, 3))
     pose: dict[str, Any] = {}
     if body1 is not None:
@@ -236,25 +235,17 @@ def to_mjcf(
     quat_wxyz = matrix_to_quaternion(pair.home)
     at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE_LINK_NAME, pos=pair.u1, quat=quat_wxyz)
     limits = hinge_load.stops or pair.limits
-    joint_attributes: dict[str, Any] = {}
-    if limits and limits[0] == limits[1]:  # MuJoCo refuses such a range
-        warn_of_dynamics(f"MJCF cannot hold equal limits, {limits[0]:g}: left out, so that the hinge is not limited")
-    elif limits:
-        joint_attributes["range"] = limits
-    if pair.torque_limit:
-        joint_attributes["actuatorfrcrange"] = -pair.torque_limit, pair.torque_limit
-    elif pair.torque_limit is not None:  # MuJoCo refuses a range of 0
-        warn_of_dynamics(
-            "MJCF cannot hold torque_limit = 0: left out, so that the torque at the hinge is not limited"
-        )
-    if hinge_load.stiffness:
-        joint_attributes |= {"stiffness": hinge_load.stiffness, "springref": hinge_load.rest}
-    joint_attributes |= {"damping": hinge_load.damping} if hinge_load.damping else {}
-    joint_attributes |= {"frictionloss": hinge_load.friction} if hinge_load.friction else {}
+    joint_attributes = mjcf_joint_attributes("the hinge", limits, pair.torque_limit, hinge_load)
     add_element(at_hinge, "joint", name=HINGE_JOINT_NAME, type="hinge", axis=_axis_in_body2(pair), **joint_attributes)
     _add_mjcf_body(at_hinge, part2)
     add_element(at_hinge, "body", name=BODY2_LINK_NAME, pos=-pair.u2)
     return document(root, _assumptions((part1, part2)))
+
+
+def _refuse_for_robots(**values: Any) -> None:
+    for name, value in values.items():
+        if value is not None:
+            raise ArgumentError(name, "None, since a robot has no single hinge", quoted(value))
 
 
 def _assumptions(parts: tuple[_ModelPart, _ModelPart]) -> list[str]:

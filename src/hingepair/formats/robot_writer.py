@@ -96,7 +96,7 @@ class _UrdfWriter:
         tree = self._tree
         links = {name: frame for name, frame in tree.links.items() if frame.body == body_number}
         frames = {name: frame for name, frame in tree.frames.items() if frame.body == body_number}
-        seat = next((name for name, frame in links.items() if _is_here(frame)), None)
+        seat = next((name for name, frame in links.items() if is_here(frame)), None)
         if seat is None:
             seat = _unused_name(
                 self._links, f"{tree.joints[body_number - 1].name if body_number else 'base'}_at_joint"
@@ -174,7 +174,7 @@ def _add_inertial(link: ET.Element, masses: MassProperties) -> None:
     add_element(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))
 
 
-def _is_here(frame: Frame) -> bool:
+def is_here(frame: Frame) -> bool:
     """Return whether a frame is the frame at the joint of its body."""
     return not frame.R.any() and bool((np.eye(3) == frame.S).all())
 

@@ -208,10 +208,11 @@ class Mechanism(MechanismMethods):
         defaults, included files and inertias of geoms are as there; it must be installed.
 
         Read are bodies with their masses, hinges and slide joints with `ref`, `range`, `armature`, `damping`,
-        `frictionloss`, `stiffness`, `springref` and `actuatorfrcrange`, sites as frames, and a free joint of the only
-        body of the world that moves, which is the base. Without it, the base is the world. q is MuJoCo's qpos of the
-        joints in its order. Not read are shapes and contacts, actuators, tendons, equality constraints, gravity
-        compensation and the medium; a DynamicsWarning names those that the model has.
+        `frictionloss`, `stiffness`, `springref` and `actuatorfrcrange`, linear equalities of two joints as mimic
+        joints, sites as frames, and a free joint of the only body of the world that moves, which is the base. Without
+        it, the base is the world. q is MuJoCo's qpos of the joints in its order, without mimic joints. Not read are
+        shapes and contacts, actuators, tendons, other equalities, gravity compensation and the medium; a
+        DynamicsWarning names those that the model has.
 
         Args:
             model: path of a file, its text (which starts with "<"), or a mujoco.MjModel.

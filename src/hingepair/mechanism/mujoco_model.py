@@ -21,9 +21,11 @@ from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import quaternion_to_matrix
+from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns
 
 _KINDS: dict[int, JointKind] = {2: "slider", 3: "hinge"}  # by mjtJoint
+_JOINT_EQUALITY = 2  # of mjtEq
 _FREE, _TYPE_NAMES = 0, ("free", "ball", "slide", "hinge")
 
 
@@ -143,13 +145,35 @@ class _Reader:
             ),
         )  # fmt: skip
         # The body stands as written where q is the joint's ref.
-        return replace(part, pose=part.pose.placed(displaced(part, -float(model.qpos0[at]))))
+        return replace(
+            part, mimic=self._mimic(joint), pose=part.pose.placed(displaced(part, -float(model.qpos0[at])))
+        )
+
+    def _mimic(self, joint: int) -> MimicRecord | None:
+        """Return the rule of a joint that a linear equality ties to another joint."""
+        model = self._model
+        for number in self._rules():
+            if model.eq_obj1id[number] == joint:
+                leader, (constant, factor) = int(model.eq_obj2id[number]), model.eq_data[number, :2].tolist()
+                own, its = (float(model.qpos0[model.jnt_qposadr[one]]) for one in (joint, leader))
+                return MimicRecord(self._name("joint", leader), factor, constant + own - factor * its)
+        return None
+
+    def _rules(self) -> list[int]:
+        """Return the numbers of the equalities that are rules of mimic joints."""
+        model = self._model
+        return [
+            number for number in range(model.neq)
+            if model.eq_type[number] == _JOINT_EQUALITY and model.eq_active0[number] and model.eq_obj2id[number] >= 0
+            and model.eq_data[number, 1] and not model.eq_data[number, 2:5].any()
+        ]  # fmt: skip
 
     def _warn(self) -> None:
         """Warn of what acts in MuJoCo and is not read."""
         model = self._model
         left_out = [f"{count} {noun}" for count, noun in (
-            (model.neq, "equality constraints"), (model.ntendon, "tendons"), (model.nu, "actuators"),
+            (model.neq - len(self._rules()), "equality constraints"), (model.ntendon, "tendons"),
+            (model.nu, "actuators"),
             (np.count_nonzero(model.body_gravcomp), "bodies with gravity compensation"),
             (np.count_nonzero(getattr(model, "dof_dampingpoly", ())), "damping polynomials"),
             (np.count_nonzero(getattr(model, "jnt_stiffnesspoly", ())), "stiffness polynomials"),

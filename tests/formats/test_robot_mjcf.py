@@ -1,0 +1,84 @@
+"""Robots written as MJCF: MuJoCo reads them, and from_mjcf reads them back."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.errors import ArgumentError
+
+ARM = """<robot name="arm"><link name="ROOT"><inertial><mass value="3"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>{links}
+<joint name="lift" type="prismatic"><parent link="ROOT"/><child link="l1"/><origin xyz="0 0.1 1" rpy="0.1 0.2 0.3"/>
+  <axis xyz="0 1 1"/><limit lower="-1" upper="1" effort="5" velocity="6"/><dynamics friction="2"/></joint>
+<joint name="bend" type="continuous"><parent link="l1"/><child link="l2"/><origin xyz="0 0.1 -0.4"/>
+  <axis xyz="1 1 0"/><dynamics damping="0.5"/></joint>
+<joint name="flange" type="fixed"><parent link="l2"/><child link="l3"/><origin xyz="0 0 -0.4" rpy="0 0.2 0"/></joint>
+<joint name="grip" type="revolute"><parent link="l2"/><child link="l4"/><origin xyz="0.1 0 -0.4"/><axis xyz="0 0 1"/>
+  <limit lower="-2" upper="2" effort="5" velocity="6"/><mimic joint="bend" multiplier="-0.5" offset="0.1"/></joint>
+</robot>"""
+LINKS = "".join(
+    f"""<link name="l{k}"><inertial><origin xyz="0.0{k} 0.01 0"/><mass value="{k}"/>
+<inertia ixx="0.{k}" iyy="0.{k}" izz="0.{k}" ixy="0.01" ixz="0" iyz="0"/></inertial></link>"""
+    for k in range(1, 5)
+)
+U = 2.0**-53
+
+
+def arm(root="pedestal", **options):
+    return hp.Mechanism.from_urdf(ARM.replace("ROOT", root).format(links=LINKS), **options)
+
+
+def forces(robot, q, qd, qdd):
+    found = robot.inverse_dynamics(q, qd, qdd, joint_loads=True, backend="numpy")
+    return found.tau, robot.mass_matrix(q, backend="numpy"), robot.forward_kinematics(q, frames=("l3", "l4")).R
+
+
+@pytest.mark.parametrize("base", ["fixed", "free"])
+@pytest.mark.parametrize("root", ["pedestal", "world"])
+def test_a_robot_in_mjcf_comes_back(base, root):
+    robot = arm(root, base=base).with_frame("tool", "l3", R=(0, 0, 0.1))
+    robot = robot.with_joint_loads({"bend": hp.HingeLoad(stiffness=3, rest=0.2, damping=0.5)})
+    back = hp.Mechanism.from_mjcf(hp.to_mjcf(robot))
+    assert (back.base, back.names, back.name) == (base, robot.names, "arm")
+    assert back.joint_loads == robot.joint_loads
+    assert (back.position_limits == robot.position_limits).all()
+    assert (back.effort_limits == robot.effort_limits).all()
+    assert back.tree.frame("tool") is not None
+    state = np.random.default_rng(2).uniform(-1, 1, (3, 4, 2))
+    for got, expected in zip(forces(back, *state), forces(robot, *state), strict=True):
+        assert np.abs(got - expected).max() <= 256 * U * np.abs(expected).max()
+
+
+def test_mujoco_moves_the_written_robot():
+    robot = arm(locked={"grip": 0.3})
+    model = mujoco.MjModel.from_xml_string(hp.to_mjcf(robot, gravity=(1, 2, -9)))
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel, data.qfrc_applied = (0.1, 0.5), (2, -3), (0.5, 0.25)
+    mujoco.mj_forward(model, data)
+    found = robot.forward_dynamics(
+        data.qpos, data.qvel, data.qfrc_applied, gravity=(1, 2, -9), joint_loads=True, backend="numpy"
+    )
+    assert np.abs(found.qdd - data.qacc).max() <= 256 * U * np.abs(data.qacc).max()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"hinge_torque": hp.HingeLoad()}, "hinge_torque: expected None, since a robot has no single hinge"),
+        ({"base": "pinned"}, "base: expected one of free, fixed"),
+    ],
+)
+def test_what_a_robot_has_not_is_refused(options, message):
+    with pytest.raises(ArgumentError, match=message):
+        hp.to_mjcf(arm(), **options)
+
+
+def test_a_screw_is_refused():
+    screw = hp.Screw(
+        u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 0, 1), pitch=0.1, name="jack", body2=hp.Body(1, inertia=(1, 1, 1))
+    )
+    with pytest.raises(ArgumentError, match="robot: expected joints that MJCF has, got 'jack', a screw"):
+        hp.to_mjcf(hp.Mechanism([screw]))
