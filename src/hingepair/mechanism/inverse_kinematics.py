@@ -131,11 +131,7 @@ def read_question(
     workers: int,
     path: bool = False,
 ) -> Question:
-    """Check the arguments of inverse kinematics. Those of a path have an axis of samples, which q0 has not.
-
-    Raises:
-        ArgumentError: an argument cannot be used.
-    """
+    """Check the arguments of inverse kinematics. Those of a path have an axis of samples, which q0 has not."""
     if not constants.names:
         raise ArgumentError("robot", "a joint that moves", "none")
     if tree.samples is not None and tree.samples.lengths:

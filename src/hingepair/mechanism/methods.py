@@ -145,10 +145,6 @@ class MechanismMethods(Shown):
             one frame. Outputs that are not computed are None. The dtype is float32 if all given arrays are float32,
             else float64.
 
-        Raises:
-            ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
-                the joint.
-
         >>> import numpy as np
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot")
@@ -199,8 +195,7 @@ class MechanismMethods(Shown):
             backend: as for `forward_kinematics`.
 
         Raises:
-            ArgumentError: an argument cannot be used, or `frame` is not given although `robot.tips` has several
-                names.
+            ArgumentError: `frame` is not given although `robot.tips` has several names.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -230,7 +225,7 @@ class MechanismMethods(Shown):
         are used. `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
 
         Raises:
-            ArgumentError: as for `jacobian`; or the robot has too many joints.
+            ArgumentError: the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -392,9 +387,6 @@ class MechanismMethods(Shown):
             seed: seed of the random starts.
             workers: number of threads, which share the paths; -1 for one thread per core.
 
-        Raises:
-            ArgumentError: an argument cannot be used.
-
         >>> import numpy as np
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot")
@@ -469,7 +461,7 @@ class MechanismMethods(Shown):
             the mass matrix singular.
 
         Raises:
-            ArgumentError: an argument cannot be used, or an output needs an argument that is not given.
+            ArgumentError: an output needs an argument that is not given.
 
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot")
@@ -560,10 +552,6 @@ class MechanismMethods(Shown):
             free, the support of the base exerts force1 and torque1, and the mass of the base is not counted. The mass
             of a free base is counted.
 
-        Raises:
-            ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
-                the joint.
-
         >>> import numpy as np
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot")
@@ -626,10 +614,6 @@ class MechanismMethods(Shown):
             is the angular acceleration of the base [rad/s^2]; world axes, shape (..., 3) each. If the mass matrix is
             singular at a sample, all three are NaN there, and the DynamicsWarning names a joint whose motion no
             inertia resists.
-
-        Raises:
-            ArgumentError: an argument cannot be used; the message names the argument and, if one joint is concerned,
-                the joint.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -766,7 +750,7 @@ class MechanismMethods(Shown):
             (..., 6 + dof, 6 + dof).
 
         Raises:
-            ArgumentError: an argument cannot be used, or the robot has too many joints.
+            ArgumentError: the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -807,7 +791,7 @@ class MechanismMethods(Shown):
         are the same as for `inverse_dynamics_derivatives`.
 
         Raises:
-            ArgumentError: an argument cannot be used, or the robot has too many joints.
+            ArgumentError: the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -880,7 +864,7 @@ class MechanismMethods(Shown):
             omega1. Where the mass matrix is singular, motions become NaN, and a DynamicsWarning says so.
 
         Raises:
-            ArgumentError: an argument cannot be used, or the robot has too many joints.
+            ArgumentError: the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1105,7 +1089,7 @@ class MechanismMethods(Shown):
         omega are used. `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
 
         Raises:
-            ArgumentError: an argument cannot be used, or the robot has too many joints.
+            ArgumentError: the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1412,7 +1396,7 @@ class MechanismMethods(Shown):
             coordinates and the motion of the base varied from sample to sample.
 
         Raises:
-            ArgumentError: an argument cannot be used, or an output needs coordinates that are not given.
+            ArgumentError: an output needs coordinates that are not given.
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -138,7 +138,7 @@ def rolled_out(
     """Return what `Mechanism.rollout` describes, by the computation of qdd under the given loads.
 
     Raises:
-        ArgumentError: an argument cannot be used, or the robot has too many joints.
+        ArgumentError: the robot has too many joints.
     """
     check_choice("method", method, METHODS)
     if not isinstance(every, int | np.integer) or isinstance(every, bool) or every < 1:

@@ -137,9 +137,6 @@ class Screw(_JointOfRobot):
         torque_limit: largest magnitude of the motor's torque [N m]; None for no limit.
         rate_limit: largest magnitude of the rate q' [rad/s]; None for no limit.
 
-    Raises:
-        ArgumentError: a value cannot be used; the message names the argument.
-
     >>> import hingepair as hp, math
     >>> spindle = hp.Screw((0, 0, 0), (0, 0, 0), (0, 0, 1), pitch=0.005 / (2 * math.pi), name="spindle")
     >>> lift = hp.Mechanism([spindle])

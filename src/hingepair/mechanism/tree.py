@@ -246,7 +246,7 @@ class Tree(Frozen):
         no such frame.
 
         Raises:
-            ArgumentError: there is none; the error names the argument.
+            ArgumentError: there is none.
         """
         frame = self.frame(name) if isinstance(name, str) else None
         if frame is None:

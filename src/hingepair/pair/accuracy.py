@@ -278,7 +278,7 @@ def error_bounds(
         sequence: Euler sequence of body 1; None if its attitude is given.
 
     Raises:
-        ArgumentError: an argument cannot be used, or an output needs an input that is not given.
+        ArgumentError: an output needs an input that is not given.
     """
     names = requested_outputs(outputs, None, kind.levels, default_outputs(level, kind))
     check_inputs(computation_of(kind, pair, names, sequence), given)

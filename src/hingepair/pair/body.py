@@ -49,10 +49,9 @@ class Box(Frozen):
             default, the edges lie along the body's x, y and z axes.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape, or a length of an edge is not above zero; the
-            error names the argument.
-        RotationError: an element of A A^T, with the matrix A = axes, differs from the same element of the identity
-            by more than 2e-9, or the determinant of A is negative.
+        ArgumentError: a value is not finite or has the wrong shape, or a length of an edge is not above zero.
+        RotationError: an element of A A^T, with the matrix A = axes, differs from the same element of the identity by
+            more than 2e-9, or the determinant of A is negative.
 
     >>> import hingepair as hp
     >>> hp.Box(size=(1, 2, 3))
@@ -91,8 +90,7 @@ class Cylinder(Frozen):
             unit length. By default, the axis is the z axis of the body.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape, or the radius or the length is not above zero;
-            the error names the argument.
+        ArgumentError: a value is not finite or has the wrong shape, or the radius or the length is not above zero.
         AxisError: axis is zero.
 
     >>> import hingepair as hp
@@ -131,8 +129,7 @@ class Sphere(Frozen):
             default, the centre is the reference point.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape, or the radius is not above zero; the error names
-            the argument.
+        ArgumentError: a value is not finite or has the wrong shape, or the radius is not above zero.
 
     >>> import hingepair as hp
     >>> hp.Sphere(radius=0.5)
@@ -183,8 +180,7 @@ class Body(Frozen):
     as an inertia that was computed from its shapes, are computed again for the new body. Values that were given stay.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape, or no rigid body can have it; the error names
-            the argument.
+        ArgumentError: a value is not finite or has the wrong shape, or no rigid body can have it.
 
     >>> import hingepair as hp
     >>> hp.Body(mass=2, centre_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()

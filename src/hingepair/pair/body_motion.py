@@ -271,7 +271,7 @@ def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[A
     `name`, such as S1.
 
     Raises:
-        ArgumentError: the body is not a BodyMotion, an array is missing or is a Dask array; the error names it.
+        ArgumentError: the body is not a BodyMotion, an array is missing or is a Dask array.
     """
     if not isinstance(body, BodyMotion):
         raise ArgumentError(name, "a BodyMotion", quoted(body))

@@ -167,7 +167,7 @@ def compute(
     another one, finds the call by `key`.
 
     Raises:
-        ArgumentError: an argument cannot be used, or an output needs an input that is not given.
+        ArgumentError: an output needs an input that is not given.
     """
     what = kind, pair, outputs, sequence, bare
     computation = computation_of(*what)
@@ -237,11 +237,7 @@ def from_coordinates(
     backend: str,
     workers: int,
 ) -> Any:
-    """Compute the state of a pair from coordinates and, if given, their derivatives (E1-E11).
-
-    Raises:
-        ArgumentError: an argument cannot be used.
-    """
+    """Compute the state of a pair from coordinates and, if given, their derivatives (E1-E11)."""
     rows = (q,) if qd is None and qdd is None else (q, qd) if qdd is None else (q, qd, qdd)
     if type(outputs) is list:
         outputs = tuple(outputs)
@@ -272,11 +268,7 @@ def from_body1(
     backend: str,
     workers: int,
 ) -> Any:
-    """Compute the state of a pair from the motion of body 1 and the hinge angle (E1, E2, E5-E9).
-
-    Raises:
-        ArgumentError: an argument cannot be used.
-    """
+    """Compute the state of a pair from the motion of body 1 and the hinge angle (E1, E2, E5-E9)."""
     given = body1_inputs(body1, psi, psid, psidd)
     level = ("psid" in given) + ("psidd" in given)
     names = requested_outputs(outputs, out, SPATIAL_MOTION_KIND.levels, default_outputs(level))

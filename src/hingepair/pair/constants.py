@@ -160,11 +160,7 @@ def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> N
 
 
 def check_pair(pair: object) -> None:
-    """Raise ArgumentError if `pair` is not a HingePair.
-
-    Raises:
-        ArgumentError: names the argument `pair`.
-    """
+    """Raise ArgumentError if `pair` is not a HingePair."""
     if not all(hasattr(pair, name) for name in ("u1", "u2", "n", "home", "forward_kinematics")):
         hint = " (a PlanarPair's is pair.to_spatial())" if hasattr(pair, "to_spatial") else ""
         raise ArgumentError("pair", f"a HingePair{hint}", quoted(pair))

@@ -132,7 +132,7 @@ def ask(
         outputs: names of outputs of the row; all unless given.
 
     Raises:
-        ArgumentError: an argument cannot be used, or a body that is needed has no mass.
+        ArgumentError: a body that is needed has no mass.
     """
     constants: Constants = pair.constants
     task = TASKS[constants.kind][name]

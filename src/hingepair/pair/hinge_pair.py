@@ -80,7 +80,7 @@ class HingePair(Shown):
             the same to the last bit.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape; the error names the argument.
+        ArgumentError: a value is not finite or has the wrong shape.
         AxisError: n is zero or not finite.
         RotationError: home is not a rotation matrix: an element of C C^T, with the matrix C = home, differs from the
             same element of the identity by more than 2e-9, or the determinant of C is negative.
@@ -217,9 +217,6 @@ class HingePair(Shown):
             The PairState. Outputs that are not computed, such as v2 without qd, are None. The dtype is float32 if all
             arrays among the inputs are float32, and float64 otherwise.
 
-        Raises:
-            ArgumentError: an argument cannot be used; the error names it.
-
         >>> import numpy as np
         >>> import hingepair as hp
         >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
@@ -343,8 +340,7 @@ class HingePair(Shown):
             The PairState. Outputs that are not computed, such as v2 without psid, are None.
 
         Raises:
-            ArgumentError: an argument cannot be used, or an output needs an input that is not given; the error names
-                the argument.
+            ArgumentError: an output needs an input that is not given.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -471,8 +467,7 @@ class HingePair(Shown):
             torque1 is about R1.
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
-                the argument or the body.
+            ArgumentError: a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -516,8 +511,7 @@ class HingePair(Shown):
             must exert on body 2 about the hinge axis; shape (...,). Gravity acts in addition to these forces.
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
-                the argument or the body.
+            ArgumentError: a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -576,7 +570,7 @@ class HingePair(Shown):
             2 has no inertia about the hinge axis, they are NaN, and a DynamicsWarning says so.
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties.
+            ArgumentError: a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -627,8 +621,7 @@ class HingePair(Shown):
             shape (..., 3).
 
         Raises:
-            ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
-                or the body.
+            ArgumentError: body 2 has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -679,8 +672,7 @@ class HingePair(Shown):
             that of gravity alone. The potential energy of a mass at the world's origin is zero.
 
         Raises:
-            ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
-                or the body.
+            ArgumentError: body 2 has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -718,8 +710,7 @@ class HingePair(Shown):
             The Momentum, with the attributes linear [kg m/s] and angular [kg m^2/s], world axes, shape (..., 3).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
-                the argument or the body.
+            ArgumentError: a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -775,8 +766,8 @@ class HingePair(Shown):
             its `.compute_summary()` returns `Residuals` whose arrays stay Dask arrays.
 
         Raises:
-            ArgumentError: an argument cannot be used, or a tolerance is given for a residual that needs velocities or
-                accelerations which the motions do not have.
+            ArgumentError: a tolerance is given for a residual that needs velocities or accelerations which the
+                motions do not have.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1038,7 +1029,7 @@ class HingePair(Shown):
 
         Raises:
             ArgumentError: an argument cannot be used, a covariance and standard deviations are both given, or all
-                standard deviations are 0 and no covariance is given; the error names the argument.
+                standard deviations are 0 and no covariance is given.
 
         >>> import numpy as np
         >>> import hingepair as hp

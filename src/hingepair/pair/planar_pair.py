@@ -57,7 +57,7 @@ class PlanarPair(Shown):
         body2: mass properties and shapes of body 2, as for `body1`.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape; the error names the argument.
+        ArgumentError: a value is not finite or has the wrong shape.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -147,9 +147,6 @@ class PlanarPair(Shown):
 
         Returns:
             The PlanarState. Outputs that are not computed, such as v2 without qd, are None.
-
-        Raises:
-            ArgumentError: an argument cannot be used; the error names it.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -300,8 +297,7 @@ class PlanarPair(Shown):
             moments of inertia [kg m^2].
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
-                the argument or the body.
+            ArgumentError: a body of the pair has no mass properties.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -340,8 +336,7 @@ class PlanarPair(Shown):
             about the hinge axis.
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
-                the argument or the body.
+            ArgumentError: a body of the pair has no mass properties.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -384,8 +379,7 @@ class PlanarPair(Shown):
             is 0; both have shape (...,).
 
         Raises:
-            ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
-                or the body.
+            ArgumentError: body 2 has no mass properties.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
@@ -436,7 +430,7 @@ class PlanarPair(Shown):
             says so.
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties.
+            ArgumentError: a body of the pair has no mass properties.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -478,8 +472,7 @@ class PlanarPair(Shown):
             is that of gravity alone. The potential energy of a mass at the world's origin is zero.
 
         Raises:
-            ArgumentError: an argument cannot be used, or body 2 has no mass properties; the error names the argument
-                or the body.
+            ArgumentError: body 2 has no mass properties.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
@@ -515,8 +508,7 @@ class PlanarPair(Shown):
             [kg m^2/s] is the component along the z axis; shape (...,).
 
         Raises:
-            ArgumentError: an argument cannot be used, or a body of the pair has no mass properties; the error names
-                the argument or the body.
+            ArgumentError: a body of the pair has no mass properties.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))

@@ -138,7 +138,7 @@ def sample_pairs(
 
     Raises:
         ArgumentError: an argument cannot be used, no tolerance is given (all standard deviations are 0), or a
-            covariance and standard deviations are both given; the error names the argument.
+            covariance and standard deviations are both given.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -186,9 +186,6 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
         covariance: the covariance, or None to use standard deviations.
         **std: standard deviations by the names of `STANDARD_DEVIATION_ARGUMENT_NAMES`: a number each, or three except
             for the axis.
-
-    Raises:
-        ArgumentError: an argument cannot be used; the error names it.
     """
     sizes = {name: _three_deviations(name, value) for name, value in std.items()}
     names = [name for name, deviations in sizes.items() if deviations.any()]

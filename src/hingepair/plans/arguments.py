@@ -86,7 +86,7 @@ def read_arguments(
         labels: names of inputs in messages, where they differ.
 
     Raises:
-        ArgumentError: a value cannot be used, or arrays of two libraries are mixed.
+        ArgumentError: arrays of two libraries are mixed.
     """
     labels = labels or {}
     library = common_library({labels.get(name, name): value for name, value in given.items()})

@@ -114,9 +114,6 @@ class Prepared:
                 broadcast. Coordinates may also be tuples, dicts by name and tables; such a call takes longer.
             out: arrays by output name, into which the results are written; where there is one output, also one
                 array. A call that is refused for an unusable argument does not change them.
-
-        Raises:
-            ArgumentError: an argument cannot be used; the error names it.
         """
         if len(given) != len(self.given):
             raise ArgumentError("*given", f"{len(self.given)} arguments: {', '.join(self.given)}", f"{len(given)}")
@@ -170,7 +167,7 @@ class Prepared:
             the others stay. lengths [m], (joints, 3), are the positions of the joints in their parents' frames.
 
         Raises:
-            ArgumentError: an argument cannot be used, or the robot has too many joints.
+            ArgumentError: the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -212,7 +209,7 @@ class Prepared:
             its own: it is not summed over samples that share an argument.
 
         Raises:
-            ArgumentError: an argument cannot be used, or the robot has too many joints.
+            ArgumentError: the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -239,7 +236,7 @@ class Prepared:
             matrix is an angular velocity, axes of the world.
 
         Raises:
-            ArgumentError: an argument cannot be used, or the robot has too many joints.
+            ArgumentError: the robot has too many joints.
 
         >>> import numpy as np
         >>> import hingepair as hp

@@ -193,7 +193,6 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
     Raises:
         GimbalLockError: angles are at gimbal lock, where J has no inverse, and at_lock is "raise".
-        ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -302,9 +301,6 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
         The `EulerKinematics`, with the attributes J, J_inverse and J_dot, each of shape (..., 3, 3), and condition
         and lock_distance [rad], each of shape (...,). At gimbal lock, J_inverse is NaN, and condition is very large
         or inf; `euler_rates` says which angles count as gimbal lock. J_dot is None without phid.
-
-    Raises:
-        ArgumentError: an argument cannot be used; the error names it.
 
     >>> import numpy as np
     >>> import hingepair as hp

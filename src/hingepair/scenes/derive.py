@@ -78,8 +78,7 @@ def derive(
         `.to_latex()` and `.to_python()`, which return the forms as text.
 
     Raises:
-        ArgumentError: an argument cannot be used, or the derivatives of an expression are too long. The message names
-            the argument.
+        ArgumentError: the derivatives of an expression are too long. The message names the argument.
 
     >>> import hingepair as hp
     >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
