@@ -151,15 +151,13 @@ class HingePair(Shown):
         return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
 
     def _sheet(self) -> Sheet:
-        """Return the pair as a Sheet, the table that is printed: geometry, limits and masses."""
+        """Return the printed table: geometry, limits and masses."""
         names = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit")
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses])
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return the result of the function `method` with lazy Dask arrays in it; nothing is computed. The arguments
-        of `method` are keyword arguments, some of which contain Dask arrays.
-        """
+        """Return lazy Dask arrays of the results of a method."""
         check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(
             method,
@@ -188,34 +186,26 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Compute the PairState of body 2 from the seven coordinates q = (x, y, z, phi_x, phi_y, phi_z, psi)
-        (E1-E10). qd and qdd add velocities and accelerations.
-
-        By default, the inputs determine the outputs: q gives position and attitude, qd adds velocities, and qdd adds
-        accelerations.
+        """Compute the motion of body 2 from the seven coordinates (E1-E10).
 
         Args:
-            q: coordinates [m, rad]: the position of body 1's reference point, the Euler angles of body 1, and the
-                hinge angle. q is one array of shape (..., 7), or a tuple of seven numbers or arrays that broadcast. A
-                number in the tuple is the same for all samples, which saves computing time.
-            qd: time derivatives of q [m/s, rad/s]: an array (..., 7) or a tuple of seven, like q.
-            qdd: second time derivatives of q [m/s^2, rad/s^2]: an array (..., 7) or a tuple of seven, like q.
-            outputs: tuple of the names of the outputs to compute, such as ("R2", "v2"), out of R2, S2, d, v2, omega2,
-                a2, alpha2, R1, S1, v1, omega1, a1, alpha1. By default, all outputs of body 2 that the inputs allow.
-            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
-                Each array must have the shape of its output and the dtype of the results.
-            sequence: Euler sequence of body 1, one of the 24 sequences that SciPy knows. Upper-case sequences such as
-                "XYZ" are intrinsic, and lower-case sequences are extrinsic. phi_x, phi_y and phi_z are the angles of
-                the first, second and third letter.
+            q: (x, y, z, phi_x, phi_y, phi_z, psi): position of body 1's reference point [m], its Euler angles and the
+                hinge angle [rad]. One array (..., 7); a tuple of seven numbers or arrays that broadcast, in which a
+                number is the same for all samples, which saves time; a dict by name; or a table with these columns.
+            qd: time derivatives of q, which add velocities.
+            qdd: second time derivatives of q, which add accelerations.
+            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1. By default, those
+                of body 2 for which the coordinates suffice.
+            out: arrays by output name, into which the results are written; where there is one output, also one array.
+            sequence: Euler sequence of body 1, one of the 24 that SciPy knows: upper case intrinsic, lower case
+                extrinsic. phi_x, phi_y and phi_z are the angles of its first, second and third letter.
             workers: number of threads; -1 for one thread per core.
-            backend: "numpy" computes with NumPy, "compiled" with machine code that the first call compiles (0.1 s,
-                or milliseconds where it is on disk). "auto" (default) uses machine code where q, qd and qdd are
-                arrays, and for coordinates one by one where NumPy would take milliseconds longer. If compiling fails,
-                "compiled" raises an error, and "auto" warns and computes with NumPy.
+            backend: "numpy"; "compiled", machine code that the first call compiles (0.1 s, or milliseconds where it
+                is on disk); or "auto", which compiles for arrays, and for coordinates one by one where NumPy would
+                take milliseconds longer, and falls back on NumPy with a warning.
 
         Returns:
-            The PairState. Outputs that are not computed, such as v2 without qd, are None. The dtype is float32 if all
-            arrays among the inputs are float32, and float64 otherwise.
+            The PairState, in float32 if all arrays given are float32, else in float64.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -239,61 +229,41 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
-        """Return a Prepared object, a function that computes the results named in `outputs` and is compiled only
-        once. It is meant for loops over single states or small batches.
+        """Return a function that computes given outputs, planned and compiled once, for loops over single states or
+        small batches.
 
         Args:
-            given: names of the inputs as a tuple, in the order in which each call passes them, or a word that stands
-                for such a tuple:
+            given: names of the arguments in the order of a call, or a word for them:
 
-                - "pose" stands for ("q",), "velocity" for ("q", "qd"), and "acceleration" for ("q", "qd", "qdd");
-                - "inverse_dynamics" stands for ("S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd");
-                - "forward_dynamics" stands for ("S1", "omega1", "psi", "psid", "force1", "torque1", "hinge_torque").
+                - "pose" for ("q",), "velocity" for ("q", "qd"), "acceleration" for ("q", "qd", "qdd");
+                - the name of another method: "mass_matrix" for ("S1", "psi"), "inverse_dynamics" for ("S1", "omega1",
+                  "a1", "alpha1", "psi", "psid", "psidd"), "forward_dynamics" for ("S1", "omega1", "psi", "psid",
+                  "force1", "torque1", "hinge_torque"), and so on.
 
-                A tuple can hold q, qd, qdd, R1, S1, quat_xyzw, quat_wxyz, v1, omega1, a1, alpha1, psi, psid and
-                psidd. For outputs that depend on the motions of both bodies, such as gap, a tuple can also hold R2,
-                S2, v2, omega2, a2 and alpha2. For forward dynamics, a tuple can also hold the loads force1, torque1,
-                hinge_torque, force2 and torque2 of `forward_dynamics`. Exactly one of the names must be q, S1,
-                quat_xyzw or quat_wxyz, which give the attitude of body 1. quat_xyzw and quat_wxyz are quaternions
-                from body-1 axes to world axes; the letters are the order of the components.
-            outputs: names of the outputs to compute, out of:
+                Exactly one of q, S1, quat_xyzw and quat_wxyz is among the names. Others are qd, qdd, R1, v1, omega1,
+                a1, alpha1, psi, psid and psidd; R2, S2, v2, omega2, a2 and alpha2, for outputs that depend on both
+                motions; and the loads force1, torque1, hinge_torque, force2 and torque2, for forward dynamics.
+            outputs: names of the outputs:
 
-                - the outputs of `forward_kinematics`;
-                - jacobian, acceleration_bias, coordinate_jacobian, coordinate_jacobian_rate and mass_matrix, the
-                  results of the methods with these names;
-                - the attributes of `Sensitivities` (d_by_u1, ...);
-                - if S2 is an input, the arrays of `Residuals` (gap, tilt, psi, ...), and the results of the methods
-                  constraint_jacobian and constraint_bias;
-                - force1, torque1 and hinge_torque (`inverse_dynamics`), bearing_torque (`hinge_wrench`), kinetic and
-                  potential (`energy`), linear and angular (`momentum`);
-                - if a load is an input, the accelerations a1, alpha1 and psidd (`forward_dynamics`).
+                - those of `forward_kinematics`, jacobian, acceleration_bias, coordinate_jacobian,
+                  coordinate_jacobian_rate and mass_matrix; without q, R2 needs R1, v2 needs v1, and a2 needs a1;
+                - the attributes of `Sensitivities`, and with S2 the arrays of `Residuals`, constraint_jacobian and
+                  constraint_bias;
+                - force1, torque1, hinge_torque, hinge_force, hinge_moment, bearing_torque, kinetic, potential, linear
+                  and angular; with a load a1, alpha1 and psidd.
 
-                If `outputs` is not given, `given` determines the outputs. If a load is an input, they are a1, alpha1
-                and psidd. For the word "inverse_dynamics", they are force1, torque1 and hinge_torque. In all other
-                cases, they are R2, S2 and d; with qd or psid also v2 and omega2; with qdd or psidd also a2 and
-                alpha2. Unless q is an input, R2 needs R1, v2 needs v1, and a2 needs a1. This also
-                holds for the default outputs: `given` = ("S1", "psi") alone raises an ArgumentError, because the
-                default output R2 needs R1; outputs=("S2", "d") works.
+                By default those of the method; of a tuple of names those of `forward_kinematics`, or with a load a1,
+                alpha1 and psidd.
             sequence: Euler sequence of body 1, as for `forward_kinematics`.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             workers: number of threads; -1 for one thread per core.
-            backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling
-                fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
+            backend: "auto" and "compiled" compile during this call, "numpy" never does.
 
         Returns:
-            A `Prepared` object. A call takes the inputs in the order of `given`. Their shapes are (..., 7) for q, qd
-            and qdd; (..., 4) for quaternions; (..., 3, 3) for S1 and S2; (...,) for psi, psid, psidd and
-            hinge_torque; and (..., 3) for all others. The inputs broadcast against each other. The optional argument
-            `out` of a call is a dict whose keys are names of outputs and whose values are arrays, into which the
-            results are written. A call returns a `PairState`. Each output can be read by its name, such as
-            `state["gap"]`. The outputs of `forward_kinematics`, jacobian, acceleration_bias, coordinate_jacobian,
-            coordinate_jacobian_rate, force1, torque1, hinge_torque and psidd are also attributes of the PairState,
-            such as `state.R2`. The attributes `source` and `llvm` of the Prepared object are the generated Python
-            code and the generated LLVM code, as text.
+            A `Prepared`, whose calls return a `PairState`: `state.R2`, and all outputs as `state["gap"]`.
 
         Raises:
-            ArgumentError: a name is unknown, or an output needs an input or the mass of a body that is not given. The
-                error names what is unknown or missing.
+            ArgumentError: a name is unknown, or an output needs an argument or the mass of a body that is not given.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -319,25 +289,17 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Compute the PairState of body 2 from the BodyMotion of body 1 and the hinge angle, without Euler angles
-        (E1, E2, E5-E9). psid and psidd add velocities and accelerations.
-
-        By default, R2, S2 and d are computed, with psid also v2 and omega2, and with psidd also a2 and alpha2.
-        Velocities need v and omega of body1, and accelerations also a and alpha of body1. psidd needs psid.
+        """Compute the motion of body 2 from that of body 1 and the hinge angle, without Euler angles (E1, E2, E5-E9).
 
         Args:
             body1: the motion of body 1.
             psi: hinge angle, right-handed about n [rad]; shape (...,); broadcasts against body1.
-            psid: time derivative of psi [rad/s]; shape (...,).
-            psidd: second time derivative of psi [rad/s^2]; shape (...,).
-            outputs: names of the outputs to compute, as for `forward_kinematics`. Only inputs that these outputs need
-                must be given.
-            out: dict of arrays into which the results are written, as for `forward_kinematics`.
+            psid: its time derivative [rad/s], which adds velocities.
+            psidd: its second time derivative [rad/s^2], which adds accelerations.
+            outputs: as for `forward_kinematics`. Only what these outputs need must be given.
+            out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
-
-        Returns:
-            The PairState. Outputs that are not computed, such as v2 without psid, are None.
+            backend: as for `forward_kinematics`.
 
         Raises:
             ArgumentError: an output needs an input that is not given.
@@ -362,27 +324,22 @@ class HingePair(Shown):
         *,
         sequence: str = "XYZ",
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a dict
-        whose keys are the names of the outputs. Its values are arrays (...,): one bound for each sample, which holds
-        for every component of the output.
+        """Compute rigorous bounds on the rounding errors of `forward_kinematics` at every sample.
 
-        The error is the difference from the exact result of the equations for the given inputs, which are taken as
-        exact: q, qd, qdd, u1, u2, home, and n before it is scaled to unit length. The bounds are rigorous for
-        the backends "numpy" and "compiled" if sines and cosines are accurate to 1.5 units in the last place. Actual
-        errors are usually at most a third of the bounds. They can be closer to the bounds if only a few operations
-        cause rounding errors.
+        The error is the largest difference of a component from the exact result of the equations for the given
+        numbers, among them n before it is scaled to unit length. The bounds hold for all backends if sines and
+        cosines are accurate to 1.5 units in the last place; actual errors are usually below a third of them.
 
         Args:
-            q: coordinates [m, rad], as for `forward_kinematics`.
-            qd: time derivatives of q [m/s, rad/s], as for `forward_kinematics`.
-            qdd: second time derivatives of q [m/s^2, rad/s^2], as for `forward_kinematics`.
-            outputs: names of the outputs, as for `forward_kinematics`.
-            sequence: Euler sequence of body 1, as for `forward_kinematics`.
+            q: coordinates, as for `forward_kinematics`.
+            qd: time derivatives of q.
+            qdd: second time derivatives of q.
+            outputs: as for `forward_kinematics`.
+            sequence: as for `forward_kinematics`.
 
         Returns:
-            A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
-            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an input is
-            NaN or infinite.
+            Bounds by output name, in its unit; shape (...,). Infinite where an intermediate result overflows or an
+            input is not finite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -405,25 +362,19 @@ class HingePair(Shown):
         psidd: ArrayLike | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics_from_body1`.
-        Return a dict whose keys are the names of the outputs. Its values are arrays (...,): one bound for each
-        sample, which holds for every component of the output.
-
-        The error is the difference from the exact result of the equations for the given inputs, which are taken as
-        exact. The bounds do not include rounding errors that body1 already contains, for instance from a conversion
-        of quaternions to S. `error_bounds` says under which condition the bounds are rigorous.
+        """Compute rigorous bounds on the rounding errors of `forward_kinematics_from_body1`, as `error_bounds` does;
+        errors that body1 already has, such as from quaternions, are not included.
 
         Args:
-            body1: the motion of body 1, as for `forward_kinematics_from_body1`.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
-            psid: time derivative of psi [rad/s]; shape (...,).
-            psidd: second time derivative of psi [rad/s^2]; shape (...,).
-            outputs: names of the outputs, as for `forward_kinematics`.
+            body1: the motion of body 1.
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+            psidd: acceleration of the hinge angle [rad/s^2]; shape (...,).
+            outputs: as for `forward_kinematics`.
 
         Returns:
-            A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
-            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an input is
-            NaN or infinite.
+            Bounds by output name, in its unit; shape (...,). Infinite where an intermediate result overflows or an
+            input is not finite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -448,23 +399,17 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque), shape (...,
-        7, 7) (T4).
-
-        bias is the value of (force1, torque1, hinge_torque) for a1 = 0, alpha1 = 0 and psi'' = 0; velocities and
-        gravity cause it.
+        """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (T4).
 
         Args:
-            body1: the motion of body 1; only S is used.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            body1: the motion of body 1, of which S is used.
+            psi: hinge angle [rad]; shape (...,).
             out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
+            backend: as for `forward_kinematics`.
 
         Returns:
-            M, a symmetric matrix; shape (..., 7, 7). Its elements are masses [kg], first moments of mass [kg m] and
-            moments of inertia [kg m^2]. a1, alpha1, force1 and torque1 are in world axes, force1 acts at R1, and
-            torque1 is about R1.
+            M, symmetric; shape (..., 7, 7) [kg, kg m, kg m^2]. force1 and torque1 are those of `inverse_dynamics`.
 
         Raises:
             ArgumentError: a body of the pair has no mass properties.
@@ -492,23 +437,20 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Forces:
-        """Compute the Forces that a motion requires: force and torque on body 1, and the torque about the hinge axis
-        (T1-T3).
+        """Compute the force and torque on body 1 and the hinge torque that a motion requires (T1-T3).
 
         Args:
-            body1: the motion of body 1; S, omega, a and alpha are used.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1, as do psid and psidd.
-            psid: time derivative of psi [rad/s]; shape (...,).
-            psidd: second time derivative of psi [rad/s^2]; shape (...,).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
-            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            body1: the motion of body 1, of which S, omega, a and alpha are used.
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+            psidd: acceleration of the hinge angle [rad/s^2]; shape (...,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
+            backend: as for `forward_kinematics`.
 
         Returns:
-            The Forces. Its attributes force1 [N] and torque1 [N m] are the force at R1 and the torque about R1 that
-            must act on body 1; world axes, shape (..., 3). Its attribute hinge_torque [N m] is the torque that body 1
-            must exert on body 2 about the hinge axis; shape (...,). Gravity acts in addition to these forces.
+            The Forces, which act beside gravity.
 
         Raises:
             ArgumentError: a body of the pair has no mass properties.
@@ -545,29 +487,25 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Accelerations:
-        """Compute the Accelerations of body 1 and of the hinge angle under gravity and under the forces and torques
-        on both bodies (T5, T6).
-
-        The arrays broadcast against each other. By default, all forces and torques are 0.
+        """Compute the accelerations of the pair under gravity and the forces and torques on both bodies (T5, T6).
 
         Args:
-            body1: the motion of body 1; only S and omega are used.
+            body1: the motion of body 1, of which S and omega are used.
             psi: hinge angle [rad]; shape (...,).
-            psid: time derivative of psi [rad/s]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
             force1: force on body 1 at R1, world axes [N]; shape (..., 3).
             torque1: torque on body 1 about R1, world axes [N m]; shape (..., 3).
-            hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]; shape (...,).
+            hinge_torque: torque of body 1 on body 2 about the hinge axis [N m]; shape (...,).
             force2: force on body 2 at R2, world axes [N]; shape (..., 3).
             torque2: torque on body 2 about R2, world axes [N m]; shape (..., 3).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
-            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
+            backend: as for `forward_kinematics`.
 
         Returns:
-            The Accelerations, with the attributes a1 [m/s^2] and alpha1 [rad/s^2] of body 1, world axes, shape
-            (..., 3), and psidd [rad/s^2], shape (...,). Where the mass matrix is singular, for instance because body
-            2 has no inertia about the hinge axis, they are NaN, and a DynamicsWarning says so.
+            The Accelerations; NaN, with a DynamicsWarning, where the mass matrix is singular, such as where body 2
+            has no inertia about the hinge axis.
 
         Raises:
             ArgumentError: a body of the pair has no mass properties.
@@ -602,23 +540,17 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> HingeWrench:
-        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (T3).
+        """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3).
 
         Args:
-            body1: the motion of body 1; S, omega, a and alpha are used.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1, as do psid and psidd.
-            psid: time derivative of psi [rad/s]; shape (...,).
-            psidd: second time derivative of psi [rad/s^2]; shape (...,).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
-            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            body1: the motion of body 1, of which S, omega, a and alpha are used.
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+            psidd: acceleration of the hinge angle [rad/s^2]; shape (...,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            out: arrays by attribute of the result, which are written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
-
-        Returns:
-            The HingeWrench. Its attributes force [N] and torque [N m] are in world axes, shape (..., 3). The torque
-            is about the hinge point. Two more attributes are the parts of the torque: hinge_torque, the component
-            along the hinge axis, shape (...,), and bearing_torque, the vector perpendicular to the axis, world axes,
-            shape (..., 3).
+            backend: as for `forward_kinematics`.
 
         Raises:
             ArgumentError: body 2 has no mass properties.
@@ -655,21 +587,17 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). If body 1 has no mass
-        properties, return the energy of body 2 alone.
+        """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
+        1 has no mass properties.
 
         Args:
-            body1: the motion of body 1; R, S, v and omega are used.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
-            psid: time derivative of psi [rad/s]; shape (...,).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
-            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            body1: the motion of body 1, of which R, S, v and omega are used.
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+            out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
-
-        Returns:
-            The Energy, with the attributes kinetic and potential [J], shape (...,). The potential energy is
-            that of gravity alone. The potential energy of a mass at the world's origin is zero.
+            backend: as for `forward_kinematics`.
 
         Raises:
             ArgumentError: body 2 has no mass properties.
@@ -696,18 +624,15 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
-        """Compute the Momentum of the pair: linear, and angular about the world's origin (T8).
+        """Compute the momentum of the pair: linear, and angular about the world's origin (T8).
 
         Args:
-            body1: the motion of body 1; R, S, v and omega are used.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
-            psid: time derivative of psi [rad/s]; shape (...,).
-            out: dict whose keys are attributes of the result and whose values are arrays, which are written.
+            body1: the motion of body 1, of which R, S, v and omega are used.
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
+            out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
-
-        Returns:
-            The Momentum, with the attributes linear [kg m/s] and angular [kg m^2/s], world axes, shape (..., 3).
+            backend: as for `forward_kinematics`.
 
         Raises:
             ArgumentError: a body of the pair has no mass properties.
@@ -731,39 +656,22 @@ class HingePair(Shown):
         tolerances: Mapping[str, float] | None = None,
         t: ArrayLike | None = None,
     ) -> Residuals:
-        """Compute the Residuals of two BodyMotions: by how much the motions violate the hinge constraints E1 and E2
-        and the time derivatives of these constraints. The residuals are compared with `tolerances`, a dict whose keys
-        are names of residuals; the default tolerances cover rounding errors. For Dask arrays, return LazyResiduals.
+        """Compute by how much two motions violate the hinge constraints E1 and E2 and their time derivatives.
 
         Args:
             body1: the motion of body 1.
-            body2: the motion of body 2. tilt_rate is computed if both motions have omega, and gap_rate if they also
-                have v. tilt_acceleration is computed if both motions have omega and alpha, and gap_acceleration if
-                they also have v and a.
-            tolerances: largest allowed size of each residual, a dict with some of the keys gap [m], tilt [rad],
-                gap_rate [m/s], tilt_rate [rad/s], gap_acceleration [m/s^2] and tilt_acceleration [rad/s^2]. The size
-                of the gap is the distance between the hinge points of both bodies. The size of the tilt is the angle
-                between the hinge axes of both bodies, in [0, pi]. The size of any other residual is the norm of its
-                array at the sample. Residuals without a key have the default tolerance, which covers rounding errors:
-                32 u times a scale. u is the unit roundoff, 2^-53 in double precision. The printed Residuals show the
-                formula of the scale.
-            t: instants of the samples, numbers [s] or datetime64; broadcasts against the samples. The printed
-                Residuals show the instant of the worst sample of each residual.
+            body2: the motion of body 2. Rates need omega of both motions, that of the gap also v; accelerations
+                alpha, and a.
+            tolerances: largest size by residual: gap [m], tilt [rad], gap_rate [m/s], tilt_rate [rad/s],
+                gap_acceleration [m/s^2], tilt_acceleration [rad/s^2]. The size is the norm at a sample; that of tilt
+                the angle between the hinge axes, in [0, pi]. By default 32 u times a scale, which covers rounding; u
+                is 2^-53 in double precision.
+            t: instants of the samples, numbers [s] or datetime64, by which the worst ones are named.
 
         Returns:
-            The `Residuals`. `.ok` is True if all residuals are within their tolerances, and `.verdict` says so in one
-            line of text. `str()` gives a table, and `.to_json()` a JSON text. `.rows` is a tuple with a
-            `ResidualCheck` for each residual. The residuals at every sample are arrays such as `.gap` (..., 3) [m],
-            the vector R1 + S1 u1 - R2 - S2 u2 in world axes, and `.tilt_angle` (...,) [rad]. `.psi` (...,) [rad] is
-            the hinge angle; if the hinge axes of the two bodies differ, it is the hinge angle after the smallest
-            rotation of body 2 that aligns them. A residual that is not finite at a sample is not compared there;
-            `.ok` is False if there is a residual that is compared at no sample. `.skipped` is the number of samples
-            at which at least one residual is not finite.
-
-            If the motions hold Dask arrays, the result is a `LazyResiduals`. Its arrays, such as `.gap`, are Dask
-            arrays. Its `.ratio` (...,) is, at each sample, the largest of the quotients residual / tolerance; NaN if
-            no residual is finite. Its `.compute()` returns the `Residuals` in memory. For motions larger than memory,
-            its `.compute_summary()` returns `Residuals` whose arrays stay Dask arrays.
+            The `Residuals`; `.ok` says whether all are within their tolerances, `print` gives a table. Residuals that
+            are not finite at a sample are not compared there. Of Dask arrays, a `LazyResiduals`: `.compute()` returns
+            the `Residuals` in memory, `.compute_summary()` those of motions larger than memory.
 
         Raises:
             ArgumentError: a tolerance is given for a residual that needs velocities or accelerations which the
@@ -787,9 +695,7 @@ class HingePair(Shown):
     def _residual_arrays(
         self, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
     ) -> dict[str, NDArray[Any]]:
-        """Compute the arrays of a report of `residuals`, among them the sizes and tolerances of each residual, and
-        return them as a dict.
-        """
+        """Return the arrays of a report of `residuals`, for chunks of Dask arrays."""
         return residuals.residual_arrays(self.constants, body1, body2, tolerances)
 
     def jacobian(
@@ -801,19 +707,16 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian Jac in (v2, omega2) = Jac @ (v1, omega1, psi'), shape (..., 6, 7) (E8, E2).
+        """Compute the Jacobian J in (v2, omega2) = J @ (v1, omega1, psi'), world axes; shape (..., 6, 7) (E8, E2).
 
-        `coordinate_jacobian` computes the matrix that multiplies qd, the time derivatives of the seven coordinates.
+        `coordinate_jacobian` is that by the rates of the coordinates.
 
         Args:
-            body1: the motion of body 1; only S is used.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            body1: the motion of body 1, of which S is used.
+            psi: hinge angle [rad]; shape (...,).
             out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
-
-        Returns:
-            The Jacobian Jac, for velocities in world axes; shape (..., 6, 7).
+            backend: as for `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -836,22 +739,18 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the part of body 2's acceleration that velocities cause, shape (..., 6). This part is `bias` in
-        (a2, alpha2) = Jac @ (a1, alpha1, psi'') + bias (E9).
-
-        Jac is the matrix that `jacobian` returns. (a2, alpha2) is a vector of 6 components, and
-        (a1, alpha1, psi'') is a vector of 7. a1 and alpha1 are the linear and angular acceleration of body 1.
+        """Compute the bias in (a2, alpha2) = J @ (a1, alpha1, psi'') + bias, with J of `jacobian` (E9).
 
         Args:
-            body1: the motion of body 1; only S and omega are used.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
-            psid: time derivative of psi [rad/s]; shape (...,).
+            body1: the motion of body 1, of which S and omega are used.
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; shape (...,).
             out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
+            backend: as for `forward_kinematics`.
 
         Returns:
-            The bias, world axes: three components of a2 [m/s^2], then three of alpha2 [rad/s^2]; shape (..., 6).
+            The bias, world axes: a2 [m/s^2], then alpha2 [rad/s^2]; shape (..., 6).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -879,19 +778,14 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian Jq in (v2, omega2) = Jq @ qd, shape (..., 6, 7). qd is the vector of the time
-        derivatives of the seven coordinates q (E8, E2, E4).
+        """Compute the Jacobian J in (v2, omega2) = J @ qd, world axes; shape (..., 6, 7) (E8, E2, E4).
 
         Args:
-            q: coordinates [m, rad], as for `forward_kinematics`.
-            sequence: Euler sequence of body 1, as for `forward_kinematics`.
+            q: coordinates, as for `forward_kinematics`.
+            sequence: as for `forward_kinematics`.
             out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
-
-        Returns:
-            The Jacobian Jq; shape (..., 6, 7). Its first three rows give v2, and its last three rows give omega2, in
-            world axes.
+            backend: as for `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -916,20 +810,16 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the time derivative Jq' of the Jacobian Jq that `coordinate_jacobian` returns, shape (..., 6, 7)
-        (E9). The accelerations are (a2, alpha2) = Jq @ qdd + Jq' @ qd.
+        """Compute the time derivative J' of `coordinate_jacobian`, in (a2, alpha2) = J @ qdd + J' @ qd; shape (...,
+        6, 7) (E9).
 
         Args:
-            q: coordinates [m, rad], as for `forward_kinematics`.
-            qd: time derivatives of q [m/s, rad/s], as for `forward_kinematics`.
-            sequence: Euler sequence of body 1, as for `forward_kinematics`.
+            q: coordinates, as for `forward_kinematics`.
+            qd: time derivatives of q, in the same forms.
+            sequence: as for `forward_kinematics`.
             out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
-
-        Returns:
-            The time derivative Jq'; shape (..., 6, 7). Its first three rows contribute to a2, and its last three rows
-            contribute to alpha2, in world axes.
+            backend: as for `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -955,25 +845,17 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Sensitivities:
-        """Compute the Sensitivities: the derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and
-        psi (E2, E5-E8). Without psid, the derivatives of v2 and omega2 are None.
+        """Compute the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and psi (E2, E5-E8).
 
-        R2 has the same derivatives as d, because R1 is given.
+        R2 has the derivatives of d, because R1 is given.
 
         Args:
-            body1: the motion of body 1; only S is used, and omega if psid is given.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
-            psid: time derivative of psi [rad/s]; shape (...,).
+            body1: the motion of body 1, of which S is used, and omega if psid is given.
+            psi: hinge angle [rad]; shape (...,).
+            psid: hinge rate [rad/s]; without it, the derivatives of v2 and omega2 are None.
             out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
-
-        Returns:
-            The Sensitivities. Each derivative is an attribute. The components of d, v2 and omega2 are in world axes,
-            those of u1 and n in body-1 axes, and those of u2 in body-2 axes. For example, d_by_u1 has shape
-            (..., 3, 3). The element [..., i, j] is the derivative of d[i] with respect to u1[j]. Derivatives with
-            respect to psi do not have the last axis: S2_by_n has shape (..., 3, 3, 3), and S2_by_psi has shape
-            (..., 3, 3). The page of `Sensitivities` lists all of them with their units.
+            backend: as for `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -997,39 +879,25 @@ class HingePair(Shown):
         home_std: ArrayLike = 0.0,
         covariance: ArrayLike | None = None,
     ) -> PoseCovariance:
-        """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of u1, u2, n and
-        home cause, to first order (E5, E7). Give the tolerances as standard deviations or as one covariance (12, 12).
+        """Compute the covariance of R2 and of body 2's attitude that tolerances of the geometry cause, to first order
+        (E5, E7).
 
-        `hingepair.sample_pairs` draws random pairs with the same tolerances. A comparison of the poses of these pairs
-        with the covariance shows whether the first-order result is accurate enough.
+        `hingepair.sample_pairs` draws random pairs with the same tolerances, which show whether first order suffices.
 
         Args:
-            body1: the motion of body 1; only S is used.
-            psi: hinge angle [rad]; shape (...,); broadcasts against body1.
+            body1: the motion of body 1, of which S is used.
+            psi: hinge angle [rad]; shape (...,).
             u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
-            u2_std: standard deviation of each component of u2, body-2 axes [m]: a number, or shape (3,).
-            axis_std: standard deviation of each of two tilt angles of the hinge axis [rad]. The tilts are about two
-                directions that are perpendicular to n and to each other.
-            home_std: standard deviation of each component of the rotation vector r by which home deviates, body-1
-                axes [rad]: a number, or shape (3,). The actual home is exp(r) @ home, where exp(r) is the rotation
-                matrix of r.
-            covariance: covariance matrix of twelve numbers in this order: the components of u1 (body-1 axes) [m], of
-                u2 (body-2 axes) [m], of n (body-1 axes), and of the rotation vector r as for home_std (body-1 axes)
-                [rad]; shape (12, 12), such as `HingeFit.covariance`. Give either a covariance or standard deviations,
-                not both.
-
-        Returns:
-            The PoseCovariance. Its attributes are the standard deviations R2_std [m] and attitude_std [rad], shape
-            (..., 3), and the covariances R2 [m^2] and attitude [rad^2], shape (..., 3, 3), in world axes. The error
-            of the attitude is the rotation vector, in world axes, from the nominal to the actual attitude of body 2.
-            The method contributions() returns the variances that each tolerance alone causes, as a dict of arrays
-            (..., 6): the variances of the three components of R2 [m^2], then of the three components of the
-            attitude's error [rad^2]. The keys are "u1_x" to "u2_z", "axis" (all components of n together), and
-            "home_x" to "home_z". The correlations of different keys are ignored.
+            u2_std: the same of u2, body-2 axes.
+            axis_std: standard deviation of each of two tilt angles of the hinge axis, about directions across it
+                [rad].
+            home_std: standard deviation of each component of the rotation vector r by which home deviates, exp(r) @
+                home, body-1 axes [rad]: a number, or shape (3,).
+            covariance: in place of these, the covariance of the components of u1, u2, n and r, in this order; shape
+                (12, 12), such as `HingeFit.covariance`.
 
         Raises:
-            ArgumentError: an argument cannot be used, a covariance and standard deviations are both given, or all
-                standard deviations are 0 and no covariance is given.
+            ArgumentError: a covariance and standard deviations are both given, or neither.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1052,28 +920,23 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian G of the five hinge constraints, shape (..., 5, 12). The time derivatives of the
-        constraints are (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2).
+        """Compute the Jacobian G of the hinge constraints, (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2).
 
-        Solvers of differential-algebraic equations need G. The five constraints are gap = 0 and tilt = 0. gap is the
-        vector R1 + S1 u1 - R2 - S2 u2, with three components in world axes [m]. tilt has two dimensionless
-        components. Let h1 = S1 n and h2 = S2 C^-1 n be the directions of the hinge axis as fixed in
-        body 1 and as fixed in body 2, in world axes, where C is `home`. The components of tilt are (h1 x h2) . (S1
-        e1) and (h1 x h2) . (S1 e2). e1 and e2 are fixed in body 1 and form an orthonormal basis with n. e1 is a
-        coordinate axis of body 1, projected onto the plane perpendicular to n and scaled to unit length. This
-        coordinate axis is the one along which n has the component of smallest magnitude; if there are several, it is
-        the first of them. e2 is n x e1. The Jacobian is exact even if a motion violates the constraints.
+        Solvers of differential-algebraic equations need G; it is exact even if a motion violates the constraints. gap
+        is R1 + S1 u1 - R2 - S2 u2, world axes [m]. tilt has two components, (h1 x h2) . (S1 e1) and (h1 x h2) . (S1
+        e2), with the hinge axis as it is fixed in body 1 and in body 2, h1 = S1 n and h2 = S2 C^-1 n, where C is
+        `home`. e1 is the coordinate axis of body 1 along which n has its smallest component, made perpendicular to n
+        and of unit length; e2 is n x e1.
 
         Args:
-            body1: the motion of body 1; only S is used.
-            body2: the motion of body 2; only S is used.
+            body1: the motion of body 1, of which S is used.
+            body2: the motion of body 2, of which S is used.
             out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
+            backend: as for `forward_kinematics`.
 
         Returns:
-            The Jacobian G; shape (..., 5, 12). The first three rows of G give gap', and the last two rows give tilt'.
-            v1, omega1, v2 and omega2 are in world axes.
+            G: three rows of gap', two of tilt'; shape (..., 5, 12).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1097,22 +960,18 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the part of the constraints' second time derivatives that velocities cause, shape (..., 5). This
-        part is `bias` in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias (E1, E2).
-
-        gap is the vector from the hinge point of body 2 to the hinge point of body 1, and tilt has two dimensionless
-        components. `constraint_jacobian` defines gap and tilt, and returns G. If a motion satisfies the constraints
-        at all times, gap'' and tilt'' are zero, but the bias is in general not zero.
+        """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, with G of `constraint_jacobian`
+        (E1, E2).
 
         Args:
-            body1: the motion of body 1; only S and omega are used.
-            body2: the motion of body 2; only S and omega are used.
+            body1: the motion of body 1, of which S and omega are used.
+            body2: the motion of body 2, of which S and omega are used.
             out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `forward_kinematics`.
+            backend: as for `forward_kinematics`.
 
         Returns:
-            The bias: three components for gap'' in world axes [m/s^2], then two for tilt'' [1/s^2]; shape (..., 5).
+            The bias: three components of gap'' [m/s^2], two of tilt'' [1/s^2]; shape (..., 5).
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1128,9 +987,7 @@ class HingePair(Shown):
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
-    """Return the argument `limits`, the limits of the hinge angle [rad], as floats (lower, upper), or None if it is
-    None.
-    """
+    """Return the argument `limits` as floats (lower, upper)."""
     if limits is None:
         return None
     both = one_constant("limits", limits, 2)
@@ -1140,7 +997,7 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
 
 
 def checked_mass_properties(name: str, body: Body | None) -> Body | None:
-    """Return the argument `body` unchanged if it is a Body or None."""
+    """Return a body, or None, unchanged."""
     if body is None:
         return None
     if not isinstance(body, Body):

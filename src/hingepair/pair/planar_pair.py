@@ -100,14 +100,12 @@ class PlanarPair(Shown):
         return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r}{bodies})"
 
     def _sheet(self) -> Sheet:
-        """Return the pair as a Sheet, the table that is printed: u1, u2 and the masses."""
+        """Return the printed table: u1, u2 and the masses."""
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
 
     def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return the result of the function `method` with lazy Dask arrays in it; nothing is computed. The arguments
-        of `method` are keyword arguments, some of which contain Dask arrays.
-        """
+        """Return lazy Dask arrays of the results of a method."""
         check_single_pair(self, " if the arguments are Dask arrays")
         return apply_to_chunks(
             method, arguments, PLANAR_MOTION_KIND.shapes, COORDINATES[PLANAR_MOTION_KIND].table_columns
@@ -124,29 +122,21 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PlanarState:
-        """Compute the PlanarState of body 2 from the four coordinates q = (x, y, phi, psi) (E11). qd and qdd add
-        velocities and accelerations.
-
-        By default, the inputs determine the outputs: q gives position and attitude, qd adds velocities, and qdd adds
-        accelerations.
+        """Compute the motion of body 2 from the four coordinates (E11).
 
         Args:
-            q: coordinates [m, rad]: the position of body 1's reference point, the angle of body 1, and the hinge
-                angle. Either one array of shape (..., 4), or a tuple of four numbers or arrays that broadcast.
-            qd: time derivatives of q [m/s, rad/s]: an array (..., 4) or a tuple of four, like q.
-            qdd: second time derivatives of q [m/s^2, rad/s^2]: an array (..., 4) or a tuple of four, like q.
-            outputs: names of the outputs to compute, out of R2 [m], d [m], v2 [m/s] and a2 [m/s^2], shape (..., 2),
-                and phi2 (the angle of body 2) [rad], omega2 [rad/s] and alpha2 [rad/s^2], shape (...,). By default,
-                all outputs that the inputs allow.
-            out: dict whose keys are names of computed outputs and whose values are arrays, into which the results are
-                written. Each array must have the shape of its output and the dtype of the results: float32 if all
-                input arrays are float32, otherwise float64.
-            workers: number of threads, 1 by default; -1 for one thread per core.
-            backend: "numpy" computes with NumPy, "compiled" with machine code that the first call compiles. "auto"
-                (the default) compiles if the number of samples makes it worthwhile.
+            q: (x, y, phi, psi): position of body 1's reference point [m], its angle and the hinge angle [rad]; one
+                array (..., 4), a tuple of four numbers or arrays that broadcast, a dict by name, or a table.
+            qd: time derivatives of q, which add velocities.
+            qdd: second time derivatives of q, which add accelerations.
+            outputs: names out of R2, phi2, d, v2, omega2, a2, alpha2. By default, all for which the coordinates
+                suffice.
+            out: arrays by output name, into which the results are written; where there is one output, also one array.
+            workers: number of threads; -1 for one thread per core.
+            backend: "auto", "numpy" or "compiled", as for `HingePair.forward_kinematics`.
 
         Returns:
-            The PlanarState. Outputs that are not computed, such as v2 without qd, are None.
+            The PlanarState, in float32 if all arrays given are float32, else in float64.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -197,23 +187,18 @@ class PlanarPair(Shown):
         qdd: Coordinates | None = None,
         outputs: Outputs = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Compute bounds on the error that rounding can cause in each output of `forward_kinematics`. Return a dict
-        whose keys are the names of the outputs and whose values are arrays (...,) of bounds. The bound at a sample
-        holds for each component of the output.
-
-        q, qd, qdd, u1 and u2 are taken as exact. The bounds are rigorous for the backends "numpy" and "compiled" if
-        sines and cosines are accurate to 1.5 units in the last place.
+        """Compute rigorous bounds on the rounding errors of `forward_kinematics` at every sample, as
+        `HingePair.error_bounds` does.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
-            qd: time derivatives of q [m/s, rad/s], in the same form.
-            qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
-            outputs: names of the outputs, as for `forward_kinematics`. By default, all outputs that the inputs allow.
+            q: coordinates, as for `forward_kinematics`.
+            qd: time derivatives of q, in the same forms.
+            qdd: second time derivatives of q, in the same forms.
+            outputs: as for `forward_kinematics`.
 
         Returns:
-            A dict whose keys are the names of the outputs, such as "R2". Each value is an array of bounds in the unit
-            of the output; shape (...,). A bound is infinite if an intermediate result overflows, or if an input is
-            NaN or infinite.
+            Bounds by output name, in its unit; shape (...,). Infinite where an intermediate result overflows or an
+            input is not finite.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
@@ -226,12 +211,10 @@ class PlanarPair(Shown):
         return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, given, len(given) - 1, outputs)
 
     def to_spatial(self) -> HingePair:
-        """Return this pair as a HingePair with n = (0, 0, 1). In the HingePair, the third component of u1 and u2 is
-        0, and the mass properties `body1` and `body2` are the same as in this pair.
+        """Return this pair as a HingePair with n = (0, 0, 1), and the same mass properties.
 
-        The coordinates (x, y, phi, psi) of the planar pair are (x, y, 0, 0, 0, phi, psi) for the HingePair. The
-        default gravity of a planar pair is (0, -9.81), and the default gravity of a HingePair is (0, 0, -9.81). For
-        the gravity of the planar pair, call the methods of the HingePair with gravity=(0, -9.81, 0).
+        (x, y, phi, psi) are (x, y, 0, 0, 0, phi, psi) there, and the default gravity of a planar pair is gravity=(0,
+        -9.81, 0).
 
         >>> import hingepair as hp
         >>> hp.PlanarPair(u1=(1, 0), u2=(-1, 0)).to_spatial().n
@@ -240,18 +223,11 @@ class PlanarPair(Shown):
         return self._in_space(self.body1, self.body2)
 
     def massive(self) -> HingePair:
-        """Return a HingePair with the same dynamics as this planar pair. In the HingePair, the centres of mass of
-        both bodies are at z = 0. All three principal moments of inertia of a body are equal to the moment of inertia
-        about the axis parallel to z through the centre of mass. The HingePair is cached, and later calls return the
-        same object.
+        """Return the HingePair with the dynamics of this pair, which is made once.
 
-        The coordinates (x, y, phi, psi) of the planar pair are (x, y, 0, 0, 0, phi, psi) for the HingePair. For the
-        default gravity of a planar pair, call the methods of the HingePair with gravity=(0, -9.81, 0). A body without
-        mass properties has none in the HingePair either.
-
-        Forces in the plane cause the same motion of the HingePair and of the planar pair, and the hinge transmits no
-        torque about axes in the plane. The HingePair of `to_spatial` retains products of inertia, and centres of mass
-        that are not in the plane; both can cause such torques.
+        Its centres of mass are at z = 0, and the principal moments of a body are all its moment about the z axis. So
+        the hinge transmits no torque about axes in the plane, as products of inertia in the pair of `to_spatial` can
+        cause.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(2, (0, 0, 1), inertia=(1, 2, 3)))
@@ -279,22 +255,16 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the mass matrix M, shape (..., 4, 4). It satisfies M @ (x'', y'', phi'', psi'') + bias = (force1,
-        torque1, hinge_torque) (T4-T6).
-
-        force1, which has two components, and torque1 act on body 1 at R1; hinge_torque is the torque of body 1 on
-        body 2. Apart from these, only gravity acts on the bodies. bias is the value of (force1, torque1,
-        hinge_torque) for x'' = y'' = phi'' = psi'' = 0; velocities and gravity cause it.
+        """Compute the mass matrix M in M @ (x'', y'', phi'', psi'') + bias = (force1, torque1, hinge_torque) (T4).
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
+            q: coordinates, as for `forward_kinematics`.
             out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Returns:
-            M, a symmetric matrix; shape (..., 4, 4). Its elements are masses [kg], first moments of mass [kg m] and
-            moments of inertia [kg m^2].
+            M, symmetric; shape (..., 4, 4) [kg, kg m, kg m^2].
 
         Raises:
             ArgumentError: a body of the pair has no mass properties.
@@ -318,22 +288,16 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Forces:
-        """Compute the Forces that a motion requires: force and torque on body 1, and the torque at the hinge (T1-T3).
+        """Compute the force and torque on body 1 and the hinge torque that a motion requires (T1-T3).
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
-            qd: time derivatives of q [m/s, rad/s], in the same form.
-            qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
+            q: coordinates, as for `forward_kinematics`.
+            qd: time derivatives of q, in the same forms.
+            qdd: second time derivatives of q, in the same forms.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
             out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
-
-        Returns:
-            The Forces, with the attributes force1, torque1 and hinge_torque. force1, world axes [N], shape (..., 2),
-            is the force that must act on body 1 at R1. torque1 [N m], shape (...,), is the torque about R1 that
-            must act on body 1. hinge_torque [N m], shape (...,), is the torque that body 1 must exert on body 2
-            about the hinge axis.
 
         Raises:
             ArgumentError: a body of the pair has no mass properties.
@@ -362,21 +326,19 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> HingeWrench:
-        """Compute the HingeWrench: the force and torque that body 1 exerts on body 2 at the hinge point (T3).
+        """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3).
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
-            qd: time derivatives of q [m/s, rad/s], in the same form.
-            qdd: second time derivatives of q [m/s^2, rad/s^2], in the same form.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
-            out: arrays by output name, into which the results are written.
+            q: coordinates, as for `forward_kinematics`.
+            qd: time derivatives of q, in the same forms.
+            qdd: second time derivatives of q, in the same forms.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
+            out: arrays by attribute of the result, which are written.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Returns:
-            The HingeWrench, with the attributes force, world axes [N], shape (..., 2), and torque, about the hinge
-            axis [N m], shape (...,). Its attribute hinge_torque is equal to torque, and its attribute bearing_torque
-            is 0; both have shape (...,).
+            The HingeWrench; its hinge_torque is its torque, its bearing_torque 0.
 
         Raises:
             ArgumentError: body 2 has no mass properties.
@@ -408,26 +370,25 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the second time derivatives qdd of the coordinates, shape (..., 4), under gravity and under the
-        forces and torques on both bodies (T5, T6).
+        """Compute the accelerations of the coordinates under gravity and the forces and torques on both bodies (T5,
+        T6).
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
-            qd: time derivatives of q [m/s, rad/s], in the same form.
-            force1: force on body 1 at R1, world axes [N]; shape (..., 2), or the number 0 (the default).
-            torque1: torque on body 1 about R1 [N m]; shape (...,); 0 by default.
-            hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]; shape (...,); 0 by default.
-            force2: force on body 2 at R2, world axes [N]; shape (..., 2), or the number 0 (the default).
-            torque2: torque on body 2 about R2 [N m]; shape (...,); 0 by default.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
-            out: arrays by output name, into which the results are written.
+            q: coordinates, as for `forward_kinematics`.
+            qd: time derivatives of q, in the same forms.
+            force1: force on body 1 at R1, world axes [N]; shape (..., 2).
+            torque1: torque on body 1 about R1 [N m]; shape (...,).
+            hinge_torque: torque of body 1 on body 2 [N m]; shape (...,).
+            force2: force on body 2 at R2, world axes [N]; shape (..., 2).
+            torque2: torque on body 2 about R2 [N m]; shape (...,).
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
+            out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Returns:
-            The array qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4). Where the mass matrix is
-            singular, for instance because body 2 has no inertia about the hinge, it is NaN, and a DynamicsWarning
-            says so.
+            qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4). NaN, with a DynamicsWarning, where the
+            mass matrix is singular.
 
         Raises:
             ArgumentError: a body of the pair has no mass properties.
@@ -456,20 +417,16 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute the kinetic and potential Energy of the pair in uniform gravity (T7). If body 1 has no mass
-        properties, the energy is the energy of body 2 alone.
+        """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
+        1 has no mass properties.
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
-            qd: time derivatives of q [m/s, rad/s], in the same form.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,); (0, -9.81) by default.
+            q: coordinates, as for `forward_kinematics`.
+            qd: time derivatives of q, in the same forms.
+            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
             out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
-
-        Returns:
-            The Energy, with the attributes kinetic and potential [J], each of shape (...,). The potential energy
-            is that of gravity alone. The potential energy of a mass at the world's origin is zero.
 
         Raises:
             ArgumentError: body 2 has no mass properties.
@@ -493,19 +450,14 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
-        """Compute the Momentum of the pair: its linear momentum, and its angular momentum about the world's origin
-        (T8).
+        """Compute the momentum of the pair: linear, and angular about the world's origin (T8).
 
         Args:
-            q: coordinates (x, y, phi, psi) [m, rad]; shape (..., 4) or a tuple of four, as for `forward_kinematics`.
-            qd: time derivatives of q [m/s, rad/s], in the same form.
+            q: coordinates, as for `forward_kinematics`.
+            qd: time derivatives of q, in the same forms.
             out: arrays by output name, into which the results are written.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
-
-        Returns:
-            The Momentum. Its attribute `linear` [kg m/s] is in world axes; shape (..., 2). Its attribute `angular`
-            [kg m^2/s] is the component along the z axis; shape (...,).
 
         Raises:
             ArgumentError: a body of the pair has no mass properties.
@@ -530,10 +482,7 @@ class PlanarPair(Shown):
 
 
 def _body_in_plane(body: Body) -> Body:
-    """Return a copy of a Body whose centre of mass is moved to z = 0 and whose three principal moments are all the
-    moment of inertia about the axis parallel to z through the centre of mass. An inertia that was assumed stays
-    assumed if it is unchanged.
-    """
+    """Return a Body with its centre of mass at z = 0 and three principal moments, all that about z."""
     x, y, _ = body.centre_of_mass
     level = np.eye(3) * body.inertia[2, 2]
     inertia = (
@@ -543,9 +492,7 @@ def _body_in_plane(body: Body) -> Body:
 
 
 def motion_in_space(q: Coordinates, qd: Coordinates | None = None, qdd: Coordinates | None = None) -> tuple[Any, ...]:
-    """Return the planar coordinates q, qd and qdd as a spatial motion, the tuple (body1, psi, psid, psidd). `body1`
-    is the BodyMotion of body 1; psid is absent if qd is None, and psidd if qdd is None.
-    """
+    """Return planar coordinates as the motion (body1, psi, psid, psidd) in space; the rates as far as given."""
     coordinates = kinematics.read_rows(PLANAR_MOTION_KIND, q, qd, qdd)
     shape = broadcast_shape(coordinates.shapes)
     zero = np.zeros(shape)
