@@ -82,7 +82,7 @@ class MechanismMethods(Shown):
 
     @property
     def _constants(self) -> RobotConstants:
-        """RobotConstants of the robot's programs, which are computed at first access and cached."""
+        """Constants of the robot's programs, made once."""
         try:
             constants = self._cached_constants
         except AttributeError:
@@ -114,36 +114,28 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismState:
-        """Compute the poses of the frames named in `frames`; with `qd` also their velocities, and with `qdd` also
-        their accelerations (E2, E5, E7-E9). Return a MechanismState.
+        """Compute the motion of frames (E2, E5, E7-E9).
 
         Args:
-            q: coordinates of the joints, in the order of `names` [rad for hinges, m for sliders]; an array of shape
-                (..., dof), a table whose columns have the joints' names, or a dict with a number or an array for
-                each joint.
-            qd: first time derivatives of q, in one of the forms of q.
-            qdd: second time derivatives of q, in one of the forms of q. Give them only together with qd.
-            frames: names of links, joints, or frames added with `with_frame`, as a tuple or as one name. By default,
-                they are `robot.tips`, the links at the ends of the robot. A name that a joint and a link share means
-                the link. As in URDF, the frame of a joint moves with the joint's child link.
-            outputs: names of the outputs to compute, out of R (position of the frame's origin [m]), S (rotation
-                matrix from frame axes to world axes), d (vector from the base's reference point to R [m]), v
-                (velocity of the frame's origin [m/s]), omega (angular velocity [rad/s]), a (acceleration of the
-                frame's origin [m/s^2]) and alpha (angular acceleration [rad/s^2]). By default, all outputs
-                for which the given coordinates suffice are computed.
-            base_motion: pose and motion of the base. By default, the base rests at the origin of the world.
-            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
-                The array of S has shape (..., frames, 3, 3), and all others have shape (..., frames, 3).
+            q: coordinates in the order of `names` [rad of hinges, m of sliders]: an array (..., dof); a tuple, or a
+                dict by joint, of numbers and arrays; or a table whose columns have the joints' names.
+            qd: their time derivatives, which add velocities.
+            qdd: their second time derivatives, which add accelerations.
+            frames: names of links, joints or added frames: a tuple, or one name; by default `robot.tips`, the last
+                links of all branches. A name that a joint and a link share means the link. The frame of a joint moves
+                with its child link.
+            outputs: names out of R, S, d, v, omega, a and alpha. By default, all for which the coordinates suffice.
+            base_motion: pose and motion of the base, which otherwise rests at the origin of the world.
+            out: arrays by output name, into which the results are written: (..., frames, 3, 3) of S, (..., frames, 3)
+                of others.
             workers: number of threads; -1 for one thread per core.
-            backend: "numpy", "compiled", or "auto" (default), which compiles at the first call (0.1 to 0.3 s, or
-                milliseconds where the code is on disk); for coordinates given joint by joint only where NumPy would
-                take milliseconds longer.
+            backend: "numpy"; "compiled", machine code that the first call compiles (0.1 to 0.3 s, or milliseconds
+                where it is on disk); or "auto", which compiles, but for coordinates given joint by joint only where
+                NumPy would take milliseconds longer.
 
         Returns:
-            The MechanismState. For a result `state`, `state["panda_hand"].R` is the position of one frame, shape
-            (..., 3), and `state.R` holds the positions of all frames, shape (..., frames, 3), also if there is only
-            one frame. Outputs that are not computed are None. The dtype is float32 if all given arrays are float32,
-            else float64.
+            The MechanismState `state`: `state.R` of all frames, shape (..., frames, 3), and `state["panda_hand"].R`
+            of one. The dtype is float32 if all arrays given are float32, else float64.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -175,27 +167,20 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian J of a frame, an array (..., 6, dof): if the base is at rest, (v, omega) = J @ qd
-        (E2, E8). For a free base, (v, omega) = J @ (v1, omega1, qd), and J has shape (..., 6, 6 + dof).
+        """Compute the Jacobian J of a frame, (v, omega) = J @ qd if the base is at rest, shape (..., 6, dof); for a
+        free base, (v, omega) = J @ (v1, omega1, qd), shape (..., 6, 6 + dof) (E2, E8).
 
-        v is the velocity of the frame's origin and omega the angular velocity of the frame, in world axes
-        (Pinocchio's LOCAL_WORLD_ALIGNED) or in the axes of the frame (LOCAL). v1 and omega1, of the base's reference
-        point and the base, are in world axes in both cases.
+        v is the velocity of the frame's origin. v1 and omega1, of the base, are in world axes.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
-            frame: name of a link, a joint or an added frame. The default is the only link in `robot.tips`; if there
-                are several, `frame` must be given.
-            frames: several names, in place of `frame`: the shape is then (..., frames, 6, dof); without the axis of
-                frames for a single name.
-            axes: axes of v and omega, "world" or "frame".
-            base_motion: motion of the base; only S is used. By default, S is the identity.
-            out: an array of the shape of the result, into which the result is written.
+            frames: name of a link, a joint or an added frame; or several, for an axis of frames before the last two.
+                By default, the only one of `robot.tips`.
+            axes: of v and omega: "world" (Pinocchio's LOCAL_WORLD_ALIGNED) or "frame" (LOCAL).
+            base_motion: motion of the base, of which S is used; at rest at the origin unless given.
+            out: array into which the result is written.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
-
-        Raises:
-            ArgumentError: `frame` is not given although `robot.tips` has several names.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -221,8 +206,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the time derivative of the result of `jacobian`, of the same shape. Of `base_motion`, S and omega
-        are used. `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
+        """Compute the time derivative of `jacobian`, of the same shape.
+
+        `qd` are the time derivatives of q; the other arguments are those of `jacobian`. Of `base_motion`, S and omega
+        are used.
 
         Raises:
             ArgumentError: the robot has too many joints.
@@ -247,16 +234,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the acceleration of the frame named `frame` at qdd = 0 as an array (..., 6). The result is `bias`
-        in (a, alpha) = J @ qdd + bias (E9). For a free base, (a, alpha) = J @ (a1, alpha1, qdd) + bias, and the
-        result is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0.
+        """Compute the bias in (a, alpha) = J @ qdd + bias of a frame, with J of `jacobian`, shape (..., 6); for a
+        free base in (a, alpha) = J @ (a1, alpha1, qdd) + bias (E9).
 
-        J is the result of `jacobian`. a is the second time derivative of the position of the frame's origin [m/s^2],
-        and alpha is the angular acceleration of the frame [rad/s^2]. a1 and alpha1 are the acceleration of the base's
-        reference point and the angular acceleration of the base. All four are in world axes. A base that is not free
-        moves as `base_motion` prescribes and rests by default; the bias includes the effect of its velocities and
-        accelerations. For a free base, only S and omega of `base_motion` are used. `qd` are the time derivatives of
-        q. `frame` and the other arguments are the same as for `jacobian`.
+        World axes; of one frame. `qd` are the time derivatives of q; the other arguments are those of `jacobian`. Of
+        `base_motion`, S and omega are used, and a and alpha unless the base is free.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -417,48 +399,31 @@ class MechanismMethods(Shown):
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
     ) -> dict[str, Float64Array]:
-        """Compute rigorous bounds on the rounding errors of results of the robot's methods at every sample. Return a
-        dict of arrays whose keys are the names in `outputs`, by default the outputs of `forward_kinematics`.
+        """Compute rigorous bounds on the rounding errors of results at every sample.
 
-        The error is the difference between the computed result and the exact result of the equations. The given
-        arguments are taken as exact, and so are the dimensions and mass properties of the robot as they are stored in
-        floating-point numbers; an attitude stands for the rotation next to it. The bounds are rigorous for the
-        backends "numpy" and "compiled" if sines are as accurate as the page on accuracy says. Those of qdd, a1 and
-        alpha1 are computed from the results of both backends for these arguments.
+        The error is the difference from the exact result of the equations for the given arguments and the robot's
+        numbers as they are stored; an attitude stands for the rotation next to it. The bounds hold for all backends
+        if sines are as accurate as the page on accuracy says. Those of qdd, a1 and alpha1 come from the results of
+        both backends.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
-            qd: first time derivatives of q.
-            qdd: second time derivatives of q.
+            qd: their time derivatives.
+            qdd: their second time derivatives.
             frames: as for `forward_kinematics`.
-            outputs: names of results. By default, all outputs of `forward_kinematics` that the inputs allow. The
-                names are:
-
-                - R, S, d (the vector from the base's reference point to R), v, omega, a and alpha, from
-                  `forward_kinematics`;
-                - jacobian and jacobian_in_frame, one bound for all frames in `frames`;
-                - acceleration_bias, only for the first frame in `frames`;
-                - tau, force1 and torque1, from `inverse_dynamics`;
-                - tau_q and tau_qd, from `inverse_dynamics_derivatives`;
-                - qdd, and for a free base a1 and alpha1, from `forward_dynamics`;
-                - torque_regressor, mass_matrix, bias_forces, gravity_forces, centre_of_mass,
-                  centre_of_mass_jacobian and centre_of_mass_bias, each the result of the method with this name;
-                - kinetic and potential, from `energy`;
-                - linear, angular_about_origin and angular_about_centre, from `momentum`.
-            base_motion: pose and motion of the base, as for `forward_kinematics`.
+            outputs: names of results of the robot's methods, such as R, jacobian, tau, qdd, mass_matrix or kinetic;
+                of derivatives tau_q and tau_qd; of momentum angular_about_origin and angular_about_centre. By default
+                those of `forward_kinematics` for which the coordinates suffice.
+            base_motion: pose and motion of the base.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            tau: torques of hinges [N m] and forces of sliders [N], in one of the forms of q. Only the outputs qdd, a1
-                and alpha1 use tau.
+            tau: efforts, for qdd, a1 and alpha1.
             force1: force on a free base, as for `forward_dynamics`.
-            torque1: torque on a free base, as for `forward_dynamics`.
+            torque1: torque on a free base.
 
         Returns:
-            A dict whose keys are the names of the outputs. Each value is an array with a bound for each sample, in
-            the unit of the output; the bound holds for the absolute error of every component, in its own unit. For
-            outputs of `forward_kinematics`, the array has shape (..., F), with one bound for each of F frames; for
-            all other outputs, it has shape (...). A bound is infinite if an argument is not finite or if the
-            computation overflows. The bounds of qdd, a1 and alpha1 are also infinite if rounding errors could make
-            the mass matrix singular.
+            Bounds by output name on the largest error of a component, in its unit; shape (..., frames) for outputs of
+            `forward_kinematics`, else (...). Infinite where an argument is not finite, the computation overflows, or
+            rounding could make the mass matrix singular.
 
         Raises:
             ArgumentError: an output needs an argument that is not given.
@@ -523,34 +488,28 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismForces:
-        """Compute the joint torques and forces `tau`, and the force `force1` and torque `torque1` on the base, that a
-        motion of the robot requires (T1-T3). Return a MechanismForces.
+        """Compute the torques and forces of the joints, and on the base, that a motion requires (T1-T3).
 
         Args:
             q: coordinates, as for `forward_kinematics`.
-            qd: first time derivatives of q.
-            qdd: second time derivatives of q.
+            qd: their time derivatives, in the same forms.
+            qdd: their second time derivatives, in the same forms.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads that act on links: a dict whose keys are names of links and whose values are pairs
-                (force, torque), in world axes [N, N m]; shape (..., 3) each, or the number 0. The force acts at the
-                origin of the link's frame. By default, there are none.
+            wrenches: further loads by link: pairs (force, torque), world axes, at the origin of the link's frame [N,
+                N m]; shape (..., 3) each, or the number 0.
             joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau
                 (T14). By default they do not, and the first call of a robot that has any says so in a
                 DynamicsWarning. Dry friction of a joint at rest counts as 0.
-            base_motion: motion of the base; only S, omega, a and alpha are used. By default, the base is at rest, and
-                S is the identity.
-            outputs: names of the outputs to compute, out of tau, force1 and torque1; by default all.
-            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
+            base_motion: motion of the base, of which S, omega, a and alpha are used; at rest at the origin unless
+                given.
+            outputs: names out of tau, force1 and torque1; by default all.
+            out: arrays by output name, into which the results are written; where there is one output, also one array.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Returns:
-            The MechanismForces. Its `tau` are the torques of hinges [N m] and the forces of sliders [N] in the order
-            of q; shape (..., dof). Its `force1` [N] is the force on the base at the base's reference point R1, and
-            its `torque1` [N m] is the torque on the base about R1; world axes, shape (..., 3) each. They act together
-            with gravity and `wrenches`; on a robot at rest, they balance gravity and `wrenches`. If the base is not
-            free, the support of the base exerts force1 and torque1, and the mass of the base is not counted. The mass
-            of a free base is counted.
+            The MechanismForces, which act beside gravity and `wrenches`. force1 and torque1 act on the base at R1; a
+            support exerts them where the base is not free, and the mass of the base then does not count.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -581,39 +540,30 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismAccelerations:
-        """Compute the accelerations of the robot under given torques and forces (T5, T6). Return a
-        MechanismAccelerations with the attribute `qdd`, and for a free base also `a1` and `alpha1`. If the mass
-        matrix is singular at a sample, the accelerations of this sample are NaN, and a DynamicsWarning is issued.
-        `force1` and `torque1` act on a free base.
+        """Compute the accelerations of the robot under given torques and forces (T5, T6).
 
         Args:
             q: coordinates, as for `forward_kinematics`.
-            qd: first time derivatives of q.
+            qd: their time derivatives, in the same forms.
             tau: torques of hinges [N m] and forces of sliders [N], in one of the forms of q.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads that act on links, as for `inverse_dynamics`.
+            wrenches: further loads on links, as for `inverse_dynamics`.
             joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau
                 (T14). By default they do not, and the first call of a robot that has any says so in a
-                DynamicsWarning. At a joint at rest, dry friction takes up the effort
-                of all else up to its own size; in this, the body that carries the joint is taken as at rest.
-            force1: force on a free base at its reference point R1, world axes [N]; shape (..., 3). It must be 0 if
-                the base is not free.
-            torque1: torque on a free base about R1, world axes [N m]; shape (..., 3). It must be 0 if the base is not
-                free.
-            base_motion: motion of the base. For a free base, only S and omega are used. A base that is not free moves
-                as `base_motion` prescribes; its S, omega, a and alpha are used. By default, the base is at rest, and
-                S is the identity.
-            outputs: names of the outputs to compute: qdd, and for a free base a1 and alpha1; by default all.
-            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
+                DynamicsWarning. At a joint at rest, dry friction takes up the effort of all else up to its own size;
+                in this, the body that carries the joint is taken as at rest.
+            force1: force on a free base at R1, world axes [N]; shape (..., 3).
+            torque1: torque on a free base about R1, world axes [N m]; shape (..., 3).
+            base_motion: motion of the base, of which S and omega are used, and a and alpha unless the base is free;
+                at rest at the origin unless given.
+            outputs: names out of qdd, and for a free base a1 and alpha1; by default all.
+            out: arrays by output name, into which the results are written; where there is one output, also one array.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Returns:
-            The MechanismAccelerations. Its `qdd` are the second time derivatives of q [rad/s^2 for hinges, m/s^2 for
-            sliders]; shape (..., dof). For a free base, its `a1` is the acceleration of R1 [m/s^2], and its `alpha1`
-            is the angular acceleration of the base [rad/s^2]; world axes, shape (..., 3) each. If the mass matrix is
-            singular at a sample, all three are NaN there, and the DynamicsWarning names a joint whose motion no
-            inertia resists.
+            The MechanismAccelerations; NaN where the mass matrix is singular, with a DynamicsWarning that names a
+            joint whose motion no inertia resists.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -644,25 +594,16 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> JointWrenches:
-        """Compute the force and the torque that each joint transmits during a motion: what the carrying body exerts
-        on the joint's body, at the joint's point (T1-T3).
+        """Compute what each joint's carrying body exerts on the joint's body during a motion, at the joint's point
+        (T1-T3).
 
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: first time derivatives of q.
-            qdd: second time derivatives of q.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads that act on links, as for `inverse_dynamics`.
-            base_motion: motion of the base, as for `inverse_dynamics`.
-            outputs: names out of force and torque; by default both.
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
+        `outputs` are names out of force and torque, by default both. The other arguments are those of
+        `inverse_dynamics`.
 
         Returns:
             The JointWrenches `w`, world axes: `w.force` [N] and `w.torque` [N m] of all joints, mimic joints
-            included, shape (..., joints, 3), and `w["panda_joint4"]`, those of one joint. The component of a hinge's
-            torque or a slider's force along the axis is what the motor gives, less what its rotor's inertia takes.
+            included, shape (..., joints, 3), and `w["panda_joint4"]`, those of one. The component along the axis is
+            what the motor gives, less what its rotor's inertia takes.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -688,14 +629,13 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the regressor Y in tau = Y @ p + armature * qdd (T13) as an array (..., dof, 10 * bodies), where p
-        are the `inertial_parameters` of the robot. For a free base, compute Y in (force1, torque1, tau) = Y @ p +
-        (0, 0, armature * qdd); shape (..., 6 + dof, 10 * bodies).
+        """Compute the regressor Y in tau = Y @ p + armature * qdd (T13), shape (..., dof, 10 * bodies), where p are
+        the robot's `inertial_parameters`; for a free base in (force1, torque1, tau) = Y @ p + (0, 0, armature * qdd),
+        shape (..., 6 + dof, 10 * bodies).
 
-        Each body has ten columns, in the order of `inertial_parameters`. Rows and columns are those of Pinocchio's
-        `computeJointTorqueRegressor`; of a free base, force1 and torque1 are here in world axes, and there in the
-        axes of the base. Neither masses nor the robot's `armature` have an influence on Y. The arguments are the same
-        as for `inverse_dynamics`.
+        Each body has ten columns. They are those of Pinocchio's `computeJointTorqueRegressor`; of a free base, force1
+        and torque1 are here in world axes, there in the axes of the base. Masses have no influence. The arguments are
+        those of `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -725,29 +665,27 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismDerivatives:
         """Compute the derivatives of the torques of `inverse_dynamics` by q, qd and qdd, exactly up to rounding.
-        Wrenches keep their values in world axes while q changes.
 
-        A free base adds six rows, those of force1 and torque1, and six columns: by displacements of R1 and rotations
-        of the base, by v1 and omega1, by a1 and alpha1; all in world axes, where omega1 and alpha1 stay as they are
-        while the base rotates.
+        Wrenches keep their values in world axes. A free base adds six rows, those of force1 and torque1, and six
+        columns: by displacements of R1 and rotations of the base, by v1 and omega1, by a1 and alpha1; world axes, and
+        omega1 and alpha1 stay as they are while the base rotates.
 
         Args:
             q: coordinates, as for `forward_kinematics`.
-            qd: first time derivatives of q.
-            qdd: second time derivatives of q.
+            qd: their time derivatives, in the same forms.
+            qdd: their second time derivatives, in the same forms.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
             wrenches: as for `inverse_dynamics`.
             joint_loads: as for `inverse_dynamics`; derivatives of dry friction are 0.
             base_motion: as for `inverse_dynamics`.
-            outputs: names of the outputs to compute, out of tau_q, tau_qd and tau_qdd; by default all.
-            out: dict whose keys are names of outputs and whose values are arrays, into which the results are written.
+            outputs: names out of tau_q, tau_qd and tau_qdd; by default all.
+            out: arrays by output name, into which the results are written; where there is one output, also one array.
             workers: number of threads; -1 for one thread per core.
             backend: as for `forward_kinematics`.
 
         Returns:
-            The MechanismDerivatives. Its `tau_q`, `tau_qd` and `tau_qdd`, the mass matrix, have the shape
-            (..., dof, dof): a row for each torque, a column for each coordinate; of a free base
-            (..., 6 + dof, 6 + dof).
+            The MechanismDerivatives: (..., dof, dof), a row for each torque, a column for each coordinate; of a free
+            base (..., 6 + dof, 6 + dof). tau_qdd is the mass matrix.
 
         Raises:
             ArgumentError: the robot has too many joints.
@@ -782,13 +720,15 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> MechanismDerivatives:
         """Compute the derivatives of the accelerations of `forward_dynamics` by q, qd and tau, exactly up to rounding
-        (T11): `qdd_q`, `qdd_qd` and `qdd_tau`, the inverse mass matrix; shape (..., dof, dof), a row for each
-        acceleration. They are NaN where the mass matrix is singular. A free base adds rows of a1 and alpha1, and
-        columns as in `inverse_dynamics_derivatives`, those of qdd_tau by force1 and torque1.
+        (T11).
 
-        `tau` are the torques of hinges [N m] and the forces of sliders [N]; `force1` and `torque1` are as for
-        `forward_dynamics`. `outputs` are names out of qdd_q, qdd_qd and qdd_tau, by default all. The other arguments
-        are the same as for `inverse_dynamics_derivatives`.
+        A free base adds rows of a1 and alpha1, and columns as in `inverse_dynamics_derivatives`, those of qdd_tau by
+        force1 and torque1. `outputs` are names out of qdd_q, qdd_qd and qdd_tau, the inverse mass matrix. The other
+        arguments are those of `forward_dynamics`; derivatives of dry friction are 0.
+
+        Returns:
+            The MechanismDerivatives: (..., dof, dof), a row for each acceleration; NaN where the mass matrix is
+            singular.
 
         Raises:
             ArgumentError: the robot has too many joints.
@@ -897,12 +837,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the mass matrix M in M @ qdd + bias = tau (T4) as an array (..., dof, dof). For a free base,
-        compute M in M @ (a1, alpha1, qdd) + bias = (force1, torque1, tau); shape (..., 6 + dof, 6 + dof).
+        """Compute the mass matrix M in M @ qdd + bias = tau (T4), shape (..., dof, dof); for a free base in M @ (a1,
+        alpha1, qdd) + bias = (force1, torque1, tau), world axes, shape (..., 6 + dof, 6 + dof). `bias_forces` is the
+        bias.
 
-        `bias` is the result of `bias_forces`. a1, alpha1, force1 and torque1 are in world axes; force1 acts at the
-        base's reference point R1, and torque1 is about R1. The arguments are the same as for `jacobian`; of
-        `base_motion`, only S is used.
+        The arguments are those of `jacobian`; of `base_motion`, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -924,17 +863,12 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces at zero acceleration (T1-T3) as an array (..., dof). They are the term
-        `bias_forces` in tau = mass_matrix @ qdd + bias_forces. For a free base, the shape is (..., 6 + dof).
+        """Compute the generalized forces at zero acceleration, the bias in tau = M @ qdd + bias (T1-T3), shape (...,
+        dof); for a free base (force1, torque1, tau), shape (..., 6 + dof).
 
-        Zero acceleration means qdd = 0, and for a free base also a1 = 0 and alpha1 = 0. The bias forces contain the
-        Coriolis, centrifugal and gravity terms, and the terms of a base acceleration that `base_motion` prescribes.
-        If the base is not free, they are the torques [N m] and forces [N] of the joints. For a free base, they are
-        (force1, torque1, tau): the force on the base at its reference point R1 [N] and the torque about R1 [N m], in
-        world axes, then the torques and forces of the joints. For a free base, only S and omega of `base_motion` are
-        used. A base that is not free moves as `base_motion` prescribes and rests by default; its S, omega, a and
-        alpha are used. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). `qd` are the time
-        derivatives of q. The other arguments are the same as for `jacobian`.
+        They contain the Coriolis, centrifugal and gravity terms, and those of a base acceleration that `base_motion`
+        prescribes. `gravity` is as for `inverse_dynamics`. `qd` are the time derivatives of q; the other arguments
+        are those of `jacobian`. Of `base_motion`, S and omega are used, and a and alpha unless the base is free.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -955,13 +889,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the generalized forces that hold the robot at rest against gravity (T1-T3) as an array (..., dof),
-        for a free base (..., 6 + dof).
+        """Compute the generalized forces that hold the robot at rest against gravity (T1-T3), shape (..., dof); for a
+        free base (force1, torque1, tau), shape (..., 6 + dof).
 
-        The generalized forces are torques of hinges [N m] and forces of sliders [N], in the order of q. For a free
-        base, the array begins with the force on the base at its reference point R1 [N] and the torque on the base
-        about R1 [N m], in world axes. `gravity` is the acceleration of free fall, world axes [m/s^2], shape (3,). The
-        other arguments are the same as for `jacobian`; of `base_motion`, only S is used.
+        `gravity` is as for `inverse_dynamics`; the other arguments are those of `jacobian`. Of `base_motion`, S is
+        used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -980,12 +912,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the position of the robot's centre of mass, world axes [m], as an array (..., 3). The mass of the
-        base is included only if the base is free.
+        """Compute the robot's centre of mass, world axes [m]; shape (..., 3). The base counts only if it is free. NaN
+        if nothing has mass.
 
-        The arguments are the same as for `jacobian`; of `base_motion`, only R and S are used. By default, the base is
-        at the origin of the world, and the axes of the base are the world axes. If all included masses are 0, the
-        result is NaN.
+        The arguments are those of `jacobian`; of `base_motion`, R and S are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1004,13 +934,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian J of the centre of mass as an array (..., 3, dof): if the base is at rest, the
-        velocity of the centre of mass is J @ qd. For a free base, this velocity is J @ (v1, omega1, qd), and J has
-        shape (..., 3, 6 + dof).
+        """Compute the Jacobian J of the centre of mass, whose velocity is J @ qd if the base is at rest, shape (...,
+        3, dof); for a free base J @ (v1, omega1, qd), world axes, shape (..., 3, 6 + dof).
 
-        Vectors are in world axes. v1 is the velocity of the base's reference point, and omega1 is the angular
-        velocity of the base. The mass of the base is included only if the base is free. If all included masses are 0,
-        the result is NaN. The arguments are the same as for `jacobian`; of `base_motion`, only S is used.
+        The arguments are those of `jacobian`; of `base_motion`, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1030,16 +957,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the acceleration of the robot's centre of mass at qdd = 0, an array (..., 3) [m/s^2]. The result is
-        `bias` in acceleration = J @ qdd + bias. For a free base, acceleration = J @ (a1, alpha1, qdd) + bias, and the
-        result is the acceleration at a1 = 0, alpha1 = 0 and qdd = 0.
+        """Compute the bias in acceleration = J @ qdd + bias of the centre of mass, with J of
+        `centre_of_mass_jacobian`, shape (..., 3) [m/s^2]; for a free base in J @ (a1, alpha1, qdd) + bias.
 
-        J is the result of `centre_of_mass_jacobian`. a1 and alpha1 are the acceleration of the base's reference point
-        and the angular acceleration of the base. Vectors are in world axes. A base that is not free moves as
-        `base_motion` prescribes and rests by default; the bias includes the effect of its velocities and
-        accelerations. For a free base, only S and omega of `base_motion` are used. The mass of the base is included
-        only if the base is free. If all included masses are 0, the result is NaN. `qd` are the time derivatives of q.
-        The other arguments are the same as for `jacobian`.
+        `qd` are the time derivatives of q; the other arguments are those of `jacobian`. Of `base_motion`, S and omega
+        are used, and a and alpha unless the base is free.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1058,12 +980,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the matrix A, shape (..., 6, dof), of the linear momentum of the robot and its angular momentum
-        about its centre of mass: (linear, angular) = A @ qd if the base is at rest (T12). For a free base, it is
-        A @ (v1, omega1, qd), and A has shape (..., 6, 6 + dof).
+        """Compute the matrix A of the momentum about the centre of mass, (linear, angular) = A @ qd if the base is at
+        rest, shape (..., 6, dof) (T12); for a free base A @ (v1, omega1, qd), world axes, shape (..., 6, 6 + dof).
 
-        Vectors are in world axes. The mass of the base is included only if the base is free, and rotors are not, as
-        in `momentum`. The arguments are the same as for `jacobian`; of `base_motion`, only S is used.
+        What counts is as in `momentum`. The arguments are those of `jacobian`; of `base_motion`, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1085,8 +1005,10 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the time derivative of `centroidal_momentum_matrix`, of the same shape. Of `base_motion`, S and
-        omega are used. `qd` are the time derivatives of q; the other arguments are those of `jacobian`.
+        """Compute the time derivative of `centroidal_momentum_matrix`, of the same shape.
+
+        `qd` are the time derivatives of q; the other arguments are those of `jacobian`. Of `base_motion`, S and omega
+        are used.
 
         Raises:
             ArgumentError: the robot has too many joints.
@@ -1109,13 +1031,11 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Energy:
-        """Compute the kinetic and the potential energy of the robot [J] (T7). Return an Energy with the attributes
-        `.kinetic` and `.potential`, shape (...,) each. The potential energy of a mass at the origin of the world is
-        0.
+        """Compute the kinetic energy and the potential energy in uniform gravity [J] (T7); the latter is 0 for a mass
+        at the world's origin.
 
-        The mass of the base is counted only if the base is free. The inertias of the motors' rotors (`armature`) are
-        counted in the kinetic energy. Of `base_motion`, only R, S, v and omega are used; by default, the base rests
-        at the origin of the world. The other arguments are the same as for `inverse_dynamics`.
+        The base counts only if it is free. The rotors of the motors (`armature`) count in the kinetic energy. The
+        arguments are those of `inverse_dynamics`; of `base_motion`, R, S, v and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1136,16 +1056,20 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
-        """Compute the linear momentum [kg m/s] and the angular momentum [kg m^2/s] of the robot in world axes (T8).
-        Return a Momentum with the attributes `.linear` and `.angular`, shape (..., 3) each. The angular momentum is
-        about the origin of the world if `about` is "origin", and about the robot's centre of mass if `about` is
-        "centre".
+        """Compute the linear and the angular momentum of the robot, world axes (T8).
 
-        The mass of the base is counted only if the base is free. The motors' rotors, which `energy` counts, are not:
-        their energy follows from `armature`, inertia times the square of the gear ratio, but their momentum is
-        inertia times the ratio itself, which is not known. Of `base_motion`, only R, S, v and omega are used; by
-        default, the base rests at the origin of the world. The other arguments are the same as for
-        `inverse_dynamics`.
+        The base counts only if it is free. The motors' rotors, which `energy` counts, do not: their energy follows
+        from `armature`, inertia times the square of the gear ratio, but their momentum from inertia times the ratio,
+        which is not known.
+
+        Args:
+            q: coordinates, as for `forward_kinematics`.
+            qd: their time derivatives, in the same forms.
+            about: "origin" of the world, or "centre" of mass: the point of the angular momentum.
+            base_motion: motion of the base, of which R, S, v and omega are used; at rest at the origin unless given.
+            out: arrays by attribute of the result, which are written.
+            workers: number of threads; -1 for one thread per core.
+            backend: as for `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1295,53 +1219,32 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
-        """Plan, check and compile a computation once, and return the computation as a callable. The callable is meant
-        for loops over single states or small batches.
+        """Return a function that computes given outputs, planned and compiled once, for loops over single states or small
+        batches.
 
         Args:
-            given: one of two things:
+            given: names of the arguments in the order of a call, out of q, qd, qdd, tau; R1, S1, v1, omega1, a1, alpha1,
+                the motion of the base; force1 and torque1, loads on a free base. Or a word for them: "pose", "velocity"
+                or "acceleration" of frames, for q, qd and qdd as far as needed; "jacobian_in_frame"; or the name of a
+                method such as "jacobian", "inverse_dynamics" or "mass_matrix", for its first arguments.
 
-                - the name of a computation: "pose", "velocity" or "acceleration" (of frames), "jacobian",
-                  "jacobian_in_frame" (in the axes of the frames), "acceleration_bias" (of one frame),
-                  "inverse_dynamics", "joint_wrenches", "torque_regressor", "forward_dynamics", "mass_matrix",
-                  "bias_forces", "gravity_forces" or "centroidal_momentum_matrix". The callable then takes these
-                  arrays: q and qd for "velocity", "acceleration_bias" and "bias_forces"; q, qd and qdd for
-                  "acceleration", "inverse_dynamics", "joint_wrenches" and "torque_regressor"; q, qd and tau for
-                  "forward_dynamics"; only q for the others.
-                - a tuple of the names of the arrays that the callable takes, out of q, qd, qdd, tau; R1, S1, v1,
-                  omega1, a1, alpha1 (pose and motion of the base); force1 and torque1 (loads on a free base).
-
-                Of the arrays of the base (R1 to alpha1, force1 and torque1), those that are not among the arguments
-                are zero, with two exceptions: S1 is the identity, and in the forward dynamics of a free base, a1 and
-                alpha1 are results.
-            frames: as for `forward_kinematics`. "acceleration_bias" needs exactly one frame.
-            outputs: names of the outputs to compute. If `given` is the name of a computation, they are outputs of
-                this computation, by default all. If `given` is a tuple, they can be outputs of `forward_kinematics`,
-                and jacobian, jacobian_in_frame, acceleration_bias, mass_matrix, bias_forces, gravity_forces and
-                centroidal_momentum_matrix. If the tuple holds qdd,
-                they can also be outputs of `inverse_dynamics` and `joint_wrenches`; if the tuple holds tau, outputs
-                of `forward_dynamics`.
-                The default for a tuple is all outputs of `forward_kinematics` for which the arguments suffice.
+                What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results of
+                forward dynamics.
+            frames: as for `forward_kinematics`. "acceleration_bias" needs exactly one.
+            outputs: names of the outputs: those of the method; of a tuple of names those of any method for which they
+                suffice. By default all of the method; of a tuple those of `forward_dynamics` where it holds efforts,
+                else those of `forward_kinematics`.
             gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            joint_loads: as for `inverse_dynamics` and `forward_dynamics`; other outputs do not depend on it.
+            joint_loads: as for `inverse_dynamics` and `forward_dynamics`.
             workers: number of threads; -1 for one thread per core.
-            backend: "auto" (default) and "compiled" compile during this call; "numpy" never compiles. If compiling
-                fails, "compiled" raises an error, and "auto" warns and computes with NumPy.
+            backend: "auto" and "compiled" compile during this call, "numpy" never does.
 
         Returns:
-            A callable. The positional arguments are the arrays, in the order listed under `given` for the computation
-            or in the order of the tuple. The optional keyword argument `out` is used as in the robot's methods. The
-            callable returns the same as the method that computes these outputs: `forward_kinematics` for "pose",
-            "velocity" and "acceleration", otherwise the method with the name of the computation. For a tuple whose
-            outputs belong to several methods, the outputs are read like items of a dict, such as
-            `result["jacobian"]`. The callable has the attributes `.ufunc`, the kernel as a numpy.ufunc, which returns
-            a tuple of the outputs and checks no rotations; `.source`, the generated Python code; `.llvm`, the
-            generated LLVM code; and `.operations`, the numbers of operations as OperationCounts (see
-            `count_operations`). Its methods `.jacobian`, `.vjp` and `.jvp` compute derivatives.
+            A `Prepared`, whose calls return what the method returns; with outputs of several methods the result of the
+            one that has the first, in which the others are attributes of frames' motions, or else `result["jacobian"]`.
 
         Raises:
-            ArgumentError: a name is unknown, or an output needs an argument that is not given. The message names what
-                is unknown or missing.
+            ArgumentError: a name is unknown, or an output needs an argument that is not given.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1376,24 +1279,21 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
     ) -> OperationCounts:
-        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would perform to compute
-        `outputs`. Nothing is computed. The positional arguments `coordinates` are q, or q and qd, or q, qd and qdd.
-        Return OperationCounts with the attributes `per_sample`, `shared` and `unfolded`.
+        """Count the arithmetic operations that `forward_kinematics` or `inverse_dynamics` would perform; nothing is
+        computed.
 
-        A coordinate with one value for all samples, such as a plain number in a dict of coordinates, is a constant.
-        Operations whose operands are all constant are either eliminated or performed once for all samples. A sine, a
-        cosine and a square root count as one operation each.
+        A coordinate with one value for all samples, such as a number in a dict, is a constant: operations of
+        constants vanish, or are performed once. A sine and a square root count as one operation.
 
         Args:
             coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
-            outputs: names of outputs of `forward_kinematics`, of `inverse_dynamics`, or of both.
+            outputs: names of outputs of both methods.
             frames: as for `forward_kinematics`.
-            base_motion: pose and motion of the base. By default, the base rests at the origin of the world.
+            base_motion: pose and motion of the base.
 
         Returns:
-            A named tuple of three integers: `.per_sample`, the operations for each sample; `.shared`, the operations
-            that are performed once for all samples; `.unfolded`, the operations that each sample would need if all
-            coordinates and the motion of the base varied from sample to sample.
+            The numbers of operations for each sample, `.per_sample`; once for all samples, `.shared`; and for each
+            sample if everything varied, `.unfolded`.
 
         Raises:
             ArgumentError: an output needs coordinates that are not given.
@@ -1690,9 +1590,7 @@ class MechanismMethods(Shown):
             raise ArgumentError(f"robot {self.tree.name!r}", expected, "products that overflow")
 
     def _warn_of_masses(self) -> None:
-        """Issue a DynamicsWarning for each of the tree's notes on masses that are assumed, or that no rigid body can
-        have. Only the first call for a robot issues them.
-        """
+        """Issue a DynamicsWarning for each of the tree's notes, at the first call for a robot."""
         cache = self._constants.cache
         if not cache.warned:
             self._check_masses()
@@ -1701,9 +1599,7 @@ class MechanismMethods(Shown):
                 warn_of_dynamics(f"{self.tree.name}: {note}")
 
     def _loaded(self, joint_loads: bool | None) -> bool:
-        """Return whether loads of joints act; issue a DynamicsWarning the first time that a robot is computed without
-        those it has, unless this was asked for.
-        """
+        """Return whether loads of joints act; the first call that leaves them out unasked warns."""
         if joint_loads not in (None, False, True):
             raise ArgumentError("joint_loads", "True or False", quoted(joint_loads))
         cache = self._constants.cache
@@ -1716,9 +1612,7 @@ class MechanismMethods(Shown):
         return bool(joint_loads) and any(load_numbers(self.tree))
 
     def _warn_where_singular(self, result: Any, arguments: Mapping[str, Any]) -> None:
-        """Issue a DynamicsWarning if accelerations in `result` are NaN at any sample because the mass matrix is
-        singular there. The warning names a joint, or the base, whose motion no inertia resists.
-        """
+        """Issue a DynamicsWarning that names what no inertia resists, where accelerations are NaN for that."""
         q, arrays = arguments["q"], result.arrays()
         found = [arrays[name] for name in _SOLVED if isinstance(arrays.get(name), np.ndarray)]
         bad = np.asarray(np.logical_or.reduce([np.isnan(array).any(axis=-1) for array in found] or [np.False_]))
@@ -1742,7 +1636,7 @@ class MechanismMethods(Shown):
 
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
-    """Check the argument `gravity`, and return a tuple of its three components [m/s^2]."""
+    """Return the argument `gravity` as three numbers."""
     if gravity is DEFAULT_GRAVITY_VECTOR:
         return DEFAULT_GRAVITY_VECTOR
     return tuple(one_constant("gravity", gravity, 3).tolist())
