@@ -1219,17 +1219,17 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
-        """Return a function that computes given outputs, planned and compiled once, for loops over single states or small
-        batches.
+        """Return a function that computes given outputs, planned and compiled once, for loops over single states or
+        small batches.
 
         Args:
-            given: names of the arguments in the order of a call, out of q, qd, qdd, tau; R1, S1, v1, omega1, a1, alpha1,
-                the motion of the base; force1 and torque1, loads on a free base. Or a word for them: "pose", "velocity"
-                or "acceleration" of frames, for q, qd and qdd as far as needed; "jacobian_in_frame"; or the name of a
-                method such as "jacobian", "inverse_dynamics" or "mass_matrix", for its first arguments.
+            given: names of the arguments in the order of a call, out of q, qd, qdd, tau; R1, S1, v1, omega1, a1,
+                alpha1, the motion of the base; force1 and torque1, loads on a free base. Or a word for them: "pose",
+                "velocity" or "acceleration" of frames, for q, qd and qdd as far as needed; "jacobian_in_frame"; or
+                the name of a method such as "jacobian", "inverse_dynamics" or "mass_matrix", for its first arguments.
 
-                What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results of
-                forward dynamics.
+                What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results
+                of forward dynamics.
             frames: as for `forward_kinematics`. "acceleration_bias" needs exactly one.
             outputs: names of the outputs: those of the method; of a tuple of names those of any method for which they
                 suffice. By default all of the method; of a tuple those of `forward_dynamics` where it holds efforts,
@@ -1240,8 +1240,9 @@ class MechanismMethods(Shown):
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
 
         Returns:
-            A `Prepared`, whose calls return what the method returns; with outputs of several methods the result of the
-            one that has the first, in which the others are attributes of frames' motions, or else `result["jacobian"]`.
+            A `Prepared`, whose calls return what the method returns; with outputs of several methods the result of
+            the one that has the first, in which the others are attributes of frames' motions, or else
+            `result["jacobian"]`.
 
         Raises:
             ArgumentError: a name is unknown, or an output needs an argument that is not given.
