@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench.truth import DIGITS, ExactRobot, largest_errors
+from hingepair.bench.truth import DIGITS, ExactRobot
 from hingepair.mechanism import constants
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from support import states
 from support.trees import Robot, weightless, with_mimics
+from support.truths import largest_errors
 
 GRAVITY = (1.5, -2.0, -9.0)
 LINKS = ("tip", "middle")

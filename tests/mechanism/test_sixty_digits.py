@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.bench.truth import DIGITS, LETTERS, ExactRobot, largest_errors
+from hingepair.bench.truth import DIGITS, LETTERS, ExactRobot
 from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
 from support import states
 from support.trees import Robot, random_model, record_of, weightless
+from support.truths import largest_errors
 
 U = 2.0**-53
 SEEN = 2.0

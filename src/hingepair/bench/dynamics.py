@@ -132,19 +132,7 @@ def prepared_job(task: Task) -> Job:
 METHODS = (
     Method(PREPARED, prepared_job),  # of one state only
     Method(HINGEPAIR, hingepair_job),
-    Method(
-        engines.PINOCCHIO,
-        lambda task: engines.pinocchio_job(task.states),
-        max_samples=engines.MAX_IN_PYTHON,
-        package="pinocchio",
-    ),
-    Method(engines.PINOCCHIO_CPP, lambda task: engines.cpp_job(task.states), package="pinocchio"),
-    Method(
-        engines.MUJOCO,
-        lambda task: engines.mujoco_job(task.states),
-        max_samples=engines.MAX_IN_PYTHON,
-        package="mujoco",
-    ),
+    *engines.methods(attrgetter("states")),
 )
 
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.bench.harness import Job, print_progress
+from hingepair.bench.harness import Job, Method, print_progress
 from hingepair.errors import MissingDependencyError
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.mechanism.mechanism import Mechanism
@@ -312,6 +312,20 @@ def compile_loops() -> Any:
     library.system_roll.argtypes = [pointer, number, number, reals[0], *[pointer] * 3]
     library.system_roll.restype = None
     return library
+
+
+def methods(states_of: Callable[[Any], States], max_cpp: int = 10**7) -> tuple[Method, ...]:
+    """Return the loops of Pinocchio and MuJoCo as methods of a benchmark.
+
+    Args:
+        states_of: returns the states of a task.
+        max_cpp: largest batch of the C++ loop.
+    """
+    return (
+        Method(PINOCCHIO, lambda task: pinocchio_job(states_of(task)), 1, MAX_IN_PYTHON, "pinocchio"),
+        Method(PINOCCHIO_CPP, lambda task: cpp_job(states_of(task)), 1, max_cpp, "pinocchio"),
+        Method(MUJOCO, lambda task: mujoco_job(states_of(task)), 1, MAX_IN_PYTHON, "mujoco"),
+    )
 
 
 def cpp_reasons(is_requested: bool) -> dict[str, str | None]:

@@ -56,6 +56,7 @@ SLOPES = (TORQUE_SLOPES, ACCELERATION_SLOPES, GRADIENT)
 REUSED = f"{HINGEPAIR}, out="  # results into arrays of the call before
 WORKLOADS = (POSE, JACOBIAN, INVERSE, FORWARD, *SLOPES)  # in the order of the table
 FRAX = "frax (JAX, one batch)"
+BATCHES = "Pinocchio, its own batches"
 MAX_FRAX_SLOPES = 1_000  # states whose derivatives frax computes at a time: it needs 0.3 MB for each
 MAX_FRAX_JOINTS = 8  # of more, JAX compiles the derivatives for minutes
 CHECKED = 4  # states whose results are compared with the exact ones; of derivatives one
@@ -262,31 +263,19 @@ def frax_job(task: Task) -> Job:
 METHODS = (
     Method(PREPARED, prepared_job),  # of one state only
     Method(HINGEPAIR, hingepair_job),
+    *engines.methods(attrgetter("states")),
     Method(
-        engines.PINOCCHIO,
-        lambda task: engines.pinocchio_job(task.states),
-        max_samples=engines.MAX_IN_PYTHON,
-        package="pinocchio",
-    ),
-    Method(
-        "Pinocchio, its own batches",
+        BATCHES,
         lambda task: engines.pinocchio_batch_job(task.states),
         min_samples=2,
         max_samples=engines.MAX_IN_PYTHON,
         package="pinocchio",
     ),
-    Method(engines.PINOCCHIO_CPP, lambda task: engines.cpp_job(task.states), package="pinocchio"),
-    Method(
-        engines.MUJOCO,
-        lambda task: engines.mujoco_job(task.states),
-        max_samples=engines.MAX_IN_PYTHON,
-        package="mujoco",
-    ),
     Method(FRAX, frax_job, min_samples=2, package="frax"),
     Method(REUSED, reused_job, min_samples=2),
 )
 # The workloads of methods that do not compute all of them.
-_ONLY: dict[str, tuple[str, ...]] = dict.fromkeys((METHODS[3].name, engines.MUJOCO), (INVERSE, FORWARD))
+_ONLY: dict[str, tuple[str, ...]] = dict.fromkeys((BATCHES, engines.MUJOCO), (INVERSE, FORWARD))
 _ONLY |= {FRAX: (INVERSE, FORWARD, TORQUE_SLOPES), PREPARED: (POSE, JACOBIAN, INVERSE, FORWARD)}
 _ONLY[REUSED] = (TORQUE_SLOPES, ACCELERATION_SLOPES)
 

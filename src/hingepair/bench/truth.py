@@ -147,37 +147,6 @@ def required(origin: Series, turn: Series, body: Sequence[Any], gravity: Array) 
     return Required(mass * (2 * place.c2[..., 0] - gravity), torque, place.c0[..., 0])
 
 
-def forces_from_attitude(
-    pair: Pair, bodies: Sequence[Any], body1: Sequence[Any], psi: Array, psid: Array, psidd: Array, gravity: Any
-) -> tuple[Array, Array, Array]:
-    """Return what must act: force1, torque1 about R1, (N, 3), and hinge_torque, (N,).
-
-    Args:
-        pair: the pair.
-        bodies: of both, mass, centre of mass and inertia about it, body axes.
-        body1: as in `from_attitude`; psi and its rates likewise.
-        psi: hinge angle.
-        psid: hinge rate.
-        psidd: hinge acceleration.
-        gravity: (3,).
-    """
-    with mpmath.workdps(DIGITS):
-        R1, S1 = given_motion(body1)
-        u1, u2 = (exactly(u)[..., None] for u in pair[:2])
-        S2 = S1 @ rotation(unit(pair[2]), (exactly(psi), exactly(psid), exactly(psidd) / 2))
-        if pair[3] is not None:
-            S2 = S2 @ exactly(pair[3])
-        hinge = R1 + S1 @ u1
-        poses = (R1, S1), (hinge - S2 @ u2, S2)
-        acting = [required(*pose, body, exactly(gravity)) for pose, body in zip(poses, bodies, strict=True)]
-        (force1, *_), (force2, *_) = acting
-        torque1 = sum(t + np.cross(x - R1.c0[..., 0], f) for f, t, x in acting)
-        force, torque, centre = acting[1]
-        moment = torque + np.cross(centre - hinge.c0[..., 0], force)
-        axis = (S1 @ unit(pair[2])[..., None]).c0[..., 0]
-        return force1 + force2, np.asarray(torque1), (axis * moment).sum(axis=-1)
-
-
 class ExactRobot:
     """A robot at N states.
 
@@ -328,13 +297,6 @@ def _followers(tree: Any) -> tuple[list[int], Array, Array]:
     ratios = [1.0 if mimic is None else mimic.multiplier for _, mimic in own]
     offsets = [0.0 if mimic is None else mimic.offset for _, mimic in own]
     return [columns[joint.name] for joint in leaders], exactly(ratios), exactly(offsets)
-
-
-def largest_errors(got: ArrayLike, truth: Array, axes: int) -> Array:
-    """Return the largest error of a component of each sample, as floats; a sample has `axes` axes."""
-    with mpmath.workdps(DIGITS):
-        gap = np.abs(np.asarray(got).astype(object) - truth).reshape(*np.shape(truth)[: np.ndim(truth) - axes], -1)
-        return np.asarray(gap.max(axis=-1).astype(float))
 
 
 def rotation(axis: Array, angle: Sequence[Array]) -> Series:
