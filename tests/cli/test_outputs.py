@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 import hingepair as hp
-from hingepair.cli import derive, fit, pictures, scenes, tolerance
+from hingepair.cli import fit, pictures, scenes, tolerance
+from hingepair.cli.sources import Source
 from hingepair.pair.results import Record
 from support.commands import refusal, run_command
 from support.recorded import recording
@@ -42,8 +43,7 @@ def test_outputs_are_checked_before_work(command, ending, option, target, tmp_pa
     monkeypatch.chdir(tmp_path)
     for module in (scenes, pictures, tolerance):
         monkeypatch.setattr(module, "load_named_scene", work)
-    for module in (derive, pictures):
-        monkeypatch.setattr(module, "has_motion", work)
+    monkeypatch.setattr(Source, "has_motion", property(work))
     monkeypatch.setattr(fit, "read_recording", work)
     Path("a.toml").write_text("")
     Path(f"folder{ending}").mkdir()

@@ -11,19 +11,8 @@ import numpy as np
 import typer
 
 from hingepair.cli.output import check_output, split_names, write_text
-from hingepair.cli.pairs import (
-    Body1FrameOption,
-    Body2FrameOption,
-    JointArgument,
-    TextFileOption,
-    has_motion,
-    input_files,
-    is_scene_file,
-    is_urdf,
-    load_named_pair,
-    load_named_robot,
-    print_suspicions,
-)
+from hingepair.cli.pairs import TextFileOption
+from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgument, Source
 from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
@@ -101,9 +90,9 @@ def derive_command(
     check_output("--out", out, [source])
     output_format = "latex" if latex else "python" if python else "json" if as_json else "text"
     symbols, output_names = split_names("--symbolic", symbolic) or (), split_names("--outputs", outputs)
-    frames = body1_frame, body2_frame
-    print_suspicions(source, joint, *frames)
-    robot = None if joint or any(frames) else _load_snapped_robot(source, snap)
+    named = Source(source, joint, body1_frame, body2_frame)
+    named.print_suspicions()
+    robot = _load_snapped_robot(named, snap) if named.is_whole else None
     if robot is not None:
         from hingepair.symbolic.frame_forms import FrameForms
 
@@ -114,8 +103,8 @@ def derive_command(
             "--frame needs a whole robot or its scene, --snap a robot's name or a URDF file; both without a JOINT"
         )
     else:
-        text = _write_pair(_pair_forms(source, joint, frames, symbols), output_names, output_format, short)
-    write_text(text, out, input_files(source))
+        text = _write_pair(_pair_forms(named, symbols), output_names, output_format, short)
+    write_text(text, out, named.files)
 
 
 class _PairForms(NamedTuple):
@@ -124,21 +113,20 @@ class _PairForms(NamedTuple):
     outputs: tuple[str, ...]  # those that the scene names
 
 
-def _pair_forms(
-    source: str, joint: str | None, frames: tuple[str | None, str | None], symbols: Sequence[str]
-) -> _PairForms:
+def _pair_forms(source: Source, symbols: Sequence[str]) -> _PairForms:
     """Return the formulas of a scene's motion, or of any motion of a pair whose scene has none or simulates it."""
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
-    if has_motion(source, joint, *frames):
-        scene = load_scene(source).require_pair()
+    if source.has_motion:
+        scene = load_scene(source.text).require_pair()
         named = tuple(name for name in scene.outputs or () if name not in FURTHER_OUTPUTS)
         if not scene.motion.simulated:
             return _PairForms(closed_forms(scene, symbols), scene.title, named)
-    pair = load_named_pair(source, joint, *frames)
-    of_file = is_scene_file(source, joint, *frames)  # whose exact values count
-    return _PairForms(derive_any_motion(source, symbols) if of_file else closed_forms(pair, symbols), pair.name, ())
+    pair = source.pair()
+    # The exact values of a file count.
+    forms = derive_any_motion(source.text, symbols) if source.is_scene else closed_forms(pair, symbols)
+    return _PairForms(forms, pair.name, ())
 
 
 def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_format: str, short: bool | None) -> str:
@@ -169,20 +157,21 @@ def _write(
     return forms.to_text(names, short=short)
 
 
-def _load_snapped_robot(source: str, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
+def _load_snapped_robot(source: Source, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
     """Return a tuple (robot, notes): the Mechanism of the robot or URDF file that `source` names, and a tuple of at
     most one sentence.
     """
-    if is_scene_file(source, None):
-        described = load_mechanism(source) if snap is None else None
+    if source.is_scene:
+        described = load_mechanism(source.text) if snap is None else None
         return None if described is None else (described, ())
-    robot = load_named_robot(source)
+    robot = source.robot()
     if robot is None:
-        if not os.path.exists(source) and not source.lower().endswith(".toml"):
-            robot_urdf(source)  # raises an error that lists the robots
+        if not os.path.exists(source.text) and not source.text.lower().endswith(".toml"):
+            robot_urdf(source.text)  # raises an error that lists the robots
         return None
     max_angle = 1e-6 if snap is None else snap
-    snapped = Mechanism.from_urdf(source, snap=max_angle) if is_urdf(source) else load_robot(source, snap=max_angle)
+    read = Mechanism.from_urdf if source.is_urdf else load_robot
+    snapped = read(source.text, snap=max_angle)
     largest_change = _largest_rotation_change(robot, snapped)
     note = (
         f"angles of the robot's file up to {largest_change:.1g} rad from a multiple of pi/2 are taken for it (--snap)"

@@ -16,18 +16,8 @@ from hingepair.cli.output import (
     save_figure,
     split_names,
 )
-from hingepair.cli.pairs import (
-    Body1FrameOption,
-    Body2FrameOption,
-    JointArgument,
-    has_motion,
-    input_files,
-    load_named_pair,
-    load_named_robot,
-    load_named_scene,
-    to_spatial,
-)
 from hingepair.cli.scenes import SceneArgument
+from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgument, Source, load_named_scene
 from hingepair.errors import ArgumentError
 from hingepair.pictures.page import view as make_page
 from hingepair.pictures.plot import plot as plot_figure
@@ -83,15 +73,15 @@ def view_command(
     name = Path(source).stem if joint is None else f"{Path(source).stem}_{Path(joint).name}"
     out = out or _check_new_file(f"{name}.html")
     check_output("--out", out, [source])
-    frames = (body1_frame, body2_frame)
-    robot = None if joint is not None or any(frames) else load_named_robot(source)
+    named = Source(source, joint, body1_frame, body2_frame)
+    robot = named.robot() if named.is_whole else None
     if robot is not None:
         page = make_page(robot, meshes=meshes)
-    elif has_motion(source, joint, *frames):
+    elif named.has_motion:
         page = make_page(load_scene(source), meshes=meshes)
     else:
-        page = make_page(to_spatial(load_named_pair(source, joint, *frames)))
-    path = page.save(out, input_files(source))
+        page = make_page(named.spatial_pair())
+    path = page.save(out, named.files)
     content = page.shown if page.frames else page.joints
     unit = "instants" if page.frames else "joint" if page.joints == 1 else "joints"
     print(

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.cli.output import JsonOption
-from hingepair.cli.pairs import is_urdf
+from hingepair.cli.sources import Source
 from hingepair.errors import ArgumentError, URDFError, printable
 from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_reader import hinge_pair
@@ -104,7 +104,7 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
 
 def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
     """Return the report on a robot, given by its name or the path of a URDF file, as a dict for JSON."""
-    path = name_or_urdf_file if is_urdf(name_or_urdf_file) else robot_urdf(name_or_urdf_file)
+    path = name_or_urdf_file if Source(name_or_urdf_file).is_urdf else robot_urdf(name_or_urdf_file)
     robot = read_urdf(path)
     moving = [
         joint

@@ -21,7 +21,8 @@ from hingepair.cli.output import (
     split_names,
     with_progress_bar,
 )
-from hingepair.cli.pairs import GravityOption, load_named_robot, load_named_scene, parse_gravity
+from hingepair.cli.pairs import GravityOption, parse_gravity
+from hingepair.cli.sources import Source, load_named_scene
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
 from hingepair.numeric.tables import json_text
@@ -108,7 +109,7 @@ def check_command(
     are compared at random states and at numerically difficult ones: angles that are tiny, huge or near pi, and rates
     that are zero or fast.
     """
-    robot = load_named_robot(source)
+    robot = Source(source).robot()
     if robot is not None:
         compared = cross_validate(robot, *random_and_hard_states(robot))
         print(compared.to_json() if as_json else compared)

@@ -16,8 +16,8 @@ from hingepair.cli.output import (
     save_figure,
     terminal_width,
 )
-from hingepair.cli.pairs import load_named_scene
 from hingepair.cli.scenes import SceneArgument
+from hingepair.cli.sources import load_named_scene
 from hingepair.errors import ArgumentError
 from hingepair.numeric.tables import ruled_table
 from hingepair.sweeps.tolerance import study_tolerances

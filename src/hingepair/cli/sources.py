@@ -1,0 +1,169 @@
+"""What a command line names: a scene file, a robot, a URDF file, or a hinge of one of the latter two."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices, printable
+from hingepair.formats.robots import load_robot, robot_names, robot_urdf
+from hingepair.formats.urdf_reader import from_urdf, hinge_pair
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.planar_pair import PlanarPair
+from hingepair.pair.results import RESULT_FILE_SUFFIXES
+from hingepair.scenes.load import (
+    describes_motion,
+    load_dynamics_setup,
+    load_mechanism,
+    load_pair,
+    load_scene,
+    load_suspicions,
+    scene_files,
+)
+from hingepair.scenes.pair_scene import PairScene
+from hingepair.urdf.reader import read_urdf
+
+if TYPE_CHECKING:
+    from hingepair.scenes.motions.simulated import DynamicsSetup
+    from hingepair.scenes.robot_scene import RobotScene
+
+SourceArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="Scene file (TOML), which needs no motion; or, with JOINT, a robot's name or a URDF file.",
+    ),
+]
+JointArgument = Annotated[
+    str | None,
+    typer.Argument(metavar="JOINT", help="Name of a hinge of the robot; hingepair robots NAME lists them."),
+]
+Body1FrameOption = Annotated[
+    str | None,
+    typer.Option(
+        "--body1-frame", metavar="LINK", help="Link whose frame is that of body 1; default: JOINT's parent link."
+    ),
+]
+Body2FrameOption = Annotated[
+    str | None,
+    typer.Option(
+        "--body2-frame", metavar="LINK", help="Link whose frame is that of body 2; default: JOINT's child link."
+    ),
+]
+
+
+class Source(NamedTuple):
+    """What a command line names."""
+
+    #: a scene file, a robot's name or a URDF file
+    text: str
+    joint: str | None = None
+    #: links whose frames become those of the bodies; by default those of the joint
+    body1_frame: str | None = None
+    body2_frame: str | None = None
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether no hinge of a robot is named."""
+        return not any(self[1:])
+
+    @property
+    def is_urdf(self) -> bool:
+        """Whether this is a URDF file: by its suffix, or an existing file that is neither a scene nor a log."""
+        suffix = Path(self.text).suffix.lower()
+        other = suffix in {".toml", *RESULT_FILE_SUFFIXES}
+        return suffix in {".urdf", ".xml"} or (not other and os.path.isfile(self.text))
+
+    @property
+    def is_scene(self) -> bool:
+        """Whether this is an existing scene file alone."""
+        return self.is_whole and os.path.isfile(self.text) and not self.is_urdf
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether this is a scene file with a motion."""
+        return self.is_scene and describes_motion(self.text)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The URDF file, or the scene file and the files that it names; nothing of a robot's name."""
+        path = Path(self.text)
+        if not os.path.isfile(path):
+            return ()
+        return (path,) if self.is_urdf else scene_files(path)
+
+    def pair(self) -> HingePair | PlanarPair:
+        """Return the pair of a scene file, or that of the hinge."""
+        text, joint, *frames = self
+        if joint is not None and text.lower().endswith(".toml"):
+            raise ArgumentError("JOINT", "no JOINT after a scene file, which describes its own pair", repr(joint))
+        if self.is_urdf or (joint is not None and os.path.isfile(text)):
+            return from_urdf(text, self._require_joint(), *frames)
+        if joint is not None:
+            return hinge_pair(read_urdf(robot_urdf(text)), joint, *frames, name=f"{text}/{joint}")
+        if any(frames):
+            raise HingePairError("--body1-frame and --body2-frame: expected a JOINT, whose links they name, got none")
+        if names_robot(text):
+            self._require_joint()
+        return load_pair(text)
+
+    def spatial_pair(self) -> HingePair:
+        """Return the pair; a planar one in space."""
+        pair = self.pair()
+        return pair if isinstance(pair, HingePair) else pair.to_spatial()
+
+    def robot(self) -> Mechanism | None:
+        """Return the robot of a URDF file, of a name, or of a scene file without a motion; None for anything else."""
+        if self.is_urdf:
+            return Mechanism.from_urdf(self.text)
+        if os.path.isfile(self.text) and not describes_motion(self.text):
+            return load_mechanism(self.text)
+        return load_robot(self.text) if names_robot(self.text) else None
+
+    def dynamics(self) -> DynamicsSetup | None:
+        """Return what the table [dynamics] of a scene file says."""
+        return load_dynamics_setup(self.text) if self.is_scene else None
+
+    def print_suspicions(self) -> None:
+        """Print notes on numbers of a scene file that are probably in another unit to standard error."""
+        for sentence in load_suspicions(self.text) if self.is_scene else ():
+            print(f"hingepair: note: {printable(sentence)}", file=sys.stderr)
+
+    def _require_joint(self) -> str:
+        if self.joint is None:
+            hinges = read_urdf(self.text if self.is_urdf else robot_urdf(self.text)).hinges()
+            names = choices([hinge.name for hinge in hinges])
+            raise ArgumentError("JOINT", f"a hinge of {self.text}: {names}", "none")
+        return self.joint
+
+
+def load_named_scene(path: Path) -> PairScene | RobotScene:
+    """Read a scene file that has a motion."""
+    word = str(path)
+    if names_robot(word):
+        expected = f"a scene file with a motion, and [mechanism] robot = {word!r}"
+        raise ArgumentError(word, expected, "a robot, which alone has no motion")
+    return load_scene(path)
+
+
+def names_robot(text: str) -> bool:
+    """Return whether a text names a robot and no file."""
+    if os.path.exists(text):
+        return False
+    is_word = Path(text).name == text and not Path(text).suffix
+    try:
+        if text in robot_names():
+            return True
+        if is_word:
+            robot_urdf(text)
+    except MissingDependencyError as error:
+        if is_word:
+            raise MissingDependencyError(text, f"a file, or {error.expected} for a robot", "neither") from None
+    except ArgumentError as error:
+        raise ArgumentError(text, f"a file, or {error.expected}", "neither of them") from None
+    return False
