@@ -17,7 +17,7 @@ from hingepair.cli.output import (
     save_figure,
     split_names,
 )
-from hingepair.cli.pairs import load_named_robot
+from hingepair.cli.sources import Source
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.robot_recordings import read_robot_recording
@@ -69,7 +69,7 @@ def masses_command(
         raise ArgumentError("urdf", "a file name that ends in .urdf", quoted(str(urdf)))
     for option, path in (("urdf", urdf), ("plot", plot)):
         check_output(option, path, [file])
-    robot = load_named_robot(source)
+    robot = Source(source).robot()
     if robot is None:
         raise ArgumentError("ROBOT", "a URDF file, the name of a robot, or a scene of a robot", quoted(source))
     robot = robot.with_locked(dict(map(_locked, lock))) if lock else robot

@@ -16,7 +16,6 @@ from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgum
 from hingepair.errors import ArgumentError, HingePairError
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.xml_text import commented
-from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.hinge_load import HingeLoad

@@ -24,6 +24,7 @@ from hingepair.formats.robot_mjcf import MJCF_COMPILER, mjcf_joint_attributes, r
 from hingepair.formats.robot_writer import robot_to_urdf
 from hingepair.formats.xml_text import (
     add_element,
+    add_inertial,
     add_urdf_joint,
     axis_for_urdf,
     check_xml_text,
@@ -64,9 +65,7 @@ def to_urdf(
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
 ) -> str:
-    """Return a HingePair or a Mechanism as URDF text; equal pairs give equal texts. `base` is "free", "floating" or
-    "fixed". `hinge_torque` (a HingeLoad) and `body1` (the pose of a fixed body 1) are only for pairs. Warn if there
-    are properties that URDF cannot hold.
+    """Return a HingePair or a Mechanism as URDF text; equal pairs give equal texts.
 
     For a pair, the text has three links:
 
@@ -164,8 +163,6 @@ def to_mjcf(
     gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
 ) -> str:
     """Return a HingePair or a Mechanism as text in MJCF, the model format of MuJoCo; equal pairs give equal texts.
-    `base` is "free", "pinned" or "fixed". `hinge_torque` (a HingeLoad) and `body1` (the initial pose of body 1) are
-    only for pairs. Warn if there are properties that MJCF cannot hold.
 
     For a pair, the model has three bodies, with these names:
 
@@ -254,13 +251,7 @@ def _assumptions(parts: tuple[_ModelPart, _ModelPart]) -> list[str]:
 
 
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
-    """Check the argument `hinge_torque` and return it, or return a HingeLoad without effect if the argument is None.
-    Issue a DynamicsWarning, which begins with `format_name`, that lists the fields of the load that are set but not
-    among `written_fields`. Raise an ArgumentError if it is not a HingeLoad.
-
-    Raises:
-        ArgumentError: it is no HingeLoad.
-    """
+    """Return the load, or one without effect, and warn of fields that the format does not have."""
     if hinge_torque is None:
         return HingeLoad()
     if not isinstance(hinge_torque, HingeLoad):
@@ -276,24 +267,15 @@ def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fiel
 
 
 def _checked_pose(body1: BodyMotion) -> tuple[Float64Array, Float64Array]:
-    """Check that the argument `body1` is a BodyMotion with a single pose, and return (R, S), the position and the
-    rotation matrix of the pose. Raise an ArgumentError otherwise.
-
-    Raises:
-        ArgumentError: it is no single pose.
-    """
+    """Return position and rotation of the argument `body1`, a single pose."""
     if not isinstance(body1, BodyMotion) or body1.shape != () or body1.S is None:
         raise ArgumentError("body1", "one pose, such as BodyMotion(R=(0, 0, 0), S=np.eye(3))", quoted(body1))
     return np.asarray(body1.R, np.float64), np.asarray(body1.S, np.float64)
 
 
 def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-    """Return (shapes of body 1, shapes of body 2) that draw a HingePair, two tuples in the axes of each body. A body
-    without shapes of its own gets simple ones: a box, a rod to the hinge point and a cylinder along the hinge axis.
-    Raise an ArgumentError for anything but a HingePair, and a ShapeError if the constants of the pair
-    differ from sample to sample.
-
-    The box is at the reference point. The cylinder is a pin for body 1, and a wider sleeve for body 2.
+    """Return the shapes of both bodies, in their axes. A body without shapes gets a box at the reference point, a rod
+    to the hinge point and a cylinder along the hinge axis: a pin for body 1, a wider sleeve for body 2.
 
     Raises:
         ArgumentError: no pair.
@@ -322,9 +304,7 @@ class _ModelPart(NamedTuple):
 
 
 def _pair_parts(pair: HingePair, base: str) -> tuple[_ModelPart, _ModelPart]:
-    """Return two _ModelParts of the pair: body 1 in the frame (R1, S1), and body 2 with its origin at the hinge
-    point. Raise an ArgumentError if XML cannot hold the name of the pair, or an error that `drawn_shapes` raises.
-    """
+    """Return body 1 in the frame (R1, S1), and body 2 with its origin at the hinge point."""
     one, two = drawn_shapes(pair)
     check_xml_text("name", pair.name)
     blue, orange = "0.30 0.50 0.75 1", "0.85 0.60 0.30 1"  # of the README's figure
@@ -337,9 +317,7 @@ def _pair_parts(pair: HingePair, base: str) -> tuple[_ModelPart, _ModelPart]:
 def _make_model_part(
     link: str, colour: str, body: Body | None, drawn: tuple[Shape, ...], origin: Float64Array, *, needs_mass: bool
 ) -> _ModelPart:
-    """Return the _ModelPart of a body with the shapes `drawn`, both in the axes of the body; a body that needs a mass
-    and has none gets the default ones.
-    """
+    """Return a body that is drawn by shapes, both in its axes; one that needs a mass and has none gets 1 kg."""
     assumed = () if body is None else body.assumed
     if body is None and needs_mass:
         body = Body()
@@ -348,24 +326,14 @@ def _make_model_part(
     return _ModelPart(link, colour, body, origin, shapes, assumed if needs_mass else ())
 
 
-def _moments(body: Body) -> tuple[float, ...]:
-    """Return Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2]."""
-    (xx, xy, xz), (_, yy, yz), (*_, zz) = _raise_flat_inertia(body.inertia).tolist()
-    return xx, yy, zz, xy, xz, yz
-
-
 def _axis_in_body2(pair: HingePair) -> Float64Array:
-    """Return the hinge axis of a pair in the axes of body 2, C^T n; shape (3,)."""
     axis: Float64Array = pair.home.T @ pair.n
     return axis
 
 
 def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
-    """Return an inertia tensor (3, 3) whose largest principal moment is below the sum of the others by a margin: the
-    given tensor, with an equal amount added to all three moments if needed.
-
-    The inertia of a flat body is increased by the margin, and by the excess of the largest moment if the moments were
-    given rounded.
+    """Return an inertia whose largest principal moment is below the sum of the others by a margin, by which that of a
+    flat body is increased, and by the excess of the largest moment if the moments were given rounded.
     """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
     lift = _INERTIA_MARGIN * largest + largest - sum(smaller)
@@ -373,9 +341,7 @@ def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
 
 
 def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
-    """Return a tuple of simple shapes of a body: a box at the reference point, and a rod from there to the hinge
-    point `u` unless it is too short or too long to be seen. `size` is the size of the pair [m].
-    """
+    """Return a box at the reference point, and a rod to the hinge point unless it is too short or long to be seen."""
     box = Box(np.full(3, _round_for_drawing(0.12 * size)))
     length = math.hypot(*u)
     if not 0.01 * size < length < _DRAWABLE[1]:
@@ -384,22 +350,14 @@ def _arm_shapes(u: Float64Array, size: float) -> tuple[Shape, ...]:
 
 
 def _round_for_drawing(length: float) -> float:
-    """Return a length rounded to two significant digits, which suffice for a drawing."""
     return float(f"{length:.2g}")
 
 
 def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
-    """Add the link of a _ModelPart to the element <robot> of a URDF: its inertial element, and a visual element for
-    each shape, which refers to a material named after the link.
-    """
     link = add_element(robot, "link", name=part.link)
     if part.body is not None:
-        inertial = add_element(link, "inertial")
         place = part.body.centre_of_mass - part.origin
-        add_element(inertial, "origin", xyz=place, rpy=_NO_TURN)
-        add_element(inertial, "mass", value=part.body.mass)
-        moments = dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), _moments(part.body), strict=True))
-        add_element(inertial, "inertia", **moments)
+        add_inertial(link, part.body.mass, place, _raise_flat_inertia(part.body.inertia))
     for shape in part.shapes:
         kind, sizes, rpy = _urdf_geometry(shape)
         visual = add_element(link, "visual")
@@ -409,9 +367,7 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
 
 
 def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
-    """Return (kind, dict of sizes, (roll, pitch, yaw) [rad]) of a Box, Cylinder or Sphere for URDF. The angles rotate
-    URDF's axes to the axes of a box, or URDF's z axis to the axis of a cylinder; they are 0 for a sphere.
-    """
+    """Return kind, sizes, and roll, pitch and yaw [rad] of a shape in URDF."""
     if isinstance(shape, Box):
         return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
     if isinstance(shape, Cylinder):
@@ -422,19 +378,18 @@ def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
 
 
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
-    """Add the inertial element of a _ModelPart, and a geom for each of its shapes, to a body element of MJCF."""
     if part.body is not None:
         place = part.body.centre_of_mass - part.origin
-        add_element(body, "inertial", pos=place, mass=part.body.mass, fullinertia=_moments(part.body))
+        J = _raise_flat_inertia(part.body.inertia)
+        moments = [*J.diagonal(), J[0, 1], J[0, 2], J[1, 2]]
+        add_element(body, "inertial", pos=place, mass=part.body.mass, fullinertia=moments)
     for shape in part.shapes:
         drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
         add_element(body, "geom", **_mjcf_geometry(shape), pos=shape.center, **drawn)
 
 
 def _mjcf_geometry(shape: Shape) -> dict[str, Any]:
-    """Return a dict of the attributes of a MuJoCo geom for a Box, Cylinder or Sphere: the type, the size (half
-    lengths and radii), and the direction if it matters. The position is not included.
-    """
+    """Return type, size (half lengths and radii) and direction of a shape as a geom of MuJoCo."""
     if isinstance(shape, Box):
         turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}
         return {"type": "box", "size": shape.size / 2, **turn}

@@ -46,10 +46,7 @@ _POSITION_ALIAS = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
 
 
 class Recording(NamedTuple):
-    """Motions `body1` and `body2` of two bodies at common instants `t`, with NaN for poses that were not recorded,
-    and the readings of an `encoder` at these instants. `t` has the values of the file. `t` and `encoder` are None if
-    they were not recorded.
-    """
+    """Motions of two bodies at common instants, NaN where not recorded, and what an encoder read."""
 
     body1: BodyMotion
     body2: BodyMotion
@@ -58,14 +55,12 @@ class Recording(NamedTuple):
 
 
 class _RecordedBody(NamedTuple):
-    """Motion of one body with the instants `t`, the path of the file, and the readings of an encoder in the file. `t`
-    and `encoder` are None if the file has no such column.
-    """
+    """Motion of one body, with what stands in its file; None for columns that the file lacks."""
 
     motion: BodyMotion
     t: NDArray[Any] | None
     path: Path
-    encoder: Float64Array | None  # readings in the file of the body
+    encoder: Float64Array | None
 
 
 def read_recording(
@@ -74,10 +69,8 @@ def read_recording(
     max_gap: float = 0.05,
     encoder_column: str | None = None,
 ) -> Recording:
-    """Read the poses of two bodies, from one file or from one file for each, and return them at common instants as a
-    Recording. If the instants differ, the poses are resampled at the instants of the slower recording; gaps up to
-    `max_gap` [s] are bridged. `ignored_columns` are name patterns in which `*` stands for anything, and
-    `encoder_column` is a name or None. Raise an ArgumentError if a file or a column cannot be used.
+    """Read the poses of two bodies, from one file or from one file for each, and return them at common instants, if
+    these differ those of the slower recording.
 
     Args:
         paths: one file, or two.

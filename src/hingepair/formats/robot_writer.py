@@ -15,6 +15,7 @@ import numpy as np
 from hingepair.errors import URDFError
 from hingepair.formats.xml_text import (
     add_element,
+    add_inertial,
     add_urdf_joint,
     axis_for_urdf,
     check_xml_text,
@@ -30,13 +31,7 @@ from hingepair.rotations.euler import matrix_to_euler
 
 
 def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
-    """Return a Mechanism as URDF text, with its links and joints. `base` is "free", or "fixed" or "floating", the
-    type of a joint that connects the robot with a link `world`. Issue a DynamicsWarning for rotor inertias and
-    springs, which URDF cannot hold. Raise an ArgumentError if XML cannot hold a name.
-
-    Raises:
-        ArgumentError: a name holds a character that XML cannot.
-    """
+    """Return a robot as URDF text; see `to_urdf`."""
     tree = robot.tree.single()
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
@@ -52,12 +47,7 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
 
 
 class _UrdfWriter:
-    """Builder of the URDF elements of the robot with the Tree `tree`. The method `build` returns the element <robot>.
-    The names of links and joints that are in use are recorded.
-
-    Args:
-        tree: the robot.
-    """
+    """Builder of the URDF elements of a robot."""
 
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
@@ -67,9 +57,8 @@ class _UrdfWriter:
         self.made_up_limits: list[tuple[str, str]] = []  # names of joints, and what URDF demands of them
 
     def build(self, base: str) -> ET.Element:
-        """Return the element <robot> with all links and joints. Unless `base` is "free", a joint of the type `base`
-        ("fixed" or "floating") connects a link `world` with the root. The joint is named "base"; a number is appended
-        to this name or to "world" if the name is in use.
+        """Return the element <robot>. Unless `base` is "free", a joint of this type, `base`, connects the root with a
+        link `world`; names in use get a number.
         """
         tree = self._tree
         root = ET.Element("robot", {"name": tree.name})
@@ -89,9 +78,8 @@ class _UrdfWriter:
         return root
 
     def _add_body(self, root: ET.Element, body_number: int, masses: MassProperties) -> str:
-        """Add the links of the body with the number `body_number` to the element `root`, and the fixed joints between
-        them. Return the name of the link whose frame is that of the body's joint; the mass properties `masses` of the
-        body are written to this link.
+        """Add the links of a body and the fixed joints between them. Return the name of the link at the body's joint,
+        which has its mass.
         """
         tree = self._tree
         links = {name: frame for name, frame in tree.links.items() if frame.body == body_number}
@@ -103,7 +91,7 @@ class _UrdfWriter:
             )
         link = add_element(root, "link", name=seat)
         if masses.mass or masses.inertia.any():
-            _add_inertial(link, masses)
+            add_inertial(link, masses.mass, masses.centre_of_mass, masses.inertia)
         for name, frame in links.items():
             if name == seat:
                 continue
@@ -116,17 +104,13 @@ class _UrdfWriter:
         return seat
 
     def _add_fixed_link(self, root: ET.Element, joint: str, parent: str, link: str, frame: Frame) -> None:
-        """Add a link, and the fixed joint that holds the link to a parent link at the position and rotation of the
-        Frame `frame`, to the element `root`. `joint`, `parent` and `link` are names.
-        """
         add_element(root, "link", name=link)
         element = add_urdf_joint(root, joint, "fixed", parent, link)
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
     def _add_carrier(self, root: ET.Element, parent_link: str, order: int, joint_name: str) -> str:
-        """Add a link to the element `root`, fix it to the link `parent_link`, and return the name of the new link.
-        The new link will carry the joint `joint_name`; the name of its fixed joint begins with the number `order`, by
-        which readers sort siblings.
+        """Add a link that carries a joint, and return its name. Readers sort siblings by the number with which the
+        name of its fixed joint begins.
         """
         held_by = _unused_name(self._joints, f"{order:04d}_{joint_name}")
         link = _unused_name(self._links, f"{held_by}_carrier")
@@ -142,9 +126,6 @@ class _UrdfWriter:
         return "continuous" if written == "revolute" and not bounded else written
 
     def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
-        """Add the element of a moving Joint to the element `root`: the placement, the axis, the limits and the mimic
-        rule. `parent` and `child` are the names of the links of the joint.
-        """
         bounded = bool(np.isfinite(joint.position_limits).any())
         kind = self._urdf_type(joint, bounded)
         element = add_urdf_joint(root, joint.name, kind, parent, child)
@@ -163,33 +144,18 @@ class _UrdfWriter:
             add_element(element, "mimic", joint=leader, multiplier=joint.mimic.multiplier, offset=joint.mimic.offset)
 
 
-def _add_inertial(link: ET.Element, masses: MassProperties) -> None:
-    """Add the inertial element, with centre of mass, mass and inertia of the MassProperties `masses`, to the XML
-    element `link` of a URDF.
-    """
-    inertial = add_element(link, "inertial")
-    add_element(inertial, "origin", xyz=masses.centre_of_mass, rpy=(0.0, 0.0, 0.0))
-    add_element(inertial, "mass", value=masses.mass)
-    moments = masses.inertia[np.triu_indices(3)].tolist()
-    add_element(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))
-
-
 def is_here(frame: Frame) -> bool:
     """Return whether a frame is the frame at the joint of its body."""
     return not frame.R.any() and bool((np.eye(3) == frame.S).all())
 
 
 def _is_same_frame(frame: Frame, other_frame: Frame) -> bool:
-    """Return whether two frames have equal positions and rotations."""
     return np.array_equal(frame.R, other_frame.R) and np.array_equal(frame.S, other_frame.S)
 
 
 def _unused_name(used_names: set[str], name: str) -> str:
-    """Return a name that is not in the set `used_names`, and add it to the set: the given name, with a number
-    appended if it is in use.
-    """
-    unused = next(
-        one for one in (name, *(f"{name}_{i}" for i in range(2, len(used_names) + 3))) if one not in used_names
-    )
+    """Return the name, with a number if it is in use, and keep it."""
+    numbered = (f"{name}_{i}" for i in range(2, len(used_names) + 3))
+    unused = next(one for one in (name, *numbered) if one not in used_names)
     used_names.add(unused)
     return unused

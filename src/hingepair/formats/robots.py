@@ -89,8 +89,8 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return a sorted tuple of the names of all robots of example-robot-data: the stem of the URDF file if it is
-    unique, else `folder/stem`. Raise a MissingDependencyError if the package is not installed.
+    """Return the sorted names of all robots of example-robot-data: the stem of the URDF file if it is unique, else
+    `folder/stem`.
 
     Raises:
         MissingDependencyError: example-robot-data is not installed.
@@ -101,9 +101,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot_urdf(robot: str) -> Path:
-    """Return the Path of the URDF file of the robot of example-robot-data that is named `robot`. Raise an
-    ArgumentError if there is not exactly one robot of this name, and a MissingDependencyError if the package is not
-    installed.
+    """Return the path of the URDF file of a robot of example-robot-data.
 
     Raises:
         ArgumentError: no such robot, or more than one.

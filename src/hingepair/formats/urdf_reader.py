@@ -89,10 +89,9 @@ def hinge_pair(
     name: str,
     warn: bool = False,
 ) -> HingePair:
-    """Return the hinge named `joint` of a RobotRecord as a HingePair called `name`. `body1_frame` and `body2_frame`
-    name the links whose frames are (R1, S1) and (R2, S2); None means the link that the hinge connects. Mass
-    properties that no rigid body can have are left out, and a warning says so if `warn` is True. Raise a URDFError if
-    there is no such hinge or frame.
+    """Return a hinge of a robot as a HingePair called `name`. The frames are names of links, those of (R1, S1) and
+    (R2, S2); by default the links that the hinge connects. Mass properties that no rigid body can have are left out,
+    with a warning if `warn`.
 
     Raises:
         URDFError: no such hinge or frame, or what belongs to it is malformed.
@@ -122,9 +121,7 @@ def hinge_pair(
 
 
 def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> dict[str, FramePose]:
-    """Return the poses of the link named `link` of a hinge and of all links that are rigidly fixed to it, as a dict
-    of FramePoses by name, in the axes of the link. Raise a URDFError if the links do not form a tree.
-    """
+    """Return the poses of a link of a hinge and of all links that are fixed to it, in the axes of the link."""
     robot.check_link(link, hinge)
     poses = {link: IDENTITY_POSE}
     waiting: list[tuple[str, JointRecord]] = [(link, hinge)]
@@ -146,10 +143,6 @@ def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> 
 
 
 def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
-    """Return the FramePose of the link named `frame` from a dict of poses by name. If `frame` is None, return the
-    FramePose of the link named `link`. Raise a URDFError for the argument named `argument` if the dict has no such
-    link.
-    """
     link_name = link if frame is None else frame
     if not isinstance(link_name, str) or link_name not in poses:
         raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", quoted(frame))
@@ -157,12 +150,8 @@ def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None,
 
 
 def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
-    """Return links that are fixed to each other as one Body. `poses` are the FramePoses of the links in the body's
-    axes, by name. Return None if no link has mass. Also return None, and warn if `warn` is true, if no rigid body can
-    have the mass properties.
-
-    Links without mass are not counted. Some robots have mass properties that no rigid body can have, such as a
-    negative mass.
+    """Return links that are fixed to each other as one Body; None if none has mass, or if no rigid body can have such
+    mass properties, which some robots have. Links without mass are not counted.
     """
     with np.errstate(all="ignore"):  # what overflows is no mass property: Body refuses it
         inertias = {link: robot.links[link][0].inertia().placed(pose) for link, pose in poses.items()}
@@ -182,9 +171,8 @@ def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: boo
 
 
 def _link_shapes(robot: RobotRecord, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
-    """Return a tuple of the boxes, cylinders and spheres of the visual shapes of links. `poses` maps the links' names
-    to FramePoses in the axes in which the shapes are returned. The tuple is empty if a link is drawn by anything
-    else.
+    """Return the visual shapes of links with these poses; nothing if a link is drawn by anything but boxes, cylinders
+    and spheres.
     """
     return body_drawing(
         (link_shapes(robot.links[link][0], "visual"), (), pose) for link, pose in poses.items()

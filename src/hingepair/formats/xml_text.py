@@ -21,11 +21,10 @@ _INVALID = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 
 def check_xml_text(argument: str, text: str) -> None:
-    """Raise an ArgumentError for the argument named `argument` if the string `text` holds a character that XML cannot
-    hold.
+    """Check the text of an argument.
 
     Raises:
-        ArgumentError: there is such a character; the error names the argument.
+        ArgumentError: it has a character that XML cannot hold.
     """
     if re.search(_INVALID, text):
         raise ArgumentError(argument, "characters that XML can hold", quoted(text))
@@ -82,28 +81,30 @@ def document(root: ET.Element, sentences: Sequence[str] = ()) -> str:
 
 
 def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str) -> ET.Element:
-    """Add a joint element with a name, a kind such as "revolute", and the names of the parent and the child link to
-    the element <robot> of a URDF. Return the joint element.
-    """
+    """Add a joint of a kind such as "revolute" to the element <robot> of a URDF, and return it."""
     joint = add_element(robot, "joint", name=name, type=kind)
     add_element(joint, "parent", link=parent)
     add_element(joint, "child", link=child)
     return joint
 
 
-def axis_for_urdf(axis: Float64Array) -> Float64Array:
-    """Return a unit axis in a form that URDF readers keep. An axis that is so nearly parallel to x, y or z that
-    readers would replace it by that axis is returned slightly longer.
+def add_inertial(link: ET.Element, mass: float, centre: Float64Array, inertia: Float64Array) -> None:
+    """Add the mass properties of a body to a link of a URDF."""
+    inertial = add_element(link, "inertial")
+    add_element(inertial, "origin", xyz=centre, rpy=(0.0, 0.0, 0.0))
+    add_element(inertial, "mass", value=mass)
+    moments = inertia[np.triu_indices(3)].tolist()
+    add_element(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))
 
-    Pinocchio takes an axis that is within 1e-12 of x for x, but normalises one that is longer by more than that.
-    """
+
+def axis_for_urdf(axis: Float64Array) -> Float64Array:
+    """Return a unit axis in a form that URDF readers keep."""
+    # Pinocchio takes an axis within 1e-12 of x for x, but normalises one that is longer by more than that.
     second_largest = np.sort(np.abs(axis))[1]
     return axis * (1 + 2.0**-38) if 2.0**-53 < second_largest < 2.0**-39 else axis
 
 
 def commented(text: str, comment: str) -> str:
-    """Return the text of an XML document with an XML comment inserted below the first line. Each "--" in the comment
-    becomes "- -".
-    """
+    """Return an XML document with a comment below its first line; "--", which XML forbids there, becomes "- -"."""
     first, _, rest = text.partition("\n")
     return f"{first}\n<!-- {comment.replace('--', '- -')} -->\n{rest}"

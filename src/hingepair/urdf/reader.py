@@ -13,9 +13,7 @@ from hingepair.urdf.records import JointRecord, LinkRecord, PoseRules, RobotReco
 
 
 def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotRecord:
-    """Read the links and joints of a URDF file, or of URDF text, which starts with "<", and return them as a
-    RobotRecord. Angles within `snap` [rad] of a multiple of pi/2 are replaced by that multiple when they are read.
-    Raise a URDFError if the URDF cannot be read, has a DOCTYPE, or does not declare the parent link of a joint.
+    """Read the links and joints of a URDF file or text.
 
     Args:
         path_or_text: text of a URDF (it starts with "<"), or the path of a file. Only links and joints are read,

@@ -92,8 +92,7 @@ class LinkRecord:
     rules: PoseRules
 
     def inertia(self) -> Inertia:
-        """Return the mass properties of the link in its own axes as an Inertia; numbers that are not given are 0.
-        Raise a URDFError for an entry that is not a finite number.
+        """Return the mass properties of the link in its own axes; numbers that are not given are 0.
 
         Raises:
             URDFError: an entry is no finite number.
@@ -106,8 +105,7 @@ class LinkRecord:
         return at_centre.placed(_pose(self.element.find("inertial/origin"), label, self.rules))
 
     def visuals(self, tag: str = "visual") -> list[Visual]:
-        """Return the shapes of the link as a list of Visual records. The shapes draw the link (`tag` "visual"), or
-        are its shapes for collisions (`tag` "collision"). Raise a URDFError for an entry that is not a finite number.
+        """Return the shapes that draw the link (`tag` "visual"), or those for collisions (`tag` "collision").
 
         Raises:
             URDFError: an origin or a size is no finite number.
@@ -256,8 +254,7 @@ class RobotRecord:
         return tuple(joint for joint in self.joints if joint.type in HINGE_JOINT_TYPE_NAMES and joint.name)
 
     def hinge(self, name: str) -> JointRecord:
-        """Return the JointRecord of a revolute or continuous joint by its name. Raise a URDFError if there is none,
-        or if the name is not unique.
+        """Return a revolute or continuous joint by its name.
 
         Raises:
             URDFError: no such joint, two, or one that is no hinge; lists those that would do.
@@ -275,19 +272,17 @@ class RobotRecord:
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
     def check_declared(self, name: str, joint: JointRecord) -> None:
-        """Raise a URDFError that names the joint unless the robot has a link of this name. `joint` is the JointRecord
-        that has the link as parent or child.
+        """Check that the robot has a link of this name, the parent or child of a joint.
 
         Raises:
-            URDFError: names the joint.
+            URDFError: it has none; names the joint.
         """
         if name not in self.links:
             expected = "a parent and a child that are links of the robot" + nearest(name, self.links)
             raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
 
     def check_link(self, name: str, joint: JointRecord) -> None:
-        """Raise a URDFError unless the link of this name is declared once and is the child of at most one joint.
-        `joint` is the JointRecord that has the link as parent or child.
+        """Check that a link, the parent or child of a joint, is declared once and carried by one joint at most.
 
         Raises:
             URDFError: it is not declared, or twice, or more than one joint carries it.
@@ -299,8 +294,7 @@ class RobotRecord:
             raise URDFError("child link", "each name once", f"{name!r} twice")
 
     def tree(self) -> tuple[str, tuple[JointRecord, ...]]:
-        """Return (name of the root link, tuple of all JointRecords in depth-first order). Joints with the same parent
-        link are sorted by name. Raise a URDFError if the links and joints do not form a tree.
+        """Return the name of the root link, and all joints in depth-first order, siblings sorted by name.
 
         Raises:
             URDFError: the links and joints are no tree: names the joint or the links that are wrong.
