@@ -32,9 +32,8 @@ _DOUBLE = np.dtype(np.float64)
 def error_bounds(
     computation: RobotComputation, values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Compute bounds on the rounding errors of the outputs of a RobotComputation for the Arguments `values` and a
-    gravity vector [m/s^2], and return a dict of arrays by output name. At every sample, an output has one bound for
-    its largest component; an output of motion has one such bound for each frame, along the last axis.
+    """Compute bounds on the rounding errors of a computation's outputs; of motion, one for each frame on the last
+    axis.
     """
     names = computation.request.outputs
     solved = tuple(name for name in names if name in _ACCELERATIONS)
@@ -233,9 +232,7 @@ def _as_tuple(value: Any) -> tuple[Any, ...]:
 
 
 def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the components of an input as a tuple of numbers or NumPy arrays. `value` is an array of samples, each
-    with the shape `sample_shape`, or a tuple of components, which may be arrays of other libraries.
-    """
+    """Return the components of an array of samples, or of a tuple, as numbers or NumPy arrays."""
     if isinstance(value, tuple):
         return tuple(np.asarray(c) if is_foreign(c) else c for c in value)
     array = np.asarray(value)
@@ -246,10 +243,7 @@ def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, .
 
 
 def _largest_bounds(components: Any, frame_count: int) -> Any:
-    """Return the largest error bound of an output's components, a number or an array with one element for each
-    sample; components without a bound count as exact. If `frame_count` is not 0, return a tuple with the largest
-    bound of each frame; the components of a frame are consecutive.
-    """
+    """Return the largest bound of components, or of those of each frame; plain numbers are exact."""
     errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _as_tuple(components)]
     if not frame_count:
         return functools.reduce(np.maximum, errors, 0.0)

@@ -204,9 +204,7 @@ def split_numbers(
 
 
 def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
-    """Return a tuple with the index in q of the coordinate of every joint of a Tree; a mimic joint has the index of
-    its leader.
-    """
+    """Return the column in q of every joint; a mimic joint has that of its leader."""
     places, column = {}, 0
     for number, joint in enumerate(tree.joints, 1):
         if joint.mimic is None:
@@ -218,9 +216,7 @@ def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
 
 
 def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
-    """Convert names to a tuple of unique identifiers for generated code. Characters that an identifier cannot contain
-    become underscores, and a repeated identifier gets a number at its end.
-    """
+    """Convert names to unique identifiers for generated code."""
     identifiers: list[str] = []
     for name in names:
         clean = re.sub(r"\W", "_", name, flags=re.ASCII)
@@ -229,9 +225,7 @@ def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
-    """Return a list of rotation matrices (3, 3), one for every body of a Tree, the base first. Each rotates from the
-    axes in which the generated programs compute, whose third axis is the joint axis, to the body's own axes.
-    """
+    """Return the rotation of each body, the base first, from the program's axes to its own."""
     return [np.eye(3), *(_axes_along(joint.n) for joint in tree.joints)]
 
 
@@ -245,9 +239,7 @@ def _poses_in_program_axes(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> l
 
 
 def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a rotation matrix (3, 3) whose third column is the unit axis n. If the axis is along x, y or z, the
-    matrix is an exact permutation of the axes with signs.
-    """
+    """Return a rotation whose third column is n, an exact permutation where n is along x, y or z."""
     size = tuple(np.abs(n).tolist())
     if size in _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS:
         columns = np.array(_PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS[size], float).T
@@ -261,9 +253,7 @@ def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product A B of a matrix (3, 3) and a matrix or vector as an array. Products with 0 and 1 are exact,
-    and -0.0 becomes 0.0.
-    """
+    """Return A B, in which products with 0 and 1 are exact, and without -0.0."""
     if B.ndim == 1:
         return _matrix_product(A, B[:, None])[:, 0]
     with np.errstate(all="ignore"):
@@ -306,9 +296,7 @@ def _shortened(number: Any) -> Any:
 
 
 def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
-    """Return the exact `_MassMoments` of a body in the axes of the program; `axes` is the rotation from these to the
-    body's own axes, in which its MassProperties are given.
-    """
+    """Return the exact moments of a body in the program's axes."""
     c, inertia = _exact(body.centre_of_mass), _exact(body.inertia)
     m = Fraction(body.mass)
     half = (inertia[0] + inertia[4] + inertia[8]) / 2
@@ -321,12 +309,7 @@ def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
 def _mass_moments(
     tree: Tree, free: bool, axes: Sequence[Exact], poses: Sequence[tuple[Exact, Exact]], whole: bool = False
 ) -> list[_MassMoments]:
-    """Return the `_MassMoments` of every body of a Tree, the base first, after the shift to the parents (T9), if not
-    `whole`.
-
-    `axes` and `poses` are the rotations to the bodies' own axes, and S and u of the joints, in the program's axes.
-    The moments of the base are 0 unless the base is `free`.
-    """
+    """Return the moments of every body, the base first, shifted to the parents (T9) unless `whole`."""
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
     moments = [_moments_of_body(body, P) for body, P in zip(bodies, axes, strict=True)]
@@ -336,10 +319,7 @@ def _mass_moments(
 def _shift_to_parents(
     tree: Tree, poses: Sequence[tuple[Exact, Exact]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
-    """Move those components of each body's moments that do not depend on the position of its joint to the parent body
-    (T9). The list `moments` is changed in place and returned; `poses` holds S and u of the joints in the program's
-    axes.
-    """
+    """Move what does not depend on a joint's position to the parent body (T9), in place."""
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments, (S, u) = tree.joints[k - 1], moments[k], poses[k - 1]
         parent = moments[joint.parent]
@@ -458,8 +438,6 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
 
 
 def _inertia_about_axis(body: MassProperties, n: NDArray[np.float64]) -> float:
-    """Return the moment of inertia [kg m^2] of a body about an axis through the body's reference point. The unit
-    vector n of the axis is in the body's own axes.
-    """
+    """Return the moment of inertia [kg m^2] about an axis n, body axes, through the reference point."""
     across = np.cross(n, body.centre_of_mass)
     return float(n @ body.inertia @ n + body.mass * (across @ across))

@@ -142,9 +142,7 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
 
 
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Check `locked`, None or a dict of positions [rad or m] by joint name, and return it as a dict of numbers. Issue
-    a DynamicsWarning for a position beyond the limits of its joint in `parts`.
-    """
+    """Return the argument `locked` as numbers, with a DynamicsWarning for those beyond limits."""
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
     joint_names = [part.name for part in parts if part.kind != "fixed"]
@@ -165,9 +163,8 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
 
 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
-    """Return a dict of the rule of each joint by name: its position if it is fixed or in `positions` (a dict of the
-    locked joints), a MimicRecord if it follows another joint, or None if it moves by itself. A joint that follows a
-    follower gets a rule for the last leader.
+    """Return the rule of each joint: its position if it is held, whom it follows, or None. Followers of followers
+    follow the last leader.
     """
     by_name = {part.name: part for part in parts}
 
@@ -196,10 +193,7 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
 def _body_poses(
     parts: Sequence[JointPart], rules: Mapping[str, JointRule], body_numbers: Mapping[str, int]
 ) -> list[tuple[int, FramePose]]:
-    """Return a list of pairs (number of the body, FramePose in that body), one for each part. A part that moves has a
-    body of its own, whose number is in the dict `body_numbers` by joint name. A part whose rule in `rules` is a
-    position belongs to the body of the part that carries it.
-    """
+    """Return the number of the body, and the pose in it, of each part."""
     body_poses: list[tuple[int, FramePose]] = []
     for part in parts:
         rule = rules[part.name]
@@ -232,10 +226,7 @@ def _tree_joint(
     body_numbers: Mapping[str, int],
     rules: Mapping[str, JointRule],
 ) -> Joint:
-    """Return a moving part as a Joint of the tree with the mass properties `masses`. `parent_body` is the number of
-    the body that carries the joint, and `carrier_pose` is the pose of the carrying part in that body. `rules` and
-    `body_numbers` are dicts of the joints' rules and of the bodies' numbers by joint name.
-    """
+    """Return a moving part as a Joint of the tree."""
     frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
     lower, upper = part.limits or (-np.inf, np.inf)
@@ -265,10 +256,7 @@ def limit_or_infinity(value: float) -> float:
 def _links_and_frames(
     parts: Sequence[JointPart], body_poses: Sequence[tuple[int, FramePose]], body_numbers: Mapping[str, int]
 ) -> tuple[dict[str, Frame], dict[str, Frame]]:
-    """Return two dicts of Frames by name: the frames of links, and the further frames (of fixed and locked joints,
-    and those listed in `parts`). `body_poses` has a pair (body number, FramePose) for each part; the names of moving
-    joints are the keys of `body_numbers`.
-    """
+    """Return the frames of links, and further frames: of fixed and locked joints, and those that parts list."""
     links: dict[str, Frame] = {}
     frames: dict[str, Frame] = {}
     for part, (body, pose) in zip(parts, body_poses, strict=True):

@@ -337,9 +337,7 @@ class Mechanism(MechanismMethods):
         return loads
 
     def _joint_values(self, field: str, *tail: int) -> Float64Array:
-        """Return the values of the field named `field` of all joints that have a coordinate, as a read-only array
-        (dof, ...).
-        """
+        """Return a field of all joints that have a coordinate, shape (dof, ...)."""
         values = [getattr(joint, field) for joint in self.tree.coordinates]
         return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
 
@@ -560,9 +558,7 @@ class Mechanism(MechanismMethods):
         return "\n".join((title, *align_columns(rows, {4, 5, 6, 7, 8, *range(10, len(rows[0]))}), *notes))
 
     def _sheet(self) -> Sheet:
-        """Return the printed table of the moving joints as a Sheet of title, rows and notes. Armature and loads have
-        columns if a joint has them.
-        """
+        """Return the printed table of the moving joints; armature and loads have columns if a joint has them."""
         joints = self.tree.joints
         extra: dict[str, list[float]] = {"armature": [joint.armature for joint in joints]}
         extra |= {name: [getattr(joint.load, name) for joint in joints] for name in LOAD_FIELDS}
@@ -586,9 +582,7 @@ class Mechanism(MechanismMethods):
 
 
 def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:
-    """Return a robot of the given class with a Tree and a base, "fixed" or "free", without the checks of the
-    constructor.
-    """
+    """Return a robot without the checks of the constructor."""
     mechanism = object.__new__(mechanism_class)
     mechanism._set(tree, base)
     return mechanism

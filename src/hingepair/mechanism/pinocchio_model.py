@@ -73,19 +73,14 @@ def _carriers(model: Any, joint: int) -> set[int]:
 
 
 def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentError:
-    """Return, without raising it, an ArgumentError for a joint of a Pinocchio model, given by its number. Its message
-    says what was expected (the string `expected`) and the type of the joint.
-    """
+    """Return the error for a joint of another kind than `expected`."""
     return ArgumentError(f"joint {model.names[joint]!r}", expected, model.joints[joint].shortname())
 
 
 def _parts_of_joint(
     model: Any, joint_number: int, parent_part: int, first_part: int, body_content: dict[str, Any]
 ) -> list[JointPart]:
-    """Return one joint of a Pinocchio model as a list of JointParts; a composite joint has several. The first
-    JointPart gets the number `first_part` and is carried by part number `parent_part`; the last one gets
-    `body_content`, the keyword arguments that describe the joint's body.
-    """
+    """Return a joint as parts, several of a composite one; the last gets the joint's body."""
     joint, name, pose = (
         model.joints[joint_number],
         model.names[joint_number],
@@ -125,10 +120,7 @@ def _part_of_joint(
     idx_v: int,
     body_content: Any,
 ) -> JointPart:
-    """Return one joint, or one joint of the composite joint number `joint_number`, as a JointPart that part number
-    `parent_part` carries, with the pose `pose` and the keyword arguments `body_content`. Its coordinates begin at
-    index `idx_q` in Pinocchio's q and at index `idx_v` in Pinocchio's v.
-    """
+    """Return a joint, or one of a composite joint, as a part that another carries."""
     kind = joint.shortname()
     if kind not in {*_PINOCCHIO_HINGE_TYPE_NAMES, *_PINOCCHIO_SLIDER_TYPE_NAMES, "JointModelMimic"}:
         raise _unsupported_joint_error(
@@ -183,9 +175,7 @@ def _is_leader(model: Any, number: int, mimic: Any) -> bool:
 
 
 def _unit_axis(motion: Float64Array) -> Float64Array:
-    """Return the unit axis of a joint from `motion`, the three linear and three angular components of its motion
-    subspace. The axis has the direction of the angular components or, if they are all 0, of the linear ones.
-    """
+    """Return the direction of the angular part of a motion subspace, or of the linear one if that is 0."""
     return unit_axis("axis", motion[3:] if motion[3:].any() else motion[:3])
 
 

@@ -75,9 +75,7 @@ def parts_of_urdf(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"],
 
 
 def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
-    """Return a dict of the keyword arguments links, leaves, inertias and shapes of `JointPart` for one link of a
-    RobotRecord. The link is among the leaves if `is_leaf` is True.
-    """
+    """Return what a `JointPart` takes of one link of a RobotRecord."""
     link = robot.links[link_name][0]
     leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
     visuals = link_visuals(link, robot.folder)
@@ -181,9 +179,7 @@ def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
 
 
 def _checked_parents(pairs: Sequence[RobotJoint], parents: Sequence[int] | None) -> list[int]:
-    """Check the argument `parents`, and return a list of the number of body 1 of each pair (0 is the base). For None,
-    body 1 of each pair is body 2 of the pair before it. Whether the numbers form a tree is not checked.
-    """
+    """Return the number of body 1 of each pair (0 is the base), whether or not they form a tree."""
     count = len(pairs)
     if parents is None:
         return list(range(count))
@@ -197,9 +193,7 @@ def _checked_parents(pairs: Sequence[RobotJoint], parents: Sequence[int] | None)
 
 
 def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
-    """Return a list of the indices of the pairs in depth-first order, siblings by name. `parent_numbers` holds the
-    number of body 1 of each pair: 0 for the base, j for body 2 of the j-th pair.
-    """
+    """Return the pairs in depth-first order, siblings by name."""
     carried: dict[int, list[int]] = {}
     for place, parent in enumerate(parent_numbers):
         carried.setdefault(parent, []).append(place)
@@ -219,9 +213,7 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
 
 
 def _shared_body(sides_of_pairs: Sequence[tuple[str, RobotJoint]]) -> Body | None:
-    """Return the Body that several pairs share; return None if no pair gives it. `sides_of_pairs` holds a tuple
-    (side, pair) for each pair, whose side is "body1" or "body2", the attribute of the pair for this body.
-    """
+    """Return the Body that the sides of several pairs share; None if no pair gives it."""
     first_given: tuple[str, Body] | None = None
     for side, pair in sides_of_pairs:
         body: Body | None = getattr(pair, side)
@@ -245,10 +237,7 @@ def _same_body(one: Body, other: Body) -> bool:
 
 
 def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_leaf: bool) -> dict[str, Any]:
-    """Return a dict of the keyword arguments of `JointPart` (links, leaves, inertias, shapes and notes on assumed
-    masses) for a Body or None. `frame_pose` is the pose of the body's frame in the axes of the part. The body's link,
-    called `link_name`, is among the leaves if `is_leaf` is True.
-    """
+    """Return what a `JointPart` takes of a Body in a frame: links, leaves, inertias, shapes and notes."""
     content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:
         return content | {"without_mass": (link_name,)}

@@ -139,9 +139,7 @@ class JointResults(Results):
         return import_data_package("pandas", "to_dataframe").DataFrame(*self._table())
 
     def _table(self) -> tuple[FloatArray, None, list[str]]:
-        """Return a tuple of the arguments of a DataFrame: an array with a row for each sample, None for the index,
-        and a list of the names of the columns, one for each component.
-        """
+        """Return rows of samples, None for the index, and names of columns, as a DataFrame takes them."""
         arrays = {name: np.asarray(self[name]) for name in self.outputs if name in type(self).__slots__}
         samples = math.prod(self.shape)
         columns: list[str] = []
@@ -155,9 +153,7 @@ class JointResults(Results):
         return np.concatenate(rows, axis=1), None, columns
 
     def _sheet(self) -> Sheet:
-        """Return the printed table, a Sheet of a title and rows. The rows give the values of one sample, or the
-        largest magnitudes over all samples.
-        """
+        """Return the printed table: the values of one sample, or the largest sizes."""
         if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
             return super()._sheet()  # arrays of Dask or JAX are not computed only to be printed
         table, _, columns = self._table()
@@ -187,9 +183,7 @@ def joint_results_class(kind: type[JointResults], names: tuple[str, ...]) -> typ
 def _rebuild_joint_results(
     kind: type[JointResults], names: tuple[str, ...], arrays: Mapping[str, Any], shape: tuple[int, ...]
 ) -> JointResults:
-    """Return joint results of the class `kind` from their pickled contents: the names of the joints, a dict of arrays
-    by output name, and the shape of the sample axes.
-    """
+    """Return joint results from their pickled contents."""
     return joint_results_class(kind, names)(arrays, shape)  # type: ignore[arg-type]
 
 

@@ -173,11 +173,7 @@ def output_scales(
 def _scale_formulas(
     U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool
 ) -> Any:
-    """Return a dict of the scales by output name, computed from sizes; a scale is None if a size that it needs is
-    None. U1, U2, R1, V1 and a1 are the sizes of vectors. W1 and A1 are the sizes of body 1's angular velocity and
-    acceleration, W and A the sizes of the hinge rate and the hinge acceleration. If `pinocchio`, the terms of
-    `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT` are added.
-    """
+    """Return the scales by output, of sizes of vectors, angular velocities and rates; None where one is missing."""
     W2 = None if W1 is None or W is None else W1 + W
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
     alpha2, a2 = A2, None
@@ -298,10 +294,7 @@ def _without_library(value: Any) -> Any:
 def _plan_error_bounds(
     pair: Constants, plan: Plan, values: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
 ) -> Bounds:
-    """Return bounds on the rounding errors of the outputs of a plan, as a dict of arrays of shape (...,) by output
-    name. `pair` holds the Constants of the pair, `values` is a dict of the other inputs of the plan, and `shapes` a
-    dict of their leading shapes.
-    """
+    """Return bounds on the rounding errors of the outputs of a plan; arrays (...,) by name."""
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = bounded_class(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
@@ -335,10 +328,7 @@ def _plan_error_bounds(
 
 
 def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
-    """Return a quantity in the form that the equations take. An array of vectors or matrices, whose last axes have
-    the shape `sample_shape`, becomes a flat tuple of its components; a scalar, an array of scalars or a tuple is
-    returned as it is.
-    """
+    """Return vectors and matrices as flat tuples of components, and all else as it is."""
     if not isinstance(quantity, np.ndarray) or sample_shape == ():
         return quantity
     if quantity.ndim == len(sample_shape) and quantity.dtype.char == "d":
@@ -349,10 +339,7 @@ def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
 def _bounded_inputs(
     quantity: Any, errors: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]
 ) -> Any:
-    """Return one input of a plan, a component or a tuple of components, with a bound on each component's error: that
-    of its conversion to float64 (`errors`) and to the precision of `number_type`. If the input was itself computed
-    from inputs, `source_names` in `numbers`, the bound also covers the error of that computation.
-    """
+    """Return an input of a plan with bounds: of its conversion to a precision, and of what it was computed from."""
     if not isinstance(quantity, tuple):
         return number_type.rounded(quantity, errors)
     if not source_names:
@@ -366,9 +353,7 @@ def _bounded_inputs(
 
 
 def _largest(quantity: Any) -> Any:
-    """Return the largest error bound, at every sample, of `quantity`, which is a number with a bound or a tuple of
-    such numbers. A plain number counts as exact: its bound is 0.
-    """
+    """Return the largest bound of a number or a tuple of numbers; plain numbers are exact."""
     errors = [
         c.error if isinstance(c, Bounded) else 0.0 for c in (quantity if isinstance(quantity, tuple) else (quantity,))
     ]

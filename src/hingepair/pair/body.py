@@ -268,10 +268,7 @@ class Body(Frozen):
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (centre, inertia) of a tuple of shapes that have the same density. `centre` is the centre of mass [m],
-    shape (3,), and `inertia` is the inertia about the centre of mass divided by the mass [m^2], shape (3, 3). Without
-    shapes, return zeros and the default inertia.
-    """
+    """Return the centre of mass [m] of shapes of one density, and their inertia about it per mass [m^2]."""
     if not shapes:
         return read_only(np.zeros(3)), _DEFAULT_SQUARED_GYRATION_RADIUS_IN_SQUARE_METRES * np.eye(3)
     with np.errstate(all="ignore"):
@@ -286,9 +283,7 @@ def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], 
 
 
 def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
-    """Return (volume, moments) of a Box, Cylinder or Sphere: the volume [m^3], and the mean of x x^T over the
-    interior [m^2], shape (3, 3), where x is the vector from the centre of the shape in body axes.
-    """
+    """Return the volume [m^3] of a shape, and the mean of x x^T, with x from its centre in body axes [m^2]."""
     if isinstance(shape, Box):
         return float(shape.size.prod()), (shape.axes * shape.size**2) @ shape.axes.T / 12
     square = np.float64(shape.radius) ** 2  # inf, not OverflowError
@@ -299,19 +294,14 @@ def _volume_and_moments(shape: Shape) -> tuple[float, NDArray[np.float64]]:
 
 
 def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
-    """Return the argument `inertia` as a matrix of shape (3, 3); an argument of three moments becomes a diagonal
-    matrix.
-    """
+    """Return the argument `inertia` as a matrix; three moments become a diagonal one."""
     if np.ndim(inertia) == 1:
         return np.diag(one_constant("inertia", inertia, 3))
     return one_constant("inertia", inertia, 3, 3)
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an inertia matrix (3, 3) as a read-only array that is exactly symmetric. If the largest principal moment
-    only slightly exceeds the sum of the other two, as rounding of the given numbers can explain, issue a
-    DynamicsWarning instead.
-    """
+    """Return an inertia as a read-only, exactly symmetric matrix; warn of an excess that rounding explains."""
     size = float(np.abs(inertia).max())
     if not np.isfinite(size):
         raise ArgumentError("inertia", "finite numbers (mass times the size of the shapes overflows)", inertia)
@@ -353,9 +343,7 @@ def _set_frozen_attributes(instance: object, **attributes: Any) -> None:
 
 
 def _constructor_text(instance: object, *names: str) -> str:
-    """Return the call that makes an object, such as "Sphere(radius=1.0)", as a string. Its arguments are the
-    attributes of the object whose names follow `instance`.
-    """
+    """Return the call that makes an object, such as "Sphere(radius=1.0)"."""
     values = ((name, getattr(instance, name)) for name in names)
     arguments = (f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}" for name, value in values)
     return f"{type(instance).__name__}({', '.join(arguments)})"

@@ -220,10 +220,7 @@ def _motion_with_attitude(S: Any, **users_arrays: Any) -> BodyMotion:
 
 
 def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[str] = ()) -> None:
-    """Set the attributes R, S, v, omega, a and alpha of the BodyMotion `body` in place: to read-only views of
-    `arrays`, a dict by attribute name, or to None if there is no such array; NumPy arrays named in `copied` are
-    copied. Set the attribute `shape` to the common leading shape of the arrays.
-    """
+    """Set the arrays of a BodyMotion, read-only, and copied where named, and the shape that they share."""
     shapes = {}
     for name, tail in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE.items():
         value = arrays.get(name)
@@ -237,9 +234,7 @@ def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[
 
 
 def _read_motion_array(name: str, value: Any, *sample_shape: int) -> Any:
-    """Return a value as an array of a motion: a read-only view of a NumPy array, a list or a data frame; an array of
-    another library, or a Dask array, is returned as it is.
-    """
+    """Return an array of NumPy as a read-only view; one of another library, or of Dask, as it is."""
     if not is_foreign(value) and not holds_dask(value):
         try:
             return read_only(vectors(name, value, *sample_shape))

@@ -80,13 +80,10 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
-    """Return a dict of tuples of components: the axis n at unit length, and the vectors lever_fixed, lever_cos and
-    lever_sin in body-1 axes [m], for which R2 - R1 = S1 (lever_fixed - cos psi lever_cos - sin psi lever_sin).
-    `values` holds the components of u1, u2 and, if it is not the identity, `home` by name; `axis` holds the
-    components of the hinge axis, of any length.
+    """Return n at unit length, and the levers [m] in R2 - R1 = S1 (lever_fixed - cos psi lever_cos - sin psi
+    lever_sin).
 
-    Each component is rounded once. The levers are computed from the axis as it was given, because the axis at unit
-    length is rounded.
+    Each component is rounded once: the levers come from the axis as it was given, not from the rounded unit axis.
     """
     lever2, exponent2 = scaled_by_power_of_two(values["u2"])
     u1_and_u2, exponent = scaled_by_power_of_two((*values["u1"], *values["u2"]))
@@ -114,9 +111,7 @@ def _axis_and_levers(values: Named, axis: Components) -> Named:
 
 
 def _stack_components(components: Components) -> NDArray[np.float64]:
-    """Return components, which are numbers or arrays that broadcast, as one array with the components on the last
-    axis.
-    """
+    """Return components that broadcast as one array, with the components on the last axis."""
     if all(type(c) is float for c in components):
         return np.array(components)
     return np.stack(np.broadcast_arrays(*components), axis=-1)
@@ -143,10 +138,7 @@ def with_hinge_frames(pair: Constants) -> Constants:
 
 
 def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
-    """Return a dict of orthogonal unit vectors as tuples of components: e1, e2 and n in the axes of body 1, and
-    e1_in_2, e2_in_2 and n_in_2 in the axes of body 2. `n` is the unit hinge axis (..., 3). `home` is the rotation
-    matrix from body-2 to body-1 axes at psi = 0 as an array (..., 9), or None for the identity.
-    """
+    """Return e1, e2 and n in the axes of body 1, and in those of body 2, as tuples of components."""
     with np.errstate(under="ignore"):
         first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
         first = first - n * (n * first).sum(axis=-1, keepdims=True)

@@ -290,9 +290,7 @@ class LazyResiduals(Results):
         return _make_report(self.name, self.t, self._u, summary, self.arrays())
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
-        """Return (values, make_report): a dict of the arrays and of the summary, which are not computed yet, and the
-        function that makes the report from such a dict with computed values.
-        """
+        """Return the arrays and the summary, which are not computed yet, and what makes a report of them."""
         lazy = {**self.arrays(), "summary": self._summary}
         return lazy, functools.partial(_report_from_parts, self.name, self.t, self._u)
 
@@ -381,9 +379,7 @@ class _ResidualSummary(NamedTuple):
 def _summarize_chunk(
     sizes_and_tolerances: Mapping[str, tuple[Float64Array, Float64Array]], basis_by_kind: Mapping[str, str]
 ) -> _ResidualSummary:
-    """Return the _ResidualSummary of the samples of one chunk. By kind of residual, `sizes_and_tolerances` holds a
-    pair of arrays (sizes, tolerances), and `basis_by_kind` holds a string that names the origin of the tolerance.
-    """
+    """Summarize the residuals of one chunk, from (sizes, tolerances) and the origin of the tolerance by kind."""
     comparison_by_kind = {}
     for kind, (sizes, tolerance) in sizes_and_tolerances.items():
         comparison_by_kind[kind] = _compare_sizes(np.asarray(sizes), np.asarray(tolerance), basis_by_kind[kind])
@@ -398,9 +394,7 @@ def _summarize(comparison_by_kind: Mapping[str, _ResidualComparison]) -> _Residu
 
 
 def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[int, ...]) -> _ResidualSummary:
-    """Return the _ResidualSummary of all samples, merged from `summaries`, the summaries of their chunks in C order.
-    `grid_shape` holds the number of chunks along each axis.
-    """
+    """Merge the summaries of all chunks, which come in C order of a grid."""
     by_index = dict(zip(np.ndindex(grid_shape), summaries, strict=True))
     starts = []  # along each axis, the indices of the first samples of the chunks
     for axis, count in enumerate(grid_shape):
@@ -417,18 +411,14 @@ def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[in
 
 
 def _shift_worst_sample(check: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
-    """Return a copy of the ResidualCheck of a chunk in which the index of the worst sample counts from the first
-    sample of all chunks. `chunk_start` is the index of the first sample of the chunk.
-    """
+    """Return a check of a chunk whose worst sample counts from the first of all chunks."""
     if check.worst_sample is None:
         return check
     return check._replace(worst_sample=tuple(i + j for i, j in zip(check.worst_sample, chunk_start, strict=True)))
 
 
 def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
-    """Return the ResidualCheck of one residual for all samples, merged from `checks`, its ResidualChecks for the
-    chunks.
-    """
+    """Merge the checks of one residual in all chunks."""
     compared = [check for check in checks if check.samples]
     if not compared:
         return checks[0]
@@ -442,10 +432,7 @@ def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
 
 
 def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -> Residuals | LazyResiduals:
-    """Return the report on two motions: LazyResiduals if the arrays in `values` are Dask arrays, and otherwise
-    Residuals. `values` is a dict of the arrays, with the summary under the key "summary"; `name` is the name of the
-    pair, `t` holds the instants or is None, and `u` is the unit roundoff of the motions.
-    """
+    """Return the report of arrays and a summary: lazy if they are."""
     arrays = {key: value for key, value in values.items() if key != "summary"}
     if holds_dask(arrays):
         return LazyResiduals(arrays, arrays["psi"].shape, name, t, u, values["summary"])
@@ -454,10 +441,7 @@ def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -
 
 
 def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays: Mapping[str, Any]) -> Residuals:
-    """Return the Residuals made of a summary and of a dict of NumPy or Dask arrays. `name` is the name of the pair,
-    `u` is the unit roundoff of the motions, and `t` holds the instants or is None; each row gets the instant of its
-    worst sample.
-    """
+    """Return the Residuals of a summary and arrays; each row gets the instant of its worst sample."""
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
     values: dict[str, Any] = {key: arrays.get(key) for key in _RESIDUALS_ARRAY_ATTRIBUTE_NAMES}
@@ -469,9 +453,7 @@ def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays:
 
 
 def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
-    """Return the instant in the array `t` at the index `sample`: a number, or a string if the array holds datetime64.
-    Return None if either argument is None.
-    """
+    """Return the instant of a sample, a number or text; None without instants."""
     if t is None or sample is None:
         return None
     return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
@@ -547,9 +529,7 @@ class _ResidualComputation(NamedTuple):
 def _compute_residuals(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> _ResidualComputation:
-    """Compute all residuals that the velocities and accelerations of two BodyMotions allow, and compare each with its
-    tolerance; return a _ResidualComputation. `tolerances` is a dict by kind of residual, or None for the defaults.
-    """
+    """Compute all residuals for which two motions suffice, and compare them with tolerances."""
     motions = _read_both_motions(body1, body2)
     tolerance_by_kind = _check_tolerances(tolerances)
     for kind in tolerance_by_kind:
@@ -578,10 +558,7 @@ def _compare_residual(
     u: float,
     tolerance_by_kind: Mapping[str, float],
 ) -> _ResidualComparison:
-    """Return the _ResidualComparison of a kind of residual from the arrays (...,) of its sizes and of the scale of
-    its rounding errors. The tolerance is `tolerance_by_kind[kind]` if this is given, and otherwise a multiple of u *
-    scale, where u is the unit roundoff. Sizes become -inf if `is_finite` is False, and inf if they overflow.
-    """
+    """Compare the sizes of a kind of residual with a given tolerance, or a multiple of u * scale."""
     with np.errstate(all="ignore"):
         if kind in tolerance_by_kind:
             tolerance = np.broadcast_to(tolerance_by_kind[kind], size.shape)
@@ -594,17 +571,13 @@ def _compare_residual(
 
 
 def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
-    """Return a string that names the origin of the tolerance of a kind of residual: "given" if `tolerance_by_kind`
-    has it, and otherwise the formula of the default tolerance.
-    """
+    """Return where the tolerance of a kind of residual comes from: "given", or a formula."""
     formula = f"{DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
     return "given" if kind in tolerance_by_kind else formula
 
 
 def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> _ResidualComparison:
-    """Return the _ResidualComparison of the arrays `sizes` and `tolerance`, sample by sample, with the string
-    `basis`, which names the origin of the tolerances. Sizes must be -inf at samples where the motion is not finite.
-    """
+    """Compare sizes, -inf where the motion is not finite, with tolerances."""
     is_finite = sizes != -np.inf
     with np.errstate(all="ignore"):
         ratio = np.where(is_finite, sizes / tolerance, -np.inf)
@@ -635,10 +608,7 @@ def _read_both_motions(body1: BodyMotion, body2: BodyMotion) -> dict[str, NDArra
 def _computable_arrays(
     pair: Constants, motions: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, NDArray[Any]]:
-    """Compute those residuals, hinge angles and derivatives of the hinge angle for which `motions` suffices, and
-    return them as a dict of float64 arrays by name. `motions` is a dict of the arrays of both motions, with keys such
-    as R1, and `shapes` holds the leading shapes of both bodies.
-    """
+    """Compute those residuals and hinge angles for which the motions suffice; float64 arrays by name."""
     home, known_names = "home" in pair.values, {*motions, *pair.values}
     names = [
         name
@@ -665,9 +635,7 @@ def residuals(
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return the instants t, numbers or datetime64, as a read-only array that is broadcast to the `shape` of the
-    samples.
-    """
+    """Return instants as a read-only array of the samples' shape."""
     stamps = np.asarray(t)
     array = stamps if stamps.dtype.kind in "mM" else real_array("t", t)
     try:
@@ -678,9 +646,7 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualCheck:
-    """Return the ResidualCheck of one kind of residual from its comparison at every sample. The worst sample is the
-    one with the largest size / tolerance; the field for the instant of this sample is None.
-    """
+    """Return the check of a residual, with its worst sample, but without the instant."""
     label, unit, *_ = RESIDUAL_KIND_BY_NAME[kind]
     sizes, tolerance, ratio, is_finite, basis = comparison
     if not is_finite.any():
@@ -709,10 +675,7 @@ def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualC
 
 
 def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """Return the scales that the rounding errors of the residuals are relative to, as a dict of arrays by kind of
-    residual, for the given `kinds` (the formulas of `RESIDUAL_KIND_BY_NAME`). `motions` is a dict of the arrays of
-    both motions, with keys such as R1.
-    """
+    """Return the scales of rounding errors by kind, the formulas of `RESIDUAL_KIND_BY_NAME`."""
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
     def largest_of_both(letter: str) -> Float64Array:
@@ -737,9 +700,7 @@ def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: l
 
 
 def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None:
-    """Raise ArgumentError, which names `tolerances[kind]`, unless both motions have the velocities and accelerations
-    that the residual `kind` needs. `motions` is a dict of the arrays of both motions, with keys such as omega1.
-    """
+    """Refuse a tolerance for a residual whose velocities or accelerations the motions do not have."""
     letters = RESIDUAL_KIND_BY_NAME[kind].letters
     missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]
     if missing:
@@ -748,9 +709,7 @@ def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None
 
 
 def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the argument `tolerances`, a mapping by kind of residual or None, as a dict of floats (empty for
-    None).
-    """
+    """Return the argument `tolerances` as a dict of floats."""
     if tolerances is None:
         return {}
     if not isinstance(tolerances, Mapping):

@@ -82,15 +82,11 @@ class Result(Shown):
         raise NotImplementedError
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
-        """Return (axis_names, arrays): the names of the leading axes that all arrays share, with the time axis last,
-        and a dict of the arrays by name.
-        """
+        """Return the names of the axes that all arrays share, time last, and the arrays by name."""
         return ("time",), self.recorded()
 
     def _sheet(self) -> Sheet:
-        """Return the result as a Sheet, the table that is printed: name, shape at one instant, and unit of each
-        array.
-        """
+        """Return the printed table: name, shape at one instant, and unit of each array."""
         leading, arrays = self._axes_and_arrays()
         rows = [(name, str(array.shape[len(leading) :] or ""), self.unit(name)) for name, array in arrays.items()]
         title = f"{self.described}: {len(self.t)} instants"
@@ -292,9 +288,7 @@ def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
 
 
 def _component_suffixes(sample_shape: tuple[int, ...]) -> list[str]:
-    """Return a list of the suffixes of the components' names for an array with the given shape of one sample, such as
-    "_x" for the shape (3,) and "_xy" for (3, 3). For the shape (), the only suffix is an empty string.
-    """
+    """Return the ends of the names of components: "_x" for vectors, "_xy" for matrices, "" for numbers."""
     letters = ["".join(_COMPONENT_LETTERS[i] for i in index) for index in np.ndindex(sample_shape)]
     return [f"_{c}" if c else "" for c in letters]
 
@@ -306,9 +300,7 @@ def _split_columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[
 
 @contextlib.contextmanager
 def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
-    """Yield, as a context manager, a function `add(t, arrays)` that appends rows to an open binary file as CSV. Its
-    first call also writes the line of column names.
-    """
+    """Yield a function that appends rows as CSV, after a line of column names."""
     is_header_written = False
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -329,10 +321,7 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
 
 @contextlib.contextmanager
 def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
-    """Yield, as a context manager, a function `add(t, arrays)` that appends rows to an open binary file in the
-    Parquet format. The file's metadata contain the text `described` and the units, which the function `unit` returns
-    by name.
-    """
+    """Yield a function that appends row groups in the Parquet format, with description and units as metadata."""
     arrow, parquet = import_data_package("pyarrow", "save"), import_data_package("pyarrow.parquet", "save")
     writer: Any = None
 
@@ -359,10 +348,7 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
 def _collecting_writer(
     file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
 ) -> Iterator[RowWriter]:
-    """Yield, as a context manager, a function `add(t, arrays)` that collects blocks of rows in memory. When the
-    `with` block ends without an error, `write(file, arrays, described, unit)` is called once with a dict of the
-    arrays of all rows, including t. `samples` is the total number of rows.
-    """
+    """Yield a function that collects rows, all of which `write` gets at the end."""
     array_by_name: dict[str, Any] = {}
     count = 0
 
@@ -384,14 +370,11 @@ def _collecting_writer(
 
 
 def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
-    """Write a dict of arrays to an open binary file in the format .npz."""
     write_npz(file, arrays)
 
 
 def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
-    """Write a dict of arrays, including t, to an open binary file in the netCDF format (.nc). The instants t are
-    removed from the dict.
-    """
+    """Write arrays, t among them, in the format .nc."""
     import_data_package("scipy", "save")
     dataset = Record(arrays.pop("t"), arrays, described, (), unit).to_xarray()
     written = Names(name for name in dataset.variables if name.isascii())

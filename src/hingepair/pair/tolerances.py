@@ -205,9 +205,7 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
 
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
-    """Return an array of three standard deviations from the value of the argument `name`; a single number stands for
-    three equal ones.
-    """
+    """Return three standard deviations; a number stands for three equal ones."""
     if name == "axis_std" or np.ndim(value) == 0:
         number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         return np.full(3, number_not_below_0(name, number))
@@ -218,9 +216,7 @@ def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
 
 
 def _checked_covariance(value: ArrayLike) -> Float64Array:
-    """Return the argument `covariance` of the twelve components of the geometry as an array of shape (12, 12), made
-    exactly symmetric.
-    """
+    """Return the argument `covariance`, exactly symmetric."""
     matrix = one_constant("covariance", value, 12, 12)
     largest = np.diagonal(matrix).max()
     allowed = 1e-9 * largest  # by which rounding may make a covariance asymmetric, and an eigenvalue negative

@@ -190,9 +190,7 @@ def make_plan(
 
 @functools.lru_cache(maxsize=1024)
 def _plan(steps: tuple[Step, ...], outputs: tuple[str, ...], kind: MotionKind) -> Plan:
-    """Return the cached plan that computes the outputs by the given steps. Steps on which no output depends are left
-    out. Equal arguments give the identical plan object.
-    """
+    """Return the cached plan of those steps that the outputs need; equal arguments give the identical plan."""
     return Plan(outputs, *needed_steps(steps, outputs), kind)
 
 
@@ -266,10 +264,7 @@ def all_steps(
 
 
 def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return a tuple of the steps that compute the motion of both bodies in space. `sequence` is the Euler sequence
-    of body 1, or None if its attitude S1 is given instead; `has_home` says that the rotation `home` is not the
-    identity. `trig_functions` is a pair of functions: sines and cosines of the angles phi, and (sin, 1 - cos) of psi.
-    """
+    """Return the steps of the motion of both bodies in space."""
     angle_terms, hinge_terms = trig_functions
     if trig_functions is NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
@@ -303,10 +298,7 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
 
 
 def _planar_steps(trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return a tuple of the steps that compute the motion of both bodies in the plane. `trig_functions` is a pair of
-    functions: the first returns (sin, cos) of a tuple of angles, here of phi1 alone, and the second returns (sin, 1 -
-    cos) of psi.
-    """
+    """Return the steps of the motion of both bodies in the plane."""
     if trig_functions == NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:
         return PLANAR_KINEMATICS_STEPS
     angle_terms, hinge_terms = trig_functions

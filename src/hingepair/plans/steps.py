@@ -70,9 +70,7 @@ PLANAR_COORDINATE_SPLIT_STEPS = tuple(
 
 
 def _quaternion_rotation(quat: tuple[Any, ...]) -> eq.Matrix:
-    """Return the rotation matrix, as nine entries row by row, of a quaternion (w, x, y, z) of any non-zero length.
-    The quaternion is normalised.
-    """
+    """Return the rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
     scale = _largest_component(quat)
     w, x, y, z = (c / scale for c in quat)
     length = square_root(w * w + x * x + y * y + z * z)
@@ -85,15 +83,13 @@ def _largest_component(parts: tuple[Any, ...]) -> Any:
 
 
 def _rotation_defect(S: eq.Matrix) -> Any:
-    """Return the largest absolute entry of S S^T - I, which is 0 for a rotation. S is a matrix as nine entries row by
-    row. If the determinant of S is negative, for example if S is a reflection, return 2.
-    """
+    """Return the largest entry of S S^T - I; 2 for a reflection."""
     *errors, volume = eq.orthonormality_terms(S)
     return where_less(volume, 0.0, 2.0, _largest_component(tuple(errors)))
 
 
 def _zero_quaternion_check(quat: tuple[Any, ...]) -> Any:
-    """Return 2 for a quaternion whose components are all zero, else 0. A quaternion that contains NaN gives 0."""
+    """Return 2 for a quaternion of zeros, else 0."""
     size = sum(where_less(c, 0.0, -c, c) for c in quat)
     return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
 
@@ -330,9 +326,7 @@ def _twist(turn: Components) -> Any:
 
 
 def _tilt_angle(tilt: Components, h1: eq.Vector, h2: eq.Vector) -> Any:
-    """Return the angle [rad] between the hinge axes h1 and h2 of both bodies. `tilt` holds the two components of h1 x
-    h2 in the plane perpendicular to h1.
-    """
+    """Return the angle [rad] between the hinge axes h1 and h2, of which `tilt` is the cross product."""
     return arc_tangent(hypotenuse(tilt[0], tilt[1]), eq.dot(h1, h2))
 
 

@@ -160,10 +160,7 @@ class Computation:
     # ---- coordinates of joints, and what acts along them
 
     def _values_by_joint(self, name: str) -> list[Scalar]:
-        """Return a list with one number for each joint, from the vector `name` ("q", "qd" or "qdd"), which has one
-        number for each coordinate. For a mimic joint, this is the number of its leader times the multiplier, without
-        the offset.
-        """
+        """Return q, qd or qdd of each joint; a mimic joint has that of its leader, times the multiplier."""
         row = self.values[name]
         return [row[column] * ratio for column, (ratio, _) in zip(self.form.columns, self.ratios, strict=True)]
 
@@ -234,9 +231,7 @@ class Computation:
         return self.values.get("a1", ZERO_VECTOR), self.values["alpha1"]
 
     def _body_accelerations(self, qdd: Sequence[Scalar], base_acceleration: eq.Rates) -> list[eq.Rates]:
-        """Return a list of the pairs (a, alpha) of all bodies in world axes, the base first, for the given q'' and
-        the pair (a, alpha) of the base. The components are named in generated code.
-        """
+        """Return (a, alpha) of all bodies, the base first, world axes."""
         accelerations = eq.body_accelerations(
             self.links, self.poses, self.qd, qdd, self.velocities, base_acceleration
         )
@@ -259,9 +254,7 @@ class Computation:
         return self._accelerations_of_frames(self.accelerations)
 
     def _accelerations_of_frames(self, body_accelerations: Sequence[eq.Rates]) -> list[eq.Rates]:
-        """Return a list of the pairs (a, alpha) of all frames in world axes, from the pairs (a, alpha) of all bodies.
-        Accelerations of the bodies for q'' = 0 give the accelerations of the frames for q'' = 0.
-        """
+        """Return (a, alpha) of all frames, world axes, from those of the bodies."""
         return [
             eq.frame_acceleration(pose, self.velocities[body][1], body_accelerations[body])
             for pose, (body, _) in zip(self.frame_poses, self.frames, strict=True)
@@ -274,10 +267,7 @@ class Computation:
     def _jacobian_columns(
         self, joint_columns: Sequence[tuple[Vector, Vector]], base_columns: Sequence[tuple[Vector, Vector]]
     ) -> list[Any]:
-        """Return a list of the columns of a Jacobian as tuples of six numbers: first the columns `base_columns`, then
-        one column for each coordinate. Both arguments hold pairs (linear, angular) of vectors. The column of a mimic
-        joint is multiplied by its multiplier and added to the column of its leader.
-        """
+        """Return the columns of a Jacobian: those of the base, then one for each coordinate."""
         sums: list[Any] = [(0.0,) * 6] * self.form.dof
         for column, (ratio, _), (linear, angular) in zip(self.form.columns, self.ratios, joint_columns, strict=True):
             moved = (part * ratio for part in (*linear, *angular))
@@ -316,9 +306,8 @@ class Computation:
         return transpose(self.values["S1"])
 
     def _transmitted_wrenches(self, motions: list[eq.Acceleration], with_loads: bool = True) -> list[eq.Wrench]:
-        """Return a list of the wrenches (force, torque) that the joints transmit, each in the axes and about the
-        reference point of the joint's body, with the total wrench on the base first (T2, T3). If `with_loads` is
-        False, the wrenches that act on links are left out. The components are named in generated code.
+        """Return what the joints transmit, own axes, about the bodies' reference points; that on the base first (T2,
+        T3).
         """
         wrenches = eq.inertial_wrenches(self.base, self.links, motions)
         for k, place in enumerate(self.request.loaded if with_loads else ()):
@@ -332,9 +321,7 @@ class Computation:
     def _motions_in_own_axes(
         self, qd: Sequence[Scalar], qdd: Sequence[Scalar], omega: Vector, alpha: Vector, a: Vector
     ) -> list[eq.Acceleration]:
-        """Return the motions of all bodies, the base first, each in the axes of the body (T1). omega, alpha and a are
-        the base's, in base axes, with gravity subtracted from a. The components are named in generated code.
-        """
+        """Return the motions of all bodies, the base first, each in its own axes, with a less gravity (T1)."""
         motions = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
         return self._name_components(motions, ("omega", "a", "B"))
 
@@ -536,9 +523,7 @@ class Computation:
         return self._solve_by_mass_matrix() if self.form.mimics else self._solve_by_articulated_bodies()
 
     def _solve_by_articulated_bodies(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by the articulated-body algorithm (T5), and return the tuples (a1, alpha1, q''). The
-        first two are meaningless unless the base is free. All are NaN if the mass matrix M is singular.
-        """
+        """Return (a1, alpha1, q'') by articulated bodies (T5); NaN where M is singular."""
         steps, _ = self.articulated
         friction = self._friction_of_joint if self.loads else None
         left, (force, torque) = eq.accelerations_by_loads(
@@ -586,9 +571,7 @@ class Computation:
     def _nan_where_singular(
         self, a: Vector, alpha: Vector, qdd: tuple[Scalar, ...]
     ) -> tuple[tuple[Scalar, ...], ...]:
-        """Return the tuples (a + gravity, alpha, q''), where a is the acceleration of the base without gravity. All
-        are NaN if a pivot of the mass matrix M is not larger than its rounding error.
-        """
+        """Return (a + gravity, alpha, q''); NaN where a pivot of M is not larger than its rounding error."""
         doubt = self.singular_doubt
         groups = (add(a, self.values["gravity"]), alpha, qdd)
         return tuple(tuple(part + doubt for part in group) for group in groups)
@@ -609,8 +592,7 @@ class Computation:
         return doubt
 
     def _solve_by_mass_matrix(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Solve forward dynamics by factoring the mass matrix M, and return the tuples (a1, alpha1, q''). The first
-        two are meaningless unless the base is free. All are NaN if M is singular.
+        """Return (a1, alpha1, q'') by factoring M; NaN where it is singular.
 
         M is eliminated from the tips inward, where entries between branches are zero.
         """
@@ -734,10 +716,7 @@ class Computation:
         return add(L, cross(offset, P))
 
     def _name_components(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
-        """Name the components of every body's values in generated code, and return the list `values` unchanged. It
-        holds a tuple for each body, the base first; each of `letters` names one element of these tuples, such as
-        omega in omega_JOINT.
-        """
+        """Name the components of every body's values in generated code."""
         for name, parts in zip(("base", *self.form.names), values, strict=True):
             for letter, part in zip(letters, parts, strict=False):
                 name_components(f"{letter}_{name}", part)
@@ -772,10 +751,7 @@ def constant_place(body: int, name: str) -> int:
 
 
 def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, Any]:
-    """Take the next numbers from an iterator, as many as the shapes in the dictionary `shapes` need. Return a
-    dictionary with the same keys, whose values are a number for the shape () and a tuple of numbers for any other
-    shape.
-    """
+    """Take the next numbers, a tuple for each shape but ()."""
     return {
         name: tuple(next(numbers) for _ in range(shape[0])) if shape else next(numbers)
         for name, shape in shapes.items()

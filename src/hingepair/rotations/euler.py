@@ -159,11 +159,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 def _matrices_of_angles(
     phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[Sequence, tuple[Any, ...]], Any]
 ) -> FloatArray:
-    """Return an array (..., 3, 3) of the matrices that the function `matrix_of_trig` computes for Euler angles phi.
-    `matrix_of_trig` takes the Sequence and the flat tuple (sin, cos, sin, cos, sin, cos) of the three canonical
-    angles, and returns nine entries. Raise ArgumentError for angles of the wrong shape, or if `sequence` is not the
-    name of a sequence.
-    """
+    """Return the matrices (..., 3, 3) that a function computes for Euler angles."""
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
 
     def matrix(values: Named) -> Any:
@@ -227,10 +223,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 
 def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """Return the rates of the three canonical angles of a Sequence as a tuple, for the angular velocity `omega` in
-    world axes (equation E4). `trig` is the flat tuple (sin, cos, sin, cos, sin, cos) of the canonical angles. The
-    rates are not finite at gimbal lock.
-    """
+    """Return the rates of the canonical angles for an angular velocity in world axes (E4)."""
     axes = sequence.axes(trig)
     x, y, z = (omega[sequence.place.index(i)] for i in range(3))
     if sequence.sign < 0:

@@ -151,10 +151,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
 def _rounding_correction(
     n: eq.Vector, twofold_axis: tuple[Twofold, ...], trig: eq.HingeTrig, trig_low: eq.HingeTrig
 ) -> tuple[Any, ...]:
-    """Return nine entries to add to the rotation matrix that was computed from the rounded axis n and `trig` = (sin,
-    1 - cos) of the rounded angle (equation E6); they restore what rounding lost. `twofold_axis` is a tuple of the
-    axis's three components in twice the precision, and `trig_low` the low-order parts of `trig`.
-    """
+    """Return what rounding took of a rotation matrix (E6): entries to add."""
     (s, k), (s_low, k_low) = trig, trig_low
     x, y, z = n
     a, b, c = (unit.low for unit in twofold_axis)
@@ -349,9 +346,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 
 def _rotation_errors(values: Named) -> Named:
-    """Return a dict of "error", the largest absolute element of the difference of S S^T from the identity, and
-    "volume", the determinant of S. `values` is a dict from "S" to a sequence of nine entries.
-    """
+    """Return the largest entry of S S^T - I, and the determinant of S."""
     *products, volume = eq.orthonormality_terms(values["S"])
     errors = list(map(abs, products))
     return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}

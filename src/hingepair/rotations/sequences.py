@@ -87,9 +87,7 @@ class Sequence(NamedTuple):
         return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
 
     def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
-        """Return the three columns of J (or J') as a tuple in world axes and in the order of the sequence's letters.
-        `canonical` is a tuple of the three columns in canonical axes and in canonical order.
-        """
+        """Return canonical columns of J or J' in world axes, in the order of the sequence's letters."""
         columns = canonical[::-1] if self.backward else canonical
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
@@ -118,9 +116,7 @@ def find_sequence(name: str) -> Sequence:
 
 @functools.cache
 def _cached_sequence(name: str) -> Sequence:
-    """Return the Sequence of a name such as "XYZ" (intrinsic) or "xyz" (extrinsic) and cache it. Raise ArgumentError
-    if there is no sequence of this name.
-    """
+    """Return the Sequence of a name such as "XYZ" (intrinsic) or "xyz" (extrinsic)."""
     check_choice("sequence", name, SEQUENCE_NAMES)
     letters = name.upper()[::-1] if name.islower() else name
     axes = ["XYZ".index(letter) for letter in letters]

@@ -80,9 +80,7 @@ class _DoctypeRefusingBuilder(ET.TreeBuilder):
 
 
 def _read_text(path_or_text: str | os.PathLike[str]) -> str | bytes:
-    """Return the text of a URDF: the argument itself if it is text that starts with "<", otherwise the bytes of the
-    file at this path. Raise a URDFError if the file cannot be read.
-    """
+    """Return the text of a URDF: the argument itself if it starts with "<", else the bytes of a file."""
     if isinstance(path_or_text, str) and path_or_text.lstrip("\ufeff \t\r\n").startswith("<"):
         return path_or_text.lstrip("\ufeff \t\r\n")
     try:

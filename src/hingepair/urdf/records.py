@@ -331,9 +331,7 @@ class RobotRecord:
         return roots[0], tuple(ordered)
 
     def _carried_by(self, link: str) -> list[JointRecord]:
-        """Return a list of the JointRecords whose parent is the link of this name, sorted by name from the last to
-        the first.
-        """
+        """Return the joints on a link, by name, the last first."""
         joints = [joint for joint in self.joints_at.get(link, ()) if joint.parent == link]
         return sorted(joints, key=lambda joint: joint.name, reverse=True)
 
@@ -378,10 +376,7 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
 
 
 def _numbers(element: ET.Element | None, key: str, label: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return a tuple of the numbers of the attribute `key` of an XML element, as many as the tuple `default` has. If
-    the attribute is missing, or the element is None, return `default`. Raise a URDFError, whose message begins with
-    the string `label`, if the attribute is not that many finite numbers.
-    """
+    """Return the numbers of an attribute; `default` where there is none."""
     text = None if element is None else element.get(key)
     if text is None:
         return default

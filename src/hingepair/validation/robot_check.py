@@ -280,9 +280,7 @@ def _moved_base(case: _Case, ours: Mapping[str, Float64Array]) -> BodyMotion:
 def _residual(
     case: _Case, ours: Mapping[str, Float64Array], theirs: Mapping[str, Float64Array]
 ) -> tuple[Float64Array, Float64Array, list[str]]:
-    """Return the forces that our accelerations require by Pinocchio's `rnea`, the forces that act, shape (N, k) each,
-    and for each sample with a singular mass matrix a phrase on the joint that nothing resists.
-    """
+    """Return the forces that our accelerations require by `rnea`, those that act, and what nothing resists."""
     pin, twin, joints = import_pinocchio("cross_validate"), case.twin, case.samples.joints
     q, v = case.states()[:2]
     a = twin.acceleration(joints[0], joints[1], ours["qdd"], _moved_base(case, ours))
@@ -302,9 +300,7 @@ def _residual(
 
 
 def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
-    """Return a phrase, such as "nothing resists joint 'elbow'", on the joint with the largest part in a motion that a
-    singular mass matrix does not resist; "" if the mass matrix is regular.
-    """
+    """Return which joint moves most where a singular mass matrix resists nothing; "" if it is regular."""
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     motion = (size == 0).astype(float)
     if size.all():

@@ -180,9 +180,7 @@ class RobotScales:
         return [(body + 5, (abs(turns), abs(shifts)))]
 
     def _distance_bounds(self) -> Float64Array:
-        """Return upper bounds on the distance [m] from each body to each body that it carries, shape (N, bodies,
-        bodies); 0 for other bodies.
-        """
+        """Return bounds on the distance [m] from each body to those that it carries, (N, bodies, bodies)."""
         bodies = len(self._lengths)
         self._carries: NDArray[Any] = np.eye(bodies, dtype=bool)
         bounds = np.zeros((len(self._lengths[0]), bodies, bodies))
@@ -196,9 +194,7 @@ class RobotScales:
 def _sizes_behind_joint(
     sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, axis: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return a dict of the sizes of the motion of the body behind a joint: R, v, a, W (of the angular velocity) and A
-    (of the angular acceleration).
-    """
+    """Return the sizes of the motion of the body behind a joint, by letter."""
     W, A, v, a = (sizes[letter] for letter in "WAva")
     turns, shifts = axis
     turn, shift = turns * rate, shifts * rate
@@ -211,8 +207,6 @@ def _sizes_behind_joint(
 
 
 def _add_sizes(sums: dict[str, Any], sizes: dict[str, Any], weight: Any) -> dict[str, Any]:
-    """Return a dict of the sums of sizes by letter, to which `weight` times the sizes of a further joint are
-    added.
-    """
+    """Return sums of sizes, with those of a further joint times `weight`."""
     added = {letter: sums[letter] + weight * value for letter, value in sizes.items()}
     return {**added, "S": sums["S"] + weight}

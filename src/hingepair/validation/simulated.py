@@ -99,9 +99,7 @@ def _force_scales(
     loads: Mapping[str, Float64Array],
     gravity: float,
 ) -> dict[str, Float64Array]:
-    """Return a dict of the error scale (N,) of each force by the load's name; a scale is the size of the terms of the
-    force before they cancel.
-    """
+    """Return the size of the terms of each force before they cancel, (N,)."""
     sizes: dict[str, Any] = {name: norm(getattr(body1, name)) for name in ("v", "a", "omega", "alpha")}
     W1, A1 = sizes["omega"], sizes["alpha"]
     W2, A2 = W1 + np.abs(psid), A1 + np.abs(psidd) + W1 * np.abs(psid)
@@ -166,9 +164,7 @@ def compare_rates(
 
 
 def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
-    """Return the largest difference of a rate from the slope of `values` at each instant t, as an array of shape
-    (N,); `values` and `rate` have shape (N, k).
-    """
+    """Return the largest difference of a rate from the slope of values, at each instant."""
     fine, coarse = (np.stack([differentiate(t, c, order)[0] for c in values.T], axis=-1) for order in _SLOPE_ORDERS)
     disagreement = np.abs(fine - coarse).max(axis=-1)
     reach = 3  # samples to either side of an uncertain slope whose slopes are uncertain too
