@@ -12,12 +12,14 @@ from hingepair.engine.backend import Execution
 from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputation
+from hingepair.numeric.array_libraries import is_foreign, library_of
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates, check_out, read_coordinates
 from hingepair.plans.rollouts import BASE_STATE, METHODS, Step
 from hingepair.plans.trees import request_loop
 from hingepair.rollouts.gradients import gradients
+from hingepair.rollouts.libraries import rolled_out_in
 from hingepair.rollouts.motions import Motions
 from hingepair.rollouts.tracks import MOVING_BASE, Track, control_tracks, count_steps, track
 
@@ -140,6 +142,21 @@ def rolled_out(
     Raises:
         ArgumentError: the robot has too many joints.
     """
+    foreign = {name: value for name, value in {"q0": q0, "qd0": qd0, "tau": tau}.items() if is_foreign(value)}
+    library = library_of(foreign)
+    if library is not None:
+        if out is not None:
+            raise ArgumentError("out", "None, since arguments are arrays of another library", quoted(out))
+
+        def roll(**arrays: Any) -> Rollout:
+            return rolled_out(
+                computation, **{"q0": q0, "qd0": qd0, "tau": tau, **arrays}, dt=dt, method=method, steps=steps,
+                every=every, limit=limit, gravity=gravity, loads=loads, base_motion=base_motion, out=None,
+                execution=execution,
+            )  # fmt: skip
+
+        states = rolled_out_in(library, roll, foreign, computation.form.dof)
+        return Rollout(states, tuple(states["q"].shape[:-1]))
     check_choice("method", method, METHODS)
     if not isinstance(every, int | np.integer) or isinstance(every, bool) or every < 1:
         raise ArgumentError("every", "a whole number from 1", quoted(every))

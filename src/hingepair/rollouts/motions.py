@@ -115,7 +115,7 @@ class Motions:
                 own = own[:, 2 * np.arange(steps.start, steps.stop)[:, None] + _HALF_STEPS]
             else:
                 own = own[:, steps, None]
-            found[name] = own.reshape(len(own), -1, self.every, *own.shape[2:])
+            found[name] = own.reshape(len(own), records.stop - records.start, self.every, *own.shape[2:])
         if self.step.stages > 1:
             found["shares"] = _SHARES[None, None, None]
         return found
