@@ -55,11 +55,11 @@ if TYPE_CHECKING:
     from hingepair.measured.clusters import ClusterFit, fit_cluster
     from hingepair.measured.encoder import EncoderFit
     from hingepair.measured.hinge_fit import HingeFit, fit
-    from hingepair.measured.imus import ImuFit, ImuRecording, fit_imus
-    from hingepair.measured.inertial import AnchorFit, AxisFit, fit_anchor, fit_axis
-    from hingepair.measured.inertial_angle import AngleFit, fit_angle
-    from hingepair.measured.resample import resample
-    from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion, smooth
+    from hingepair.measured.inertial.angle import AngleFit, fit_angle
+    from hingepair.measured.inertial.axis_and_point import AnchorFit, AxisFit, fit_anchor, fit_axis
+    from hingepair.measured.inertial.imus import ImuFit, ImuRecording, fit_imus
+    from hingepair.measured.smoothing.resample import resample
+    from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.mechanism.inertial_parameters import BaseParameters
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.rollout import Rollout
@@ -204,11 +204,11 @@ _LAZY_MODULE_BY_NAME = {
         "measured.clusters": "ClusterFit fit_cluster",
         "measured.encoder": "EncoderFit",
         "measured.hinge_fit": "HingeFit fit",
-        "measured.imus": "ImuFit ImuRecording fit_imus",
-        "measured.inertial": "AnchorFit AxisFit fit_anchor fit_axis",
-        "measured.inertial_angle": "AngleFit fit_angle",
-        "measured.resample": "resample",
-        "measured.smooth": "SmoothedAngle SmoothedMotion smooth",
+        "measured.inertial.imus": "ImuFit ImuRecording fit_imus",
+        "measured.inertial.axis_and_point": "AnchorFit AxisFit fit_anchor fit_axis",
+        "measured.inertial.angle": "AngleFit fit_angle",
+        "measured.smoothing.resample": "resample",
+        "measured.smoothing.smooth": "SmoothedAngle SmoothedMotion smooth",
         "numeric.instants": "MeasurementWarning",
         "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
         "mechanism.inertial_parameters": "BaseParameters",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.measured.inertial import _Forces, _Rates
+from hingepair.measured.inertial.axis_and_point import _Forces, _Rates
 from hingepair.numeric.finite_differences import differentiate
 from support.recorded import HOME, N1, U1, U2, truth
 

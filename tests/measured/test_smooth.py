@@ -463,7 +463,7 @@ def test_outliers_among_attitudes_count_little() -> None:
 
 @pytest.mark.slow
 def test_the_inverse_of_bands_is_that_of_the_matrix() -> None:
-    from hingepair.measured.spline import SmoothingModel, SmoothingSpline
+    from hingepair.measured.smoothing.spline import SmoothingModel, SmoothingSpline
 
     t = np.sort(np.random.default_rng(0).uniform(0, 3, 200))
     spline = SmoothingSpline([t[:90], t[90:] + 1], SmoothingModel(3.0, 0.5), np.ones(200))

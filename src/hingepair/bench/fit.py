@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hingepair.bench.harness import Case, Method, Report, batch_case, installed, measure, print_progress
 from hingepair.errors import MissingDependencyError
 from hingepair.measured.hinge_fit import fit
-from hingepair.measured.inertial import fit_axis
+from hingepair.measured.inertial.axis_and_point import fit_axis
 from hingepair.pair.body_motion import BodyMotion
 
 Array: TypeAlias = NDArray[np.float64]

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, RotationError, nearest
-from hingepair.measured.resample import resample
+from hingepair.measured.smoothing.resample import resample
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.column_file import ColumnRequest, Columns, read_columns
 from hingepair.numeric.instants import increasing_seconds

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from hingepair.errors import ArgumentError, nearest
-from hingepair.measured.smooth import smooth
+from hingepair.measured.smoothing.smooth import smooth
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.column_file import ColumnRequest, read_columns
 

@@ -18,8 +18,8 @@ from hingepair.measured.likelihood import iterate_residuals
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
 from hingepair.measured.robust import Loss
 from hingepair.measured.samples import Samples
-from hingepair.measured.smooth import smoothed_arrays
-from hingepair.measured.spline import MIN_PIECE
+from hingepair.measured.smoothing.smooth import smoothed_arrays
+from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.instants import split_at_gaps
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations

@@ -51,7 +51,7 @@ from hingepair.measured.likelihood import (
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, robust_closed_form_hinge
 from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.samples import Samples, checked_samples
-from hingepair.measured.spline import MIN_PIECE
+from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, check_choice, read_only
 from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import Sheet, Shown, cell_text

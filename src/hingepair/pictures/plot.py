@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hingepair.equations.quantities import unit_of
-from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
+from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.pictures.curves import (
     PATHS,
     XYZ_COLOURS,

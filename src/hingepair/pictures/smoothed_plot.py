@@ -9,7 +9,7 @@ import numpy as np
 
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, choices
-from hingepair.measured.smooth import SmoothedAngle, SmoothedMotion
+from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pictures.curves import (
     XYZ_COLOURS,

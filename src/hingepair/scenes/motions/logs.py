@@ -22,7 +22,7 @@ from hingepair.integration.integrate import RATE_FRAME_NAMES
 from hingepair.integration.signals import SampledSignal
 from hingepair.integration.trajectory import rotate_to_world
 from hingepair.measured.robust import LOSSES
-from hingepair.measured.smooth import smooth
+from hingepair.measured.smoothing.smooth import smooth
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.numeric.column_file import ColumnRequest, csv_column, read_columns
 from hingepair.numeric.finite_differences import differentiate

@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, ShapeError
-from hingepair.measured.resample import interpolated
 from hingepair.measured.robust import LOSSES, Loss
-from hingepair.measured.spline import MIN_PIECE, SmoothedColumns, smooth_columns
+from hingepair.measured.smoothing.resample import interpolated
+from hingepair.measured.smoothing.spline import MIN_PIECE, SmoothedColumns, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
 from hingepair.numeric.instants import (
     checked_gaps,

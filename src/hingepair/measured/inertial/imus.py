@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, FitError
 from hingepair.measured.hinge import Hinge, home_of
-from hingepair.measured.imu_records import checked_vectors, local_slopes, report
-from hingepair.measured.inertial import AnchorFit, Axes, AxisFit, fit_anchor, fit_axis, solve_axes
-from hingepair.measured.inertial_angle import AngleFit, fit_angle
+from hingepair.measured.inertial.angle import AngleFit, fit_angle
+from hingepair.measured.inertial.axis_and_point import AnchorFit, Axes, AxisFit, fit_anchor, fit_axis, solve_axes
+from hingepair.measured.inertial.records import checked_vectors, local_slopes, report
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only
 from hingepair.numeric.instants import elapsed_seconds, increasing_seconds
 from hingepair.pair.hinge_pair import HingePair

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import FitError
 from hingepair.measured.findings import Check, Finding, exceeded, verdict
 from hingepair.measured.hinge import Hinge, frame, home_angle, home_of, tilt_axis
-from hingepair.measured.imu_records import Sensors, axis_arguments, read_sensors, record_doubts, report
-from hingepair.measured.inertial import sign_correlation, solve_axes
+from hingepair.measured.inertial.axis_and_point import sign_correlation, solve_axes
+from hingepair.measured.inertial.records import Sensors, axis_arguments, read_sensors, record_doubts, report
 from hingepair.measured.least_squares import Equations, least_squares, score_scatter
 from hingepair.measured.robust import cauchy, loss_weights
-from hingepair.measured.spline import MIN_PIECE, inverse_bands
+from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands
 from hingepair.numeric.arrays import Float64Array, constant, read_only
 from hingepair.numeric.tables import percent
 

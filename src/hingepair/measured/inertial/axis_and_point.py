@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import ArgumentError, FitError
 from hingepair.measured.findings import RANDOM, RELIABLE_POINT, Check, Finding, exceeded, verdict
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
-from hingepair.measured.imu_records import (
+from hingepair.measured.inertial.records import (
     axis_arguments,
     checked_vectors,
     local_slopes,
@@ -40,7 +40,7 @@ from hingepair.measured.least_squares import (
     sandwich,
     score_scatter,
 )
-from hingepair.measured.spline import MIN_PIECE
+from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only
 from hingepair.numeric.suspicions import suspicions
 from hingepair.rotations.matrices import skew

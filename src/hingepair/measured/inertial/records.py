@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import FitError, ShapeError
 from hingepair.measured.findings import Finding
-from hingepair.measured.spline import MIN_PIECE, smooth_columns
+from hingepair.measured.smoothing.spline import MIN_PIECE, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, vectors
 from hingepair.numeric.instants import checked_gaps, increasing_seconds, split_at_gaps
 from hingepair.numeric.suspicions import suspicions

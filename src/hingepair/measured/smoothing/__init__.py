@@ -1,0 +1,1 @@
+"""Recordings smoothed and differentiated by splines, and read at other instants."""
