@@ -94,7 +94,7 @@ def test_derivatives_of_derivatives_are_those_of_the_equations(jax):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*torch.jit.script:FutureWarning")  # of its own forward derivatives
+@pytest.mark.filterwarnings("ignore:.*torch.jit.script")  # of its own forward derivatives
 def test_torch_transforms_accelerations_by_the_kernels(torch, robot, states, expected):
     def qdd(*given):
         return robot.forward_dynamics(*given).qdd

@@ -79,8 +79,8 @@ def test_products_with_the_jacobian_are_its_products(moving, moving_state):
     same, rates = moving.jvp(moving_state, tangents)
     also, gradients = moving.vjp(moving_state, cotangents)
     for name, rate in rates.items():
-        np.testing.assert_array_equal(same[name], value[name])
-        np.testing.assert_array_equal(also[name], value[name])
+        np.testing.assert_array_equal(same.arrays()[name], value.arrays()[name])
+        np.testing.assert_array_equal(also.arrays()[name], value.arrays()[name])
         expected = sum(np.einsum("sfij,sj->sfi", J[name][one], tangents[one]) for one in sizes)
         np.testing.assert_allclose(rate, expected, atol=1000 * EPS)
     for name, gradient in gradients.items():
