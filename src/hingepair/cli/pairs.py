@@ -88,7 +88,7 @@ def mjcf_command(
     free_base: Annotated[bool, typer.Option("--free-base", help="Give body 1 a free joint.")] = False,
     gravity: GravityOption = None,
 ) -> None:
-    """Write a pair as a MuJoCo model (MJCF).
+    """Write a pair, or the mechanism of a scene, as a MuJoCo model (MJCF).
 
     Of a scene with [dynamics] the base, the pose of body 1 at the start, gravity, spring, damping, friction and stops
     are written; a comment and a warning list the keys that MJCF cannot express. Otherwise body 1 has a free joint if
@@ -98,6 +98,11 @@ def mjcf_command(
         raise HingePairError("--fixed-base and --free-base exclude each other; give one of them")
     named = Source(source, joint, body1_frame, body2_frame)
     named.print_suspicions()
+    robot = load_mechanism(source) if named.is_scene else None
+    if robot is not None:
+        chosen = "fixed" if fixed_base else "free" if free_base else None
+        fall = DEFAULT_GRAVITY_VECTOR if gravity is None else parse_gravity(gravity, 3)
+        return write_text(to_mjcf(robot, base=chosen, gravity=fall), out, named.files)
     pair, setup = named.pair(), named.dynamics()
     assumed = []
     if setup is None:
@@ -131,7 +136,7 @@ def mjcf_command(
         written = {*hinge_keys, "gravity", *_START_POSE}
         written |= {"base"} if fixed_base or free_base or setup.base != PRESCRIBED else set()
         text = _add_omission_comment("MJCF", text, setup, written)
-    write_text(text, out, named.files)
+    return write_text(text, out, named.files)
 
 
 def parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
