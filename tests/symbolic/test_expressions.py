@@ -419,7 +419,9 @@ def test_what_a_guard_does_not_know_is_nan() -> None:
     ],
 )
 def test_kinks_are_counted(text: str, count: int) -> None:
-    assert TimeFunctions([parse_expression("x", text)]).switches(np.linspace(-1.99, 1.99, 200)).sum() == count
+    functions = TimeFunctions([parse_expression("x", text)])
+    for samples in (200, 9_000):  # in one block and in several
+        assert functions.switches(np.linspace(-1.99, 1.99, samples)).sum() == count
 
 
 def test_constants_named_as_newer_functions_are_told_by_their_use() -> None:
