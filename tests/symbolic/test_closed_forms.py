@@ -15,8 +15,8 @@ import sympy
 
 import hingepair as hp
 from hingepair.plans.plan import LEVER_CONSTANT_STEPS, SPATIAL_MOTION_KIND, make_plan
-from hingepair.symbolic import closed_forms
-from hingepair.symbolic.closed_forms import exact_axis
+from hingepair.symbolic import derivation
+from hingepair.symbolic.derivation import exact_axis
 from hingepair.symbolic.exact_constants import exact
 from support.sparse import sparse
 
@@ -202,7 +202,7 @@ def test_forms_run_the_same_equations_as_numbers():
     """No step but the sines and cosines is another function."""
     for name in SPATIAL_MOTION_KIND.levels:
         numeric = {step.result: step for step in (*LEVER_CONSTANT_STEPS, *make_plan((name,)).steps)}
-        steps = make_plan((name,), "XYZ", True, closed_forms.TRIG_FUNCTIONS).steps
+        steps = make_plan((name,), "XYZ", True, derivation.TRIG_FUNCTIONS).steps
         own = {step.result for step in steps if step != numeric[step.result]}
         assert own <= {"trig", "hinge", "cosine"}
 
@@ -391,7 +391,7 @@ def test_a_module_of_kinks_agrees_with_the_library(tmp_path):
 
 @pytest.mark.slow
 def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(closed_forms, "MAX_COMPONENT_SYMBOLS", 100)
+    monkeypatch.setattr(derivation, "MAX_COMPONENT_SYMBOLS", 100)
     with pytest.raises(hp.ArgumentError, match="at most 100 symbols"):
         _ = hp.derive(hp.HingePair(u1=(1, 2, 3), u2=(3, 1, 2), n=(1, 1, 0))).a2
     found = scene(tmp_path, phi_x='"sin(sin(sin(t)))"')
@@ -403,7 +403,7 @@ def test_a_form_nobody_could_read_is_refused(tmp_path, monkeypatch):
 @pytest.mark.parametrize("axis", [(1, 0, 0.3), (0, 0.1, 1), (3, -1, 2), (0.2, 0.3, -0.6)], ids=str)
 def test_an_axis_of_simple_ratios_is_exact(axis):
     pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=axis)
-    n = closed_forms.exact_axis(pair.constants.values["n"])
+    n = derivation.exact_axis(pair.constants.values["n"])
     given = [sympy.Rational(str(c)) for c in axis]
     assert all(
         sympy.simplify(c - g / sympy.sqrt(sum(x * x for x in given))) == 0 for c, g in zip(n, given, strict=True)

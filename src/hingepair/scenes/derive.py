@@ -16,8 +16,7 @@ from hingepair.scenes.load import load_pair, load_tables
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.robot_scene import RobotScene
 from hingepair.scenes.tables import Table
-from hingepair.symbolic.closed_forms import SYMBOLIC_CONSTANTS
-from hingepair.symbolic.derivation import Derivation
+from hingepair.symbolic.derivation import SYMBOLIC_CONSTANTS, Derivation
 from hingepair.symbolic.exact_constants import axis_rotation, exact_unit_axis, roll_pitch_yaw_rotation
 from hingepair.symbolic.exact_expressions import SYMPY_ERRORS, to_sympy
 from hingepair.symbolic.expressions import Expression

@@ -1,20 +1,35 @@
-"""Output of closed forms: one line per component in mathematical notation, LaTeX, or a Python module with NumPy."""
+"""Closed forms of a pair: the equations evaluated on SymPy expressions in t, each result in the shorter of two forms.
+
+After every step of a plan, products of sines and cosines are converted to sums of sines and cosines. The form of each
+component with fewer symbols is kept. Where both have equally many, the sum is displayed, and the next step uses the
+product, since a product of products is more readable than a product of sums.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from fractions import Fraction
+from typing import Any, Final, TypeAlias
 
 import sympy
 
 from hingepair.equations.quantities import unit_of
+from hingepair.errors import ArgumentError
+from hingepair.numeric.blocks import components
 from hingepair.numeric.names import Names
-from hingepair.symbolic.closed_forms import ClosedForms
-from hingepair.symbolic.exact_expressions import time_symbol
-from hingepair.symbolic.kinks import Expr, SideOfZero, real_symbol
+from hingepair.pair.constants import check_single_pair
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.planar_pair import PlanarPair
+from hingepair.plans.arguments import check_outputs
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, make_plan
+from hingepair.symbolic.abbreviations import abbreviated
+from hingepair.symbolic.exact_constants import MAX_ROOT_DENOMINATOR, exact
+from hingepair.symbolic.exact_expressions import derivatives, time_symbol
+from hingepair.symbolic.kinks import Expr, real_symbol
 from hingepair.symbolic.printers import (
-    is_simple,
+    count_symbols,
     latex_name,
     sorted_terms,
     to_latex,
@@ -23,6 +38,7 @@ from hingepair.symbolic.printers import (
     with_short_constants,
     with_symbols,
 )
+from hingepair.symbolic.trig_sums import cosine_expression, sine_expression, trig_sum
 from hingepair.symbolic.written_forms import (
     Equation,
     Equations,
@@ -32,29 +48,161 @@ from hingepair.symbolic.written_forms import (
     title_suffix,
 )
 
-_PYTHON_NAMES = (
-    "t",
-    "numpy",
-    "float",
-    "parts",
-    "part",
-    "shape",
-    "__debug__",
-)  # in the functions of Derivation.to_python
+_PYTHON_NAMES = ("t", "numpy", "float", "parts", "part", "shape", "__debug__")  # in generated functions
+
+SumTerms: TypeAlias = tuple[Expr, ...]
+"""Terms of a sum, or components of a constant."""
+
+MAX_COMPONENT_SYMBOLS: Final = 5_000
+"""Largest number of symbols in a component, with repetition; a longer one is not readable."""
+SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
+"""Constants of a pair that can stay symbols."""
+_CONSTANTS: Final = (*SYMBOLIC_CONSTANTS, "home")
+_COORDINATES: Final = ("q", "qd", "qdd")  # as plans have them
 
 
-class Derivation(ClosedForms, WrittenForms):
-    """Closed forms of a pair's motion, with output as text, LaTeX, Python and SymPy source.
+class Derivation(WrittenForms):
+    """Closed forms of a pair's motion (E1-E11) as functions of t, written as text, LaTeX, Python or SymPy source.
 
     The outputs are attributes: `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2`, and `R1`, `S1`, `v1`, `omega1`, `a1`,
     `alpha1`; of a planar pair those that `names` lists. Each is an immutable SymPy matrix, (3, 1) or (3, 3). Vectors
     of a planar pair are (2, 1), and its angles, angular velocities and accelerations are expressions. An output is
-    derived at the first access.
+    derived at the first access; intermediate results are kept.
+
+    Args:
+        pair: one pair; its numbers are made exact as `hingepair.derive` describes.
+        motion: coordinates as expressions in t, by name. A coordinate that is missing or None is an unspecified
+            function of t. By default all are.
+        sequence: sequence of the Euler angles; ignored in the plane.
+        symbolic: names of constants, out of u1, u2 and n, that stay symbols; n counts as having length 1.
+        exact_values: exact components of u1, u2, n (of length 1) and home, by name, where they are known.
+
+    Raises:
+        ArgumentError: `pair` holds more than one pair, or the derivatives of a coordinate are too long.
     """
 
-    __slots__ = ()
+    __slots__ = ("_display_forms", "_home", "_planar", "_sequence", "_working_forms")
     writers = to_text, str, to_latex
     abbreviated = False
+
+    def __init__(
+        self,
+        pair: HingePair | PlanarPair,
+        motion: Mapping[str, Expr | None] | None = None,
+        sequence: str | None = "XYZ",
+        symbolic: Collection[str] = (),
+        exact_values: Mapping[str, SumTerms] | None = None,
+    ) -> None:
+        check_single_pair(pair)
+        self._planar = isinstance(pair, PlanarPair)
+        given = {name: expr for name, expr in (motion or {}).items() if expr is not None}
+        written = {key: tuple(map(sympy.sympify, exprs)) for key, exprs in (exact_values or {}).items()}
+        renamed = self._distinct_constants([*given.values(), *sum(written.values(), ())], given, symbolic)
+        coordinates = [
+            derivatives(name, given[name].xreplace(renamed)) if name in given else _unknown_function(name)
+            for name in self.kind.coordinates
+        ]
+        written = {key: tuple(expr.xreplace(renamed) for expr in exprs) for key, exprs in written.items()}
+        constants = constant_inputs(pair, symbolic, written)
+        self._sequence = None if self._planar else sequence
+        self._home = "home" in constants
+        self._working_forms: dict[str, Any] = constants | dict(
+            zip(_COORDINATES, zip(*coordinates, strict=True), strict=True)
+        )
+        self._display_forms: dict[str, tuple[Expr, ...]] = {}
+
+    @property
+    def t(self) -> Expr:
+        """The SymPy symbol of time [s]."""
+        return time_symbol()
+
+    @property
+    def kind(self) -> MotionKind:
+        """Kind of motion of the pair, PLANAR_MOTION_KIND or SPATIAL_MOTION_KIND."""
+        return PLANAR_MOTION_KIND if self._planar else SPATIAL_MOTION_KIND
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the closed forms."""
+        return tuple(self.kind.levels)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # while a copy is being made
+            raise AttributeError(name)
+        if name not in self.names:
+            raise AttributeError(f"{type(self).__name__} has no {name!r}; it has t, {', '.join(self.names)}")
+        parts = [sympy.Add(*terms) for terms in self.terms(name)]
+        tail = self.kind.shapes[name]
+        return parts[0] if not tail else sympy.ImmutableMatrix(tail[0], len(parts) // tail[0], parts)
+
+    def __dir__(self) -> list[str]:
+        return [*object.__dir__(self), *self.names]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__} of {', '.join(self.names)}"
+
+    def labels(self, name: str) -> list[str]:
+        """Return the labels of the components of the output called `name`: omega1_x, S2_xy, phi2."""
+        places = map("".join, itertools.product("xyz"[: 3 - self._planar], repeat=len(self.kind.shapes[name])))
+        return [f"{name}_{place}" if place else name for place in places]
+
+    def _distinct_constants(
+        self, exprs: Iterable[Expr], given: Collection[str], symbolic: Collection[str]
+    ) -> dict[Expr, Expr]:
+        """Return the symbols that replace the constants of a scene; names in use get an underscore."""
+        used = ["t", *(label for name in self.names for label in self.labels(name))]
+        used += [name + "d" * order for name in self.kind.coordinates if name not in given for order in range(3)]
+        used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]
+        names = Names(used, latex_name)
+        constants = set().union(*(expr.free_symbols for expr in exprs)) - {time_symbol()}
+        taken = names.take_all(sorted(symbol.name for symbol in constants))
+        return {symbol: real_symbol(taken[symbol.name]) for symbol in constants}
+
+    def terms(self, name: str) -> tuple[SumTerms, ...]:
+        """Return the components of the output called `name`, each as the terms of its sum in the order of display.
+
+        Raises:
+            ArgumentError: no such output, or its closed form is too long to be of use.
+        """
+        check_outputs((name,), self.kind.levels)
+        plan = make_plan(
+            (name,),
+            self._sequence,
+            self._home,
+            TRIG_FUNCTIONS,
+            self.kind,
+            _COORDINATES,
+        )
+        for result, function, arguments in plan.steps:
+            if result not in self._working_forms:
+                value = function(*[self._working_forms[key] for key in arguments])
+                keep = (
+                    result in ("angles", "phi2")  # sums of angles
+                    or bool({*arguments} & {*_COORDINATES})
+                    or isinstance(components(value)[0], tuple)
+                )
+                self._working_forms[result] = value if keep else self._shorten(result, value)
+        return tuple(map(sorted_terms, self._display_forms.get(name, components(self._working_forms[name]))))
+
+    def _shorten(self, result_name: str, value: Any) -> Any:
+        """Return a result in the form that further steps use, and store the form that is displayed."""
+        pairs = [self._choose_forms(sympy.sympify(part)) for part in components(value)]
+        longest = max(count_symbols(working) for working, _ in pairs)
+        if longest > MAX_COMPONENT_SYMBOLS:
+            expected = f"an output whose components have at most {MAX_COMPONENT_SYMBOLS} symbols"
+            raise ArgumentError("outputs", expected, f"{result_name} with {longest}")
+        working, self._display_forms[result_name] = zip(*pairs, strict=True)
+        return working if isinstance(value, tuple) else working[0]
+
+    def _choose_forms(self, expr: Expr) -> tuple[Expr, Expr]:
+        """Return the form for further steps and that for display: the expression itself or its sum of sines and
+        cosines.
+        """
+        as_sum = trig_sum(expr)
+        if as_sum is None:
+            return expr, expr
+        gain = count_symbols(expr) - count_symbols(as_sum)
+        return as_sum if gain > 0 else expr, as_sum if gain >= 0 else expr
 
     def _components(self, names: Iterable[str] | None) -> Iterator[tuple[str, Expr]]:
         for name in self.names if names is None else names:
@@ -66,70 +214,12 @@ class Derivation(ClosedForms, WrittenForms):
             Equation((label,), tuple(with_symbols(sorted_terms(with_short_constants(expr)), "'")))
             for label, expr in self._components(names)
         ]
-        return _abbreviated(rows) if short else Equations(rows)
+        return abbreviated(rows) if short else Equations(rows)
 
     def _module(self, names: Iterable[str] | None, title: str) -> list[str]:
         head = f'"""Closed forms{title_suffix(title)}."""\n\nimport numpy\n'
         chosen = self.names if names is None else names
         return [head, *(_function_source(name, [expr for _, expr in self._components((name,))]) for name in chosen)]
-
-
-def _abbreviated(rows: Sequence[Equation]) -> Equations:
-    """Return the equations with symbols in place of repeated functions, and the meanings of these."""
-    symbols_of = _abbreviations([term for row in rows for term in row.terms])
-    short_rows = [Equation(labels, tuple(term.xreplace(symbols_of) for term in terms)) for labels, terms in rows]
-    meanings = {
-        symbol: function.func(*[part.xreplace(symbols_of) for part in function.args])
-        if function.free_symbols
-        else function
-        for function, symbol in symbols_of.items()
-    }
-    definitions: dict[str, Expr] = {}
-
-    def define(expr: Expr) -> None:
-        """Add the definitions of the symbols in an expression to the dict `definitions`. Each definition follows the
-        definitions that it uses.
-        """
-        for symbol in sorted(expr.free_symbols & meanings.keys(), key=lambda a: (a.name[2:].zfill(9), a.name)):
-            if symbol.name not in definitions:
-                define(meanings[symbol])  # definitions that it needs come first
-                definitions[symbol.name] = meanings[symbol]
-
-    define(sympy.Tuple(*[term for row in short_rows for term in row.terms]))
-    return Equations(short_rows, [definitions])
-
-
-def _abbreviations(terms: list[Expr]) -> dict[Expr, Expr]:
-    """Return a dict from the functions that occur in terms to the symbols that abbreviate them: c_1 and s_1 for an
-    angle, c_12 for the sum of two, k_1 for other functions that occur repeatedly.
-
-    Sines and cosines such as sin t and cos 3t, and functions that occur once, are not abbreviated.
-    """
-    counts: Counter[Expr] = Counter()
-    for term in terms:
-        counts.update(part for part in sympy.preorder_traversal(term) if isinstance(part, sympy.Function))
-    waves = [f for f in counts if isinstance(f, sympy.sin | sympy.cos) and not _is_short_wave(f)]
-    names = Names((symbol.name for term in terms for symbol in term.free_symbols), latex_name)
-    indices: dict[Expr, str] = {}
-    count = 0
-    for angle in sorted({f.args[0] for f in waves}, key=lambda angle: (angle.is_Add, angle.sort_key())):
-        parts = [indices.get(part, "") for part in sympy.Add.make_args(angle)]
-        index = ("" if count < 10 else ",").join(sorted(parts)) if len(parts) > 1 and all(parts) else ""
-        while not index or not names.free(f"c_{index}", f"s_{index}"):
-            count += 1
-            index = str(count)
-        indices[angle] = index
-        names.take_all((f"c_{index}", f"s_{index}"))
-    trig_symbols = {f: real_symbol(f"{f.func.__name__[0]}_{indices[f.args[0]]}") for f in waves}
-    others = [f for f in counts if counts[f] > 1 and not isinstance(f, sympy.sin | sympy.cos | SideOfZero)]
-    others.sort(key=lambda f: (-counts[f], f.sort_key()))
-    free = (name for name in (f"k_{i}" for i in itertools.count(1)) if names.free(name))
-    return dict(zip(others, map(real_symbol, free), strict=False)) | trig_symbols
-
-
-def _is_short_wave(wave: Expr) -> bool:
-    """Return whether a sine or cosine is as short as sin t or cos 3t, and so needs no abbreviation."""
-    return is_simple(wave.args[0]) and wave.free_symbols == {time_symbol()}
 
 
 def _function_source(name: str, component_exprs: list[Expr]) -> str:
@@ -159,3 +249,51 @@ def _function_source(name: str, component_exprs: list[Expr]) -> str:
         shape=f"numpy.broadcast({', '.join(arguments)}).shape",
         tail=tail,
     )
+
+
+def _unknown_function(name: str) -> tuple[Expr, Expr, Expr]:
+    """Return a coordinate as a function of t that is not known, with its derivatives."""
+    t = time_symbol()
+    function = sympy.Function(name, real=True)(t)
+    return function, function.diff(t), function.diff(t, 2)
+
+
+def constant_inputs(
+    pair: HingePair | PlanarPair, symbolic: Collection[str], exact_values: Mapping[str, SumTerms]
+) -> dict[str, SumTerms]:
+    """Return the pair's constants as expressions: symbols, `exact_values`, or exact numbers made of its floats."""
+    inputs: dict[str, SumTerms] = {}
+    values = pair.constants.values
+    for key, value in ((key, values[key]) for key in _CONSTANTS if key in values):
+        if key in symbolic:
+            inputs[key] = tuple(sympy.Symbol(f"{key}_{axis}", real=True) for axis in "xyz"[: len(value)])
+        elif key in exact_values:
+            inputs[key] = exact_values[key]
+        else:
+            inputs[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
+    return inputs
+
+
+def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
+    """Return a unit axis as roots of simple fractions if they equal its components within rounding, otherwise as the
+    numbers that the shortest decimals show.
+    """
+    squares = [Fraction(c * c).limit_denominator(MAX_ROOT_DENOMINATOR) for c in n]
+    roots = tuple(
+        sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
+    )
+    # Two units in the last place, since 0.3 counts as 3/10.
+    matches = all(abs(float(root) - c) <= 2 * math.ulp(c) for root, c in zip(roots, n, strict=True))
+    return roots if matches and sum(squares) == 1 else tuple(map(exact, n))
+
+
+def _angle_trig(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:
+    return tuple(function(angle) for angle in phi for function in (sine_expression, cosine_expression))
+
+
+def _hinge_trig(psi: Expr) -> tuple[Expr, Expr]:
+    return sine_expression(psi), 1 - cosine_expression(psi)
+
+
+TRIG_FUNCTIONS: Final = (_angle_trig, _hinge_trig)
+"""(sin, cos, sin, cos, ...) of the Euler angles, and (sin psi, 1 - cos psi), as plans take them."""
