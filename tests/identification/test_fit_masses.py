@@ -69,10 +69,11 @@ def test_masses_and_friction_are_found_whatever_was_described():
     np.testing.assert_allclose(loaded, fit.torques(*other), rtol=0, atol=1e-9)
 
 
-def test_exact_torques_give_exact_parameters():
+@pytest.mark.parametrize("physical", [False, True])
+def test_exact_torques_give_exact_parameters(physical):
     q, qd, qdd = motion(10)
     wrong = panda().with_inertial_parameters(0.5 * panda().inertial_parameters)
-    fit = hp.fit_masses(wrong, q, qd, qdd, torques(panda(), q, qd, qdd), test=0)
+    fit = hp.fit_masses(wrong, q, qd, qdd, torques(panda(), q, qd, qdd), test=0, physical=physical)
     exact = np.concatenate((panda().base_parameters().values, VISCOUS, COULOMB))
     np.testing.assert_allclose(fit.values, exact, rtol=0, atol=1e-12)
     assert fit.ok

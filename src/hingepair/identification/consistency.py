@@ -60,7 +60,7 @@ def consistent_parameters(
     further = len(target) - len(combinations)
     unit = np.concatenate([body_units(*size) for size in sizes])
     lengths = np.linalg.norm(factor[:, len(combinations) :], axis=0)
-    further_unit = 1 / np.where(lengths > 0, lengths, 1.0)
+    further_unit = np.maximum(np.abs(target[len(combinations) :]), 1 / np.where(lengths > 0, lengths, 1.0))
     # Least r.r and pull in these units, with r = A x - b as unknowns, since A.T A would lose half of the digits.
     A = factor @ np.hstack(
         (

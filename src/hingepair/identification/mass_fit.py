@@ -28,7 +28,7 @@ JOINT_TERMS: Final = ("viscous", "coulomb", "offset", "armature")
 """Terms of the torque of a joint by itself: in proportion to qd, sign(qd), 1 and qdd."""
 _NORMAL_95 = 1.959963984540054  # standard deviations: 95 % of a normal distribution are within
 _SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of parameters has no effect on the torques
-_BLOCK = 16384  # samples
+_BLOCK = 2**23  # numbers of a regressor that are in memory at a time
 _WEIGHT_ROUNDS = 3  # in which the noise of each joint and the parameters are estimated in turn
 _LEAST_NOISE = 1e-7  # of what the described parameters leave, so that exact torques keep finite weights
 _HARDLY_KNOWN, _UNKNOWN = 0.5, 2.0  # from these standard deviations on, in parts of what such a body may have
@@ -220,8 +220,9 @@ def fit_masses(
     >>> rates = np.linspace(1, 2, robot.dof)
     >>> q, qd, qdd = np.sin(rates * t), rates * np.cos(rates * t), -(rates**2) * np.sin(rates * t)
     >>> loaded = robot.with_payload("tool0", hp.Body(2, inertia=(0.01, 0.01, 0.01)))
-    >>> fit = hp.fit_masses(robot, q, qd, qdd, loaded.inverse_dynamics(q, qd, qdd).tau)
-    >>> fit.ok, np.allclose(fit.robot.gravity_forces(q), loaded.gravity_forces(q))
+    >>> tau = loaded.inverse_dynamics(q, qd, qdd).tau
+    >>> fit = hp.fit_masses(robot, q, qd, qdd, tau)
+    >>> fit.ok, np.allclose(fit.torques(q, qd, qdd), tau)
     (True, True)
     """
     terms, share = _checked_options(robot, joint_terms, test)
@@ -327,7 +328,8 @@ class _Recording(NamedTuple):
 
     def blocks(self, count: int) -> Iterator[slice]:
         """Return the first `count` samples in blocks, whose regressors fit into memory."""
-        return (slice(start, min(start + _BLOCK, count)) for start in range(0, count, _BLOCK))
+        size = max(_BLOCK // (self.robot.dof * self.base.matrix.shape[1]), 1)
+        return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
     def rows(self, part: slice) -> Float64Array:
         """Return the columns of the base parameters and of the joint terms for some samples; shape (n, dof, k)."""
@@ -494,7 +496,7 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
     rms, size = _rms(left), np.maximum(_rms(recording.values["tau"][: len(left)]), 1e-300)
     joints = np.array(recording.robot.names)
     findings = []
-    correlated = np.array([neighbour_correlation(column) > RANDOM for column in left.T]) & (rms > 1e-9 * size)
+    correlated = np.array([neighbour_correlation(column) > RANDOM for column in left.T]) & (rms > 1e-6 * size)
     if correlated.any():
         share = float((rms / size)[correlated].max())
         text = (
@@ -502,7 +504,7 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
             "random: filtered noise, or what the parameters lack, such as other friction and elastic gears."
         )
         findings.append(Finding(text, harmless=share < _POOR))
-    worse = rms_test > np.maximum(_WORSE * rms, 1e-9 * size)
+    worse = rms_test > np.maximum(_WORSE * rms, 1e-6 * size)
     if worse.any():
         k = int(np.argmax(np.where(worse, rms_test / np.maximum(rms, 1e-300), 0.0)))
         text = (
