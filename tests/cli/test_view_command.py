@@ -17,6 +17,7 @@ def view(*arguments: object) -> str:
     return run_command("view", *arguments).stdout
 
 
+@pytest.mark.slow
 def test_a_robot_is_viewed_by_its_name_or_its_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert view("panda") == "written: panda.html (8 joints; open it in a browser)\n"

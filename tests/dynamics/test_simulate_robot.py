@@ -56,6 +56,7 @@ def test_a_robot_of_one_joint_is_the_pair():
 
 
 @pytest.mark.parametrize("base", ["free", "pinned"])
+@pytest.mark.slow
 def test_momenta_of_a_robot_without_loads_are_kept(base):
     rng = generator(6)
     omega = rng.normal(size=3)
@@ -116,6 +117,7 @@ def test_the_accelerations_are_those_of_forward_dynamics_and_the_energies_grow_b
     np.testing.assert_allclose(found.qdd, expected.qdd, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_error_estimate_is_the_error():
     t = np.linspace(0, 3, 31)
     coarse, fine = (hp.simulate(chain(4), t, np.zeros(4), tol=tol) for tol in (1e-5, 1e-14))

@@ -49,6 +49,7 @@ def noise(shape, seed, correlation=0.0):
     return NOISE * rows
 
 
+@pytest.mark.slow
 def test_masses_and_friction_are_found_whatever_was_described():
     heavier = panda().with_payload("panda_hand", hp.Body(1.5, (0.02, 0.03, 0.1), inertia=(0.01, 0.01, 0.004)))
     q, qd, qdd = motion(10)
@@ -100,6 +101,7 @@ def test_intervals_cover_the_parameters(seconds, runs, correlation):
     assert 0.92 <= share <= 0.98
 
 
+@pytest.mark.slow
 def test_rotors_and_offsets_are_found_where_asked_for():
     """The rotor of the first joint cannot be told from the inertia of its body."""
     q, qd, qdd = motion(10)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import ctypes
-import dataclasses
 import pickle
 import platform
 import sys
@@ -523,11 +522,6 @@ def test_products_that_overflow_are_refused_where_masses_are_used():
         robot.error_bounds([0, 0], outputs=("mass_matrix",))
     with pytest.raises(hp.ArgumentError, match="mass properties of 'body', 'payload': expected numbers whose sum"):
         robot.with_payload("a", hp.Body(1e308)).with_payload("a", hp.Body(1e308))
-
-
-def test_the_base_of_a_robot_is_not_replaced(robot):
-    with pytest.raises(ValueError, match="base"):
-        dataclasses.replace(robot, base="free")
 
 
 def link(name, mass, moments, centre=(0, 0, 0)):

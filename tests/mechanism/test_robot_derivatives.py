@@ -354,6 +354,7 @@ def test_only_what_is_asked_for_is_computed(ur5, states):
         ur5.inverse_dynamics_derivatives(*states, outputs=("tau",))
 
 
+@pytest.mark.slow
 def test_a_second_call_heeds_all_that_differs_from_the_first(ur5, torques, states):
     q, qd, qdd = states
     first = ur5.inverse_dynamics_derivatives(q, qd, qdd)

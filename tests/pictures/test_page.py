@@ -254,6 +254,7 @@ def test_joints_are_grouped_by_limb():
     assert all(joint.startswith("leg_left_") for joint in groups["leg_left"])
 
 
+@pytest.mark.slow
 def test_a_motion_of_a_robot_is_played_at_its_instants():
     robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
     q = np.random.default_rng(1).uniform(-1, 1, (5001, 7))
@@ -268,6 +269,7 @@ def test_a_motion_of_a_robot_is_played_at_its_instants():
     np.testing.assert_array_equal(content_of(hp.view(robot, q=table))["q"], q[:4])
 
 
+@pytest.mark.slow
 def test_the_base_of_a_robot_stands_or_moves_as_it_is_told():
     robot = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02})
     q = np.random.default_rng(1).uniform(-1, 1, (4, 7))

@@ -63,7 +63,7 @@ class RobotConstants:
     pivot_thresholds: NDArray[np.float64]
     base_pivot_thresholds: NDArray[np.float64]
     axes: tuple[NDArray[np.float64], ...]
-    whole: bool = False
+    whole: bool
     varied: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)
     cache: Cache = field(default_factory=Cache, repr=False)
 
