@@ -374,7 +374,7 @@ BAD = {
     "no joints": ("joint = []", r"joint: expected tables \[\[joint\]\]"),
     "pair beside": (JOINTS + "[pair]\n", "pair: expected nothing of this name in the scene of a mechanism"),
     "planar": ("planar = true\n" + JOINTS, "planar: expected nothing"),
-    "dynamics": (JOINTS + "[dynamics]\n", "dynamics: expected nothing"),
+    "dynamics": (JOINTS + "[dynamics]\nmass = 1\n", "dynamics.mass: expected"),
     "misspelt table": (JOINTS + "[mechanisim]\n", "mechanisim: .*nearest: mechanism"),
     "robot beside joints": (JOINTS + "[mechanism]\nrobot = 'panda'\n", "mechanism.robot: expected no such key"),
     "locked joints": (JOINTS + "[mechanism]\nlocked = { ram = 0 }\n", "mechanism.locked: expected no such key"),

@@ -43,6 +43,9 @@ def run_command(
     explain: Annotated[
         bool, typer.Option("--explain", help="Explain what is computed, what is skipped, and why.")
     ] = False,
+    energy: Annotated[
+        bool, typer.Option("--energy", help="Print the energy balance of a motion that [dynamics] simulates.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compute and print the motion of body 2 or of a mechanism.
@@ -59,6 +62,7 @@ def run_command(
     scene = load_named_scene(scene_file)
     names = split_names("--outputs", outputs)
     plan = scene.plan(names) if explain else None
+    balance = scene.energy_balance() if energy else None
     summary = RunSummary(scene)
     with contextlib.ExitStack() as exit_stack:
         add = None
@@ -74,12 +78,15 @@ def run_command(
         largest = {r.label: {"largest": r.largest, "in_u_scale": r.ratio} for r in residuals}
         result = {**scene.facts(), "not_finite": summary.lost, "outputs": summary.ranges(), "residuals": largest}
         result |= {"notes": notes, "file": None if out is None else str(out)}
+        result |= {"energy_balance": balance.facts()} if balance else {}
         print(json_text(result | ({"plan": asdict(plan)} if plan else {})))
         return
     _print_heading(scene)
     if plan:
         print(str(plan))
     print_component_table(summary.table())
+    if balance:
+        print(balance)
     for frame, shown in summary.coincident_frames.items():
         print(printable(f"{frame} moves exactly as {shown} and is not shown"))
     some = summary.lost < scene.samples

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,14 @@ class EnergyBalance:
         """Change of the energies since the first instant less the work of all loads [J], (N,); numerical errors."""
         total = self.kinetic + self.potential
         return np.asarray(total - total[:1] - sum(self.work.values()))
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the table shows: the work of each load and the changes of the energies [J] at the last instant,
+        and the largest residual.
+        """
+        changes = {name: float(x[-1] - x[0]) for name, x in self._energies()}
+        work = {name: float(x[-1]) for name, x in self.work.items()}
+        return {"work": work, **changes, "residual": float(np.abs(self.residual).max())}
 
     def __str__(self) -> str:
         rows = [(name, f"{work[-1]:.6g}") for name, work in self.work.items()]

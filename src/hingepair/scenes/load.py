@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from hingepair.scenes.motions.simulated import DynamicsSetup
     from hingepair.scenes.robot_scene import RobotScene
 
-_COMMON_TABLES = ("title", "constants", "motion", "time", "outputs")
-_PAIR_TABLES = (*_COMMON_TABLES, "planar", "pair", "dynamics", "tolerances")
+_COMMON_TABLES = ("title", "constants", "motion", "dynamics", "time", "outputs")
+_PAIR_TABLES = (*_COMMON_TABLES, "planar", "pair", "tolerances")
 _ROBOT_TABLES = (*_COMMON_TABLES, "mechanism", "joint", "base")
 
 
@@ -85,7 +85,13 @@ def _robot_scene(tables: Table, common: dict[str, Any]) -> RobotScene:
     folder = common["path"].parent
     try:
         robot = read_mechanism(tables, folder)
-        motion = read_joint_motion(tables, folder, robot)
+        if "dynamics" in tables.values:
+            from hingepair.scenes.motions.simulated_joints import read_simulated_joints
+
+            motion = read_simulated_joints(tables, robot, read_gravity(tables))
+            robot = motion.simulated.robot if motion.simulated else robot
+        else:
+            motion = read_joint_motion(tables, folder, robot)
     except SceneError as error:
         if is_stray_joint(tables, folder, error):
             raise SceneError(error.name, "the motion of a joint under [motion]", "a joint in another table") from None

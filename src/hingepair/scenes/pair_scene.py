@@ -271,7 +271,7 @@ class PairScene(Scene):
 
     def _compared(self, rows: Rows) -> CrossValidation:
         report = self.motion.source.part(rows, self.motion.level).cross_validate(self.pair)
-        report = replace(report, notes=self._error_notes(report.u))
+        report = replace(report, notes=self.motion.error_notes(report.u))
         motion = self.motion.simulated
         if motion is None:
             return report
@@ -285,21 +285,6 @@ class PairScene(Scene):
         moves = motion.base in {"free", "pinned"}
         rates = compare_rates(self.times(), whole.body1, whole.hinge, body1_moves=moves)
         return replace(report, forces=forces, rates=rates)
-
-    def _error_notes(self, u: float) -> tuple[str, ...]:
-        """Return sentences that errors of the motion are unknown, or exceed the bound of a comparison."""
-        from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE as MAX_RATIO
-
-        errors = {unit: error() for unit, error in self.motion.errors.items()}
-        large = [f"{error:.1g} {unit}" for unit, error in errors.items() if error > MAX_RATIO * u]
-        notes = [self.motion.doubt] if math.isnan(self.motion.error_estimate) and self.motion.doubt else []
-        if large:
-            bound = f"the bound of {MAX_RATIO * u:.1g} rad"
-            held = "the comparison is one of the equations at each instant, not of the way there"
-            notes.append(
-                f"by its own estimate the motion is off by about {' and '.join(large)}, above {bound}: {held}"
-            )
-        return tuple(notes)
 
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
         return pair_forces(self.pair, self.motion, t, gravity, record)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.dynamics.run import stop_overrun
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
@@ -287,8 +289,21 @@ class RobotScene(Scene):
     def _compared(self, rows: Rows) -> CrossValidation:
         from hingepair.validation.cross_validate import cross_validate
 
-        known = self.known(rows, self.motion.level)
-        return cross_validate(self.mechanism, *known.arguments(), base_motion=known.base, gravity=self.gravity)
+        known, motion = self.known(rows, self.motion.level), self.motion.simulated
+        report: CrossValidation = cross_validate(
+            self.mechanism, *known.arguments(), base_motion=known.base, gravity=self.gravity
+        )
+        if motion is None:
+            return report
+        from hingepair.validation.robot_check import compare_loads
+        from hingepair.validation.simulated import compare_joint_rates
+
+        forces = compare_loads(
+            self.mechanism, known.array(0), known.array(1), known.array(2), known.base, self.gravity,
+            {name: motion.loads[name][rows] for name in ("tau", "force1", "torque1")}, motion.base,
+        )  # fmt: skip
+        rates = compare_joint_rates(self.times(), motion.q, motion.qd, motion.qdd)
+        return replace(report, forces=forces, rates=rates, notes=self.motion.error_notes(report.u))
 
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
         fall = self.gravity if gravity is None else tuple(one_constant("gravity", gravity, 3).tolist())
@@ -306,6 +321,18 @@ class RobotScene(Scene):
                 watches.append(LimitCounter(joint.name + "'" * order, own, unit, _column(order, i)))
         return watches
 
+    def last_notes(self, _watches: Sequence[LimitCounter]) -> Iterable[str]:
+        """Return sentences on soft stops and on the motion itself."""
+        motion = self.motion
+        if motion.simulated is not None:
+            joints = zip(self.mechanism.tree.coordinates, motion.stops, motion.simulated.q_range, strict=True)
+            for joint, stops, (least, most) in joints:
+                if soft := stop_overrun(joint.name, joint.unit, stops, float(least), float(most)):
+                    yield f"{soft}; stop_stiffness hardens them"
+        yield from motion.notes
+        if math.isnan(motion.error_estimate):
+            yield motion.doubt
+
     def angle_limits(self) -> dict[str, Sequence[float]]:
         """Return the limits of the hinges by name."""
         joints = self.mechanism.tree.coordinates
@@ -320,6 +347,8 @@ class RobotScene(Scene):
         """Return whether the motion may depend on numbers of the file: payloads, and what joints are, do not
         move it.
         """
+        if self.motion.simulated is not None:
+            return True
         resting = ("u1", "u2", "n", "home", "body1", "body2")
         of_joints = all(steps[0] == "joint" and (len(steps) <= 2 or steps[2] in resting) for steps in keys)
         return not of_joints and any(tuple(steps[:2]) != ("mechanism", "payload") for steps in keys)
@@ -343,7 +372,7 @@ class RobotScene(Scene):
         robot = self.mechanism
         return [
             ("mechanism", f"{robot.name}, {robot.dof} joints, {robot.base} base"),
-            ("motion", f"{self.motion.origin}, of {', '.join(self.motion.moving) or 'no joint'}"),
+            ("motion", f"{self.motion.description}, of {', '.join(self.motion.moving) or 'no joint'}"),
             ("frames", ", ".join(self.frames)),
             ("outputs", ", ".join(self.outputs or ("the motion of frames and joints",))),
         ]

@@ -62,7 +62,7 @@ def read_mechanism(tables: Table, folder: Path) -> Mechanism:
         expected = 'a robot of example-robot-data, such as robot = "panda"; or urdf = "file"; or [[joint]] tables'
         table.refuse("robot", expected, "both robot and urdf" if sources else "none of them")
     base = table.choice("base", BASE_KINDS)
-    if base == "free" and "base" not in tables.values:
+    if base == "free" and not {"base", "dynamics"} & tables.values.keys():
         table.fail("base", '"fixed", or "free" together with a table [base] for the motion of the base')
     robot = _assemble_joints(tables, table, base) if "joint" in tables.values else _read_robot(table, folder, base)
     return with_payload(_with_frames(robot, table), table)
@@ -197,7 +197,7 @@ def with_payload(robot: Mechanism, table: Table) -> Mechanism:
 def is_stray_joint(tables: Table, folder: Path, error: SceneError) -> bool:
     """Return whether the key that an error is about is a joint of the robot outside the table [motion]."""
     *parents, key = error.loc or ("",)
-    if not parents or parents[0] == "motion" or parents[-1] == "locked":
+    if not parents or parents[0] in {"motion", "dynamics"} or parents[-1] == "locked":
         return False
     value: Any = tables.values
     for step in (*parents, key):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.dynamics.energy_balance import EnergyBalance
 from hingepair.equations.quantities import VELOCITY, unit_of
 from hingepair.errors import ArgumentError
 from hingepair.integration.trajectory import describe_instants
@@ -55,7 +56,7 @@ class SceneResult(Frozen, Result, abc.ABC):
     #: index of the first instant; 0 except in blocks
     first: int = 0
     _names_hidden_from_dir: ClassVar[frozenset[str]] = Result._names_hidden_from_dir | {
-        *("coincident_frames", "energy", "first", "known", "momentum", "requested"),
+        *("coincident_frames", "energy", "energy_balance", "first", "known", "momentum", "requested"),
         *("requested_arrays", "residual_sizes"),
     }
 
@@ -94,6 +95,11 @@ class SceneResult(Frozen, Result, abc.ABC):
     def coincident_frames(self) -> dict[str, str]:
         """Return the frames of a robot that move exactly as an earlier one, and these."""
         return {}
+
+    def energy_balance(self) -> EnergyBalance:
+        """Compute the energy balance of the whole motion, as `Scene.energy_balance`."""
+        balance: EnergyBalance = self.scene.energy_balance()
+        return balance
 
     def __repr__(self) -> str:
         return f"SceneResult({describe_instants(self.t)}, {self._of_what()})"
@@ -317,6 +323,20 @@ class Scene(Shown, abc.ABC):
         """
         record = {"described": f"forces: {self.title}", "inputs": self.files, "unit": self.unit}
         return self._forces(self.times(), gravity, record)
+
+    def energy_balance(self) -> EnergyBalance:
+        """Compute the energy balance of a motion that [dynamics] simulates: the work of each load since the first
+        instant, and the energies. `print` shows it as a table.
+
+        Raises:
+            ArgumentError: the motion is not simulated.
+        """
+        simulated = self.motion.simulated
+        if simulated is None:
+            expected = "a motion that [dynamics] simulates, for its energy balance"
+            raise ArgumentError("motion", expected, self.motion.origin)
+        balance: EnergyBalance = simulated.energy_balance()
+        return balance
 
     @abc.abstractmethod
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces: ...

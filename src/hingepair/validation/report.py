@@ -248,7 +248,8 @@ class CrossValidation(Shown):
         right = {1, 2, 3, 4, 5 + with_parts}
         sections = [_Section("", [heading, *(row.cells(with_parts) for row in rows)], right)]
         if self.forces:
-            title = "the loads against the forces that the motion takes by Pinocchio's rnea, in body 1's axes"
+            title = "the loads against the forces that the motion takes by Pinocchio's rnea"
+            title += "" if self.base else ", in body 1's axes"
             sections.append(_Section(title, [heading, *(row.cells(with_parts) for row in self.forces)], right))
         if self.rates:
             title = "the rates against slopes by finite differences, where the instants are close enough for them"

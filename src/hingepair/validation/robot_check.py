@@ -26,7 +26,7 @@ from hingepair.validation.pinocchio_twin import (
     joins_wrongly,
     robot_twin,
 )
-from hingepair.validation.report import Comparison, CrossValidation
+from hingepair.validation.report import MAX_LOAD_RATIO, Comparison, CrossValidation
 from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
 from hingepair.validation.states import finite_samples, samples_of
 from hingepair.validation.urdf_twin import compare_descriptions, urdf_twin
@@ -106,6 +106,50 @@ def cross_validate_robot(
         f"{robot.base} base, {len(known)} frames",
         base=robot.base, frames=len(known), compared_with=compared_with, description=description,
     )  # fmt: skip
+
+
+def compare_loads(
+    robot: Mechanism,
+    q: Float64Array,
+    qd: Float64Array,
+    qdd: Float64Array,
+    base_motion: BodyMotion | None,
+    gravity: ArrayLike,
+    loads: Mapping[str, Float64Array],
+    held: str,
+) -> tuple[Comparison, ...]:
+    """Compare the loads of a simulated motion with the forces that it requires by Pinocchio's `rnea`.
+
+    Args:
+        robot: the robot.
+        q: coordinates; shape (N, dof).
+        qd: their rates.
+        qdd: their second derivatives.
+        base_motion: motion of the base.
+        gravity: acceleration of free fall [m/s^2]; shape (3,).
+        loads: tau, (N, dof), and force1 and torque1 on the base, (N, 3).
+        held: what holds the base: what holds it gives further forces, which are no loads.
+    """
+    coordinates = {"q": q, "qd": qd, "qdd": qdd}
+    samples = _read_samples(robot, coordinates, base_motion)
+    twin, _ = urdf_twin(robot)
+    twin = twin or robot_twin(robot, has_free_flyer=True)
+    fall = one_constant("gravity", gravity, 3)
+    twin.model.gravity = import_pinocchio("cross_validate").Motion(fall, np.zeros(3))
+    case = _Case(robot, twin, samples, {}, (), fall)
+    required, scales = _outputs_by_pinocchio(case), _output_scales(case, {})
+    names = {"free": ("tau", "force1", "torque1"), "pinned": ("tau", "torque1")}.get(held, ("tau",))
+    rows = []
+    for name in names:
+        size = np.abs(loads[name])
+        scale = scales[name] + (size if scales[name].ndim > 1 else size.max(axis=1))
+        parts = robot.names if name == "tau" else ("",)
+        rows.append(
+            Comparison.of(
+                name, loads[name], required[name], scale, samples.u, samples.shape, parts, bound=MAX_LOAD_RATIO
+            )
+        )
+    return tuple(rows)
 
 
 def _compare(case: _Case, ours: dict[str, Float64Array]) -> tuple[Comparison, ...]:

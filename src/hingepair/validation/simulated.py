@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -148,19 +148,29 @@ def compare_rates(
         chains += [(("R1", "v1", "a1"), (body1.R, body1.v, body1.a))]
         S_dot, S_ddot = skew(omega) @ S, skew(np.asarray(body1.alpha)) @ S + skew(omega) @ (skew(omega) @ S)
         chains += [(("S1", "omega1", "alpha1"), (S, S_dot, S_ddot))]
-    rows = []
-    for names, arrays in chains:
-        x, xd, xdd = (np.asarray(array).reshape(len(t), -1) for array in arrays)
-        sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
-        step = float(np.diff(t).max(initial=0.0))
-        enough = (
-            len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= 0.5 * sizes[0]
-        )  # else it may oscillate between samples
-        for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
-            error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
-            allowed = 0.05 * float(np.nanmax(np.abs(rate), initial=0.0))  # rates of another motion differ by more
-            rows.append(RateComparison.worst_of(name, quantity, error, allowed))
-    return tuple(rows)
+    return tuple(row for names, arrays in chains for row in _compare_chain(t, names, arrays))
+
+
+def _compare_chain(
+    t: Float64Array, names: tuple[str, str, str], arrays: tuple[Any, Any, Any]
+) -> Iterator[RateComparison]:
+    """Yield the comparisons of the first and the second of the rates; `arrays` holds a quantity and both."""
+    x, xd, xdd = (np.asarray(array).reshape(len(t), -1) for array in arrays)
+    sizes = [float(np.nanmax(np.abs(array), initial=0.0)) for array in (xd, xdd)]
+    step = float(np.diff(t).max(initial=0.0))
+    # Otherwise it may oscillate between samples.
+    enough = len(t) > _SLOPE_ORDERS[0] and step * sizes[1] <= 0.5 * sizes[0]
+    for name, quantity, values, rate in zip(names[1:], names, (x, xd), (xd, xdd), strict=False):
+        error = _slope_errors(t - t[0], values, rate) if enough else np.full(len(t), np.nan)
+        allowed = 0.05 * float(np.nanmax(np.abs(rate), initial=0.0))  # rates of another motion differ by more
+        yield RateComparison.worst_of(name, quantity, error, allowed)
+
+
+def compare_joint_rates(
+    t: Float64Array, q: Float64Array, qd: Float64Array, qdd: Float64Array
+) -> tuple[RateComparison, ...]:
+    """Compare the rates and accelerations of all joints of a robot, (N, dof) each, with slopes."""
+    return tuple(_compare_chain(t, ("q", "qd", "qdd"), (q, qd, qdd)))
 
 
 def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> Float64Array:
@@ -170,6 +180,6 @@ def _slope_errors(t: Float64Array, values: Float64Array, rate: Float64Array) -> 
     reach = 3  # samples to either side of an uncertain slope whose slopes are uncertain too
     shifts = [np.roll(np.pad(disagreement, reach), k) for k in range(-reach, reach + 1)]
     slope_error = np.max(shifts, axis=0)[reach:-reach]
-    max_slope_error = 1e-3 * np.nanmax(np.abs(fine), initial=0.0)
+    max_slope_error = 1e-3 * np.nanmax(np.abs(rate), initial=0.0)  # slopes across an impact say nothing
     is_resolved = slope_error <= max_slope_error
     return np.where(is_resolved, np.abs(rate - fine).max(axis=-1), np.nan)

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, NoReturn
 
 import numpy as np
 
+from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import choices, nearest, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
@@ -161,12 +162,27 @@ class BaseMotion:
     #: Euler sequence of the angles
     sequence: str
 
+    def part(self, _: Rows, t: Float64Array, order: int) -> BodyMotion:
+        """Return the motion of the base at the instants t, with derivatives up to `order`; shape (N,)."""
+        return self.at(t, order)
+
     def at(self, t: Float64Array, order: int) -> BodyMotion:
-        """Return the motion of the base at the instants t as a BodyMotion, with derivatives up to `order`; shape
-        (N,).
-        """
+        """Return the motion of the base at any instants t; shape (N,)."""
         rows = tuple((*row, 0.0) for row in self.functions.derivatives(t, order))
         return MotionByCoordinates(t.size, rows, self.sequence).in_space(_CARRIER).body1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledBase:
+    """Motion of a base at the instants of a scene."""
+
+    #: with all derivatives; shape (samples,)
+    motion: BodyMotion
+
+    def part(self, rows: Rows, _: Float64Array, order: int) -> BodyMotion:
+        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
+        letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * (order + 1)]
+        return motion_of_rotations(**{letter: np.asarray(getattr(self.motion, letter))[rows] for letter in letters})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -178,12 +194,23 @@ class JointMotion(Motion):
     #: names of the joints that the scene moves
     moving: tuple[str, ...]
     #: motion of the base; None where it rests at the origin
-    base: BaseMotion | None = None
+    base: BaseMotion | SampledBase | None = None
+    #: the simulated motion; None if the motion was not simulated
+    simulated: SimulatedRobotMotion | None = None
+    #: lower and upper stop of each joint of a simulated motion; infinite without stops
+    stops: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def description(self) -> str:
+        """Where the motion comes from; of a simulated one also its steps and its estimated error."""
+        if self.simulated is None:
+            return self.origin
+        return self.with_error(f"{self.origin} in {self.simulated.steps} steps, base {self.simulated.base}")
 
     def part(self, rows: Rows, order: int) -> KnownJointMotion:
         """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
         t = np.asarray(self.t[rows])
-        base = None if self.base is None else self.base.at(t, order)
+        base = None if self.base is None else self.base.part(rows, t, order)
         return KnownJointMotion(self.names, t.size, self.source.part(rows, order), base)
 
 
@@ -191,8 +218,8 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     """Return the JointMotion of a robot, a Mechanism, that the tables [motion], [base] and [time] define by functions
     of t or a log. The path of a log is relative to `folder`.
     """
-    motion, base = tables.table("motion"), _read_base(tables)
-    _check_joint_names(motion, robot)
+    motion, base = tables.table("motion"), read_base(tables)
+    check_joint_names(motion, robot)
     base_functions = (base.functions,) if base else ()
     if "file" in motion.values:
         if "time" in tables.values:
@@ -218,14 +245,14 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
     )
 
 
-def _check_joint_names(motion: Table, robot: Mechanism) -> None:
-    """Raise a SceneError if a joint of a robot has the name of an option of the Table [motion], or a name for which a
-    column of a log would have two meanings.
+def check_joint_names(motion: Table, robot: Mechanism, options: tuple[str, ...] = _OPTIONS) -> None:
+    """Raise a SceneError if a joint of a robot has the name of an option of the Table [motion] or [dynamics], or a
+    name for which a column of a log would have two meanings.
     """
     columns = {"t": "the instants"}
     for name in robot.names:
-        if name in _OPTIONS:
-            motion.refuse(name, "joints of other names: this one is a key of [motion]", f"a joint {name!r}")
+        if name in options:
+            motion.refuse(name, f"joints of other names: this one is a key of [{motion.name}]", f"a joint {name!r}")
         for ending in RATE_SUFFIXES:
             column = name + ending
             if column in columns or _is_output(column, robot):
@@ -243,7 +270,7 @@ def _is_output(column: str, robot: Mechanism) -> bool:
     )
 
 
-def _read_base(tables: Table) -> BaseMotion | None:
+def read_base(tables: Table) -> BaseMotion | None:
     """Return the BaseMotion of the table [base] of a scene's top-level Table; None if there is no such table."""
     if "base" not in tables.values:
         return None
@@ -261,11 +288,11 @@ def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
     """Return a tuple of the names of a robot's joints that are keys of the Table [motion], in the robot's order."""
     for key in motion.values:
         if key not in robot.names and key != "constants":
-            _refuse_joint(motion, key, robot)
+            refuse_joint(motion, key, robot)
     return tuple(name for name in robot.names if name in motion.values)
 
 
-def _refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
+def refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
     """Raise a SceneError for a key of the Table [motion] that is not a movable joint of the robot."""
     joints = robot.tree.joints
     for joint in joints:

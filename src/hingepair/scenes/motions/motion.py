@@ -15,6 +15,7 @@ from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import instant_text
+from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE as MAX_RATIO
 from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
@@ -65,6 +66,40 @@ class Motion(abc.ABC):
     notes: tuple[str, ...] = ()
     #: names of the rates of a log that were found by finite differences; None if it is no log, or was smoothed
     derived: tuple[str, ...] | None = None
+    #: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion
+    errors: Mapping[str, LazyValue] = field(default_factory=dict)
+    #: why an error is unknown, in words; otherwise empty
+    doubt: str = ""
+    #: the simulated motion; None if the motion was not simulated
+    simulated: Any = None
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimate of the largest error over the instants [rad or m]; 0 if exact, NaN if unknown."""
+        unknown = [math.nan] * bool(self.doubt)
+        return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
+
+    def with_error(self, how: str) -> str:
+        """Return how the motion was computed, with the estimated error."""
+        if not self.errors:
+            return how
+        estimates = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
+        return f"{how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
+
+    def error_notes(self, u: float) -> tuple[str, ...]:
+        """Return sentences that errors of the motion are unknown, or exceed the bound of a comparison; u is the unit
+        roundoff.
+        """
+        errors = {unit: error() for unit, error in self.errors.items()}
+        large = [f"{error:.1g} {unit}" for unit, error in errors.items() if error > MAX_RATIO * u]
+        notes = [self.doubt] if math.isnan(self.error_estimate) and self.doubt else []
+        if large:
+            bound = f"the bound of {MAX_RATIO * u:.1g} rad"
+            held = "the comparison is one of the equations at each instant, not of the way there"
+            notes.append(
+                f"by its own estimate the motion is off by about {' and '.join(large)}, above {bound}: {held}"
+            )
+        return tuple(notes)
 
     @property
     def level(self) -> int:
@@ -91,10 +126,6 @@ class PairMotion(Motion):
     source: PairMotionSource
     #: how body 1 turns, or how the motion was computed, in words
     how: str
-    #: estimates of the largest error over the instants, by unit; NaN if unknown. Empty for exact motion
-    errors: Mapping[str, LazyValue] = field(default_factory=dict)
-    #: why an error is unknown, in words; otherwise empty
-    doubt: str = ""
     #: the simulated motion; None if the motion was not simulated
     simulated: SimulatedMotion | SimulatedPlanarMotion | None = None
     #: lower and upper stop of the simulated hinge [rad]; infinite without a stop
@@ -104,18 +135,9 @@ class PairMotion(Motion):
     deviations: Mapping[str, Float64Array] | None = None
 
     @property
-    def error_estimate(self) -> float:
-        """Estimate of the largest error of attitude and psi over the instants [rad]; 0 if exact, NaN if unknown."""
-        unknown = [math.nan] * bool(self.doubt)
-        return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
-
-    @property
     def description(self) -> str:
         """How body 1 turns or how the motion was computed, with the estimated error of a computed motion."""
-        if not self.errors:
-            return self.how
-        estimates = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
-        return f"{self.how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
+        return self.with_error(self.how)
 
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
         """Return the gravity in space [m/s^2]: that of a simulated motion, otherwise the pair's default."""

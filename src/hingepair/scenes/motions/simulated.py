@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Final, NamedTuple
 
@@ -38,11 +39,13 @@ from hingepair.symbolic.time_functions import TimeFunctions
 
 _HINGE_NAMES: Final = ("psi", "psid")
 """Names in expressions, beside t, for the hinge angle [rad] and its rate [rad/s]."""
-_HINGE_LOAD_KEYS: Final = (
+HINGE_LOAD_KEYS: Final = (
     *("stiffness", "rest", "damping", "friction", "friction_rate"),
     *("stop_stiffness", "stop_damping", "stop_restitution"),
 )
 """Keys of [dynamics] for springs, dampers, friction and stops of the hinge."""
+DOUBT: Final = "a second run with a smaller tolerance, which tells the error, cannot be followed"
+"""Why the error of a simulated motion may be unknown."""
 _START_KEYS: Final = ("phi_0", "S1_0", "R1_0", "v1_0", "omega1_0")
 """Keys of [dynamics] for the state of body 1 at the first instant."""
 _KEYS_OF_ARGUMENTS: Final = {
@@ -53,30 +56,30 @@ _KEYS_OF_ARGUMENTS: Final = {
 """Keys by the arguments of `simulate` that they become."""
 
 
-def _read_hinge_functions(table: Table, keys: tuple[str, ...]) -> Any:
+def _read_hinge_functions(table: Table, keys: tuple[str, ...], names: tuple[str, str] = _HINGE_NAMES) -> Any:
     """Return the values under keys of a Table, in the order of `keys`: a list of floats, or, if any is an expression
-    in t, psi or psid, a callable of (t, psi, psid) that returns a tuple of all values.
+    in t, psi or psid (or the given names), a callable of (t, psi, psid) that returns a tuple of all values.
     """
-    constants = {**table.constants, **dict.fromkeys(_HINGE_NAMES, 0.0)}
+    constants = {**table.constants, **dict.fromkeys(names, 0.0)}
     expressions = []
     for key in keys:
         value = table.values.get(key)
         with table.naming(key):
             expressions.append(
-                parse_expression(key, value, constants, _HINGE_NAMES)
+                parse_expression(key, value, constants, names)
                 if isinstance(value, str)
                 else number(table.number(key))
             )
     if any(expression.names for expression in expressions):
-        return TimeFunctions(expressions, _HINGE_NAMES).values
+        return TimeFunctions(expressions, names).values
     return [float(expression) for expression in expressions]
 
 
-def _read_hinge_torque(table: Table, key: str) -> Any:
-    """Return the torque under a key of a Table, about the hinge axis or in the plane: a float, or, for an expression,
-    a callable of (t, psi, psid).
+def read_hinge_torque(table: Table, key: str, names: tuple[str, str] = _HINGE_NAMES) -> Any:
+    """Return the torque under a key of a Table, about the hinge axis or in the plane: a float, or, for an expression
+    in t and the names, a callable of (t, psi, psid).
     """
-    torque = _read_hinge_functions(table, (key,))
+    torque = _read_hinge_functions(table, (key,), names)
     return (lambda t, psi, psid: torque(t, psi, psid)[0]) if callable(torque) else torque[0]
 
 
@@ -85,7 +88,7 @@ def _read_load(table: Table, key: str, component_count: int) -> Any:
     expressions, a callable of (t, now) that returns an array of shape (N, component_count); `now` is the motion at t.
     """
     if component_count == 1:
-        torque = _read_hinge_torque(table, key)
+        torque = read_hinge_torque(table, key)
         return (lambda t, now: torque(t, now.psi, now.psid)) if callable(torque) else torque
     entries = table.entries(key, component_count, "t, psi and psid")
     components = _read_hinge_functions(entries, tuple(entries.values))
@@ -96,14 +99,14 @@ def _read_load(table: Table, key: str, component_count: int) -> Any:
     return load if callable(components) else components
 
 
-def _read_stops(table: Table, key: str) -> Any:
+def read_stops(table: Table, key: str) -> Any:
     """Return the stops under a key of a Table: a tuple of two angles [rad], or True if the value is true, which means
     the limits of the pair.
     """
     return table.values[key] is True or tuple(table.numbers(key, 2))
 
 
-def _read_instants(table: Table, key: str) -> list[Any]:
+def read_break_instants(table: Table, key: str) -> list[Any]:
     """Return the list of instants [s], of any length, under a key of a Table."""
     value = table.values[key]
     return table.numbers(key, len(value) if isinstance(value, list) else 1)
@@ -120,15 +123,15 @@ def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
         **({"phi_0": Table.number} if dimension == 2 else {"S1_0": Table.rotation}),
         **{"R1_0": vector, "v1_0": vector, "omega1_0": turn, "psi_0": Table.number, "psid_0": Table.number},
         **{
-            "hinge_torque": _read_hinge_torque,
-            "stops": _read_stops,
-            **dict.fromkeys(_HINGE_LOAD_KEYS, Table.number),
+            "hinge_torque": read_hinge_torque,
+            "stops": read_stops,
+            **dict.fromkeys(HINGE_LOAD_KEYS, Table.number),
         },
         **{"force1": force, "torque1": torque, "force2": force, "torque2": torque, "gravity": vector},
         **{
             "tol": Table.number,
             "max_steps": Table.number,
-            "breaks": _read_instants,
+            "breaks": read_break_instants,
             "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED)),
         },
     }
@@ -159,7 +162,7 @@ def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsS
     others = table.read(_dynamics_key_readers(2 if planar else 3))
     base = others.pop("base", BASES[0])
     start: dict[str, Any] = {key: others.pop(key) for key in _START_KEYS if key in others}
-    hinge: dict[str, Any] = {key: others.pop(key) for key in (*_HINGE_LOAD_KEYS, "stops") if key in others}
+    hinge: dict[str, Any] = {key: others.pop(key) for key in (*HINGE_LOAD_KEYS, "stops") if key in others}
     if hinge.get("stops") is True:
         hinge["stops"] = getattr(pair, "limits", None)
         if hinge["stops"] is None:
@@ -196,23 +199,15 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
     t = read_instants_array(time)
     angles = arguments.pop("psi_0", 0.0), arguments.pop("psid_0", 0.0)
     try:
-        with table.naming(**_KEYS_OF_ARGUMENTS), warnings.catch_warnings():
-            for said in ("psi (leaves|passes)", ".* is taken for ", ".* is it in seconds"):  # by the scene's notes
-                warnings.filterwarnings("ignore", said, DynamicsWarning)
+        with table.naming(**_KEYS_OF_ARGUMENTS), warnings_of_scenes():
             torque = HingeLoad(motor=arguments.pop("hinge_torque", 0.0), **hinge)
             simulated = simulate(pair, t, body1, *angles, hinge_torque=torque, base=base, **arguments)
     except SimulationError as error:
         table.refuse("", "a motion that can be followed", f"none past t = {error.t:.6g}: {error.why}")
 
-    def estimate(name: str) -> float:
-        try:
-            return float(getattr(simulated, name))
-        except SimulationError:  # the second run, with a smaller tolerance, has an end of its own
-            return math.nan
-
-    errors = {"rad of psi": LazyValue(lambda: estimate("psi_error_estimate"))}
+    errors = {"rad of psi": estimate_or_nan(lambda: simulated.psi_error_estimate)}
     if kind in {"free", "pinned"}:
-        errors = {"rad of body 1": LazyValue(lambda: estimate("error_estimate")), **errors}
+        errors = {"rad of body 1": estimate_or_nan(lambda: simulated.error_estimate), **errors}
     how = f"simulated in {simulated.steps} steps, base {kind}"
     return PairMotion(
         t=t,
@@ -220,10 +215,31 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
         origin="simulated from what acts",
         how=how,
         errors=errors,
-        doubt="a second run with a smaller tolerance, which tells the error, cannot be followed",
+        doubt=DOUBT,
         simulated=simulated,
         stops=torque.tightest_stops,
     )
+
+
+@contextlib.contextmanager
+def warnings_of_scenes() -> Iterator[None]:
+    """Silence warnings of simulations that the notes of a scene repeat."""
+    with warnings.catch_warnings():
+        for said in (".* (leaves its|leaves the pair's|passes the) ", ".* is taken for ", ".* is it in seconds"):
+            warnings.filterwarnings("ignore", said, DynamicsWarning)
+        yield
+
+
+def estimate_or_nan(estimate: Callable[[], float]) -> LazyValue:
+    """Return an estimate of an error, NaN if the second run of the simulation, which tells it, fails."""
+
+    def value() -> float:
+        try:
+            return float(estimate())
+        except SimulationError:  # with a smaller tolerance it has an end of its own
+            return math.nan
+
+    return LazyValue(value)
 
 
 def _known_motion(simulated: SimulatedMotion | SimulatedPlanarMotion) -> MotionByBody1 | MotionByCoordinates:

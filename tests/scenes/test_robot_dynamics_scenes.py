@@ -1,0 +1,132 @@
+"""Scenes of robots with [dynamics]: run, check, forces and the energy balance, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.validation.pinocchio_twin import robot_twin
+from support.commands import run_command
+
+MODEL = Path("models/double_rod.toml")
+JOINTS = """
+[[joint]]
+name = "lift"
+kind = "slider"
+u1 = [0, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 0, 1]
+limits = [-1, 1]
+{body1}
+[joint.body2]
+mass = 2
+inertia = [0.1, 0.1, 0.1]
+[[joint]]
+name = "arm"
+parent = "lift"
+u1 = [0.2, 0, 0]
+u2 = [0, 0, 0]
+n = [0, 1, 0]
+[joint.body2]
+mass = 1
+center_of_mass = [0.4, 0, 0]
+inertia = [0.01, 0.05, 0.05]
+"""
+TIME = """
+[time]
+start = 0
+stop = 1
+samples = 101
+"""
+BODY1 = "[joint.body1]\nmass = 3\ninertia = [0.3, 0.3, 0.3]"
+
+
+def scene(tmp_path, text, mechanism="", body1=""):
+    path = tmp_path / "robot.toml"
+    path.write_text(f"[mechanism]\n{mechanism}\n{JOINTS.format(body1=body1)}\n{text}\n{TIME}")
+    return path
+
+
+def test_a_scene_is_the_simulation_of_its_robot():
+    found = hp.load_scene(MODEL)
+    robot, result = found.mechanism, found.evaluate(["q", "tip"])
+    loads = {
+        "shoulder": hp.HingeLoad(friction=0.5, damping=0.05),
+        "elbow": hp.HingeLoad(friction=0.12, stops=np.deg2rad([-10, 150]), stop_restitution=0.4),
+    }
+    expected = hp.simulate(robot, found.t, [0, np.deg2rad(140)], loads=loads)
+    np.testing.assert_allclose(result.q, expected.q, atol=1e-12)
+    np.testing.assert_allclose(result["tip"].R, expected["tip"].R, atol=1e-12)
+    assert result.energy_balance().work["impacts"][-1] < -5
+    assert not found.notes()
+
+
+def test_the_accelerations_are_those_of_pinocchio_s_aba():
+    import pinocchio as pin
+
+    found = hp.load_scene(MODEL)
+    motion = found.motion.simulated
+    twin = robot_twin(found.mechanism, has_free_flyer=False)
+    for k in range(0, 801, 40):
+        a = pin.aba(twin.model, twin.data, motion.q[k], motion.qd[k], motion.tau[k])
+        np.testing.assert_allclose(motion.qdd[k], a, rtol=1e-11, atol=1e-11)
+
+
+def test_the_commands_take_it():
+    checked = run_command("check", MODEL).stdout
+    assert "PASSED" in checked
+    assert "the loads against the forces" in checked
+    told = json.loads(run_command("run", MODEL, "--json", "--energy", "--outputs", "q").stdout)
+    assert told["energy_balance"]["residual"] < 1e-9
+    assert {"damper", "friction", "impacts"} == {*told["energy_balance"]["work"]}
+    assert "friction" in run_command("run", MODEL, "--energy").stdout
+
+
+BASES = {
+    "free": ('base = "free"', '[dynamics]\nv1_0 = [0, 0, 3]\nomega1_0 = [0.1, 0.2, 0]', BODY1),
+    "pinned": ('base = "free"', '[dynamics]\nbase = "pinned"\nomega1_0 = [0.1, 0.2, 0]', BODY1),
+    "fixed": ("", '[dynamics]\nR1_0 = [0, 0, 1]', ""),
+    "prescribed": ("", '[dynamics]\n[base]\nx = "0.1*sin(3*t)"', ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_all_bases_are_compared_with_pinocchio(tmp_path, base):
+    mechanism, text, body1 = BASES[base]
+    load = '[dynamics.arm]\nq_0 = 0.3\ntau = "0.5*sin(4*t) - 0.1*qd"\n[dynamics.lift]\nstiffness = 300\n'
+    head, _, tail = text.partition("[base]")
+    whole = head + "\n" + load + (f"[base]{tail}" if tail else "")
+    found = hp.load_scene(scene(tmp_path, whole, mechanism, body1))
+    assert found.motion.simulated.base == ("moving" if base == "prescribed" else base)
+    report = found.cross_validate()
+    assert report.ok, str(report)
+    assert {row.output for row in report.forces} >= {"tau"}
+    assert np.abs(found.energy_balance().residual).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[dynamics]\n[dynamics.elbow]\nfriction = 1", r"dynamics\.elbow: expected"),
+        ("[dynamics]\n[dynamics.arm]\nmass = 1", r"dynamics\.arm\.mass: expected"),
+        ("[dynamics]\n[dynamics.arm]\nfriction = -1", r"dynamics\.arm\.friction: expected 0 or above"),
+        ("[dynamics]\n[dynamics.arm]\nstops = true", r"dynamics\.arm\.stops: expected .* of a joint that has limits"),
+        ('[dynamics]\nbase = "prescribed"', r"dynamics\.base: expected"),
+        ('[dynamics]\n[dynamics.arm]\ntau = "psi"', r"dynamics\.arm\.tau: .*psi"),
+        ("[dynamics]\n[motion]\narm = 1", r"motion\.arm"),
+        ("[dynamics.lift]\nq_0 = 2\nstops = [-1, 1]\nstop_restitution = 0", r"dynamics\.lift\.q_0: expected"),
+        ("[dynamics]\nv1_0 = [1, 0, 0]", r"dynamics\.v1_0: expected"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_named(tmp_path, text, message):
+    with pytest.raises(hp.SceneError, match=message):
+        hp.load_scene(scene(tmp_path, text))
+
+
+def test_an_energy_balance_needs_a_simulation():
+    with pytest.raises(hp.ArgumentError, match="that \\[dynamics\\] simulates"):
+        hp.load_scene("models/excavator.toml").energy_balance()
