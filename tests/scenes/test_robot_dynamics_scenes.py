@@ -33,7 +33,7 @@ u2 = [0, 0, 0]
 n = [0, 1, 0]
 [joint.body2]
 mass = 1
-center_of_mass = [0.4, 0, 0]
+centre_of_mass = [0.4, 0, 0]
 inertia = [0.01, 0.05, 0.05]
 """
 TIME = """
