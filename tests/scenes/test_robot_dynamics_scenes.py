@@ -12,7 +12,7 @@ import hingepair as hp
 from hingepair.validation.pinocchio_twin import robot_twin
 from support.commands import run_command
 
-MODEL = Path("models/double_rod.toml")
+MODEL = Path("models/falling_rods.toml")
 JOINTS = """
 [[joint]]
 name = "lift"
