@@ -65,8 +65,9 @@ def test_a_column_can_be_read_again_with_all_its_digits(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("", "expected a first line of column names, got an empty line"),
-        ("t;a\n1;2\n", "columns separated by commas"),
-        ("t\ta\n1\t2\n", "columns separated by commas"),
+        ("t;a\n1;2\n3\n", "line 3: expected 2 fields, separated by semicolons, got 1 fields"),
+        ("t;a\n1;2,5\n3;x,5\n", "line 3: a: expected a number"),
+        ("t\ta\n1\t2\n3\n", "line 3: expected 2 fields, separated by tabs, got 1 fields"),
         ("x" * 100_001 + "\n1\n", "expected a first line of column names, got a longer line"),
         ("t,a\n", "expected at least one sample, got none"),
         ("t,a\n1,2\n3\n", "line 3: expected 2 fields, separated by commas, with decimal points, got 1 fields"),

@@ -36,6 +36,9 @@ _NPY_HEADER: Final = re.compile(
     r"'shape': \(((?:\d{1,18},? ?){0,9})\),? ?\}\s*"
 )
 
+# A date of ISO 8601: day, time, fraction, and sign, hours and minutes of a zone.
+_DATE: Final = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d(\.\d{1,9})?)?)\s*(?:Z|([+-])(\d\d):?(\d\d)?)?")
+
 Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
@@ -110,9 +113,9 @@ def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
     """Return one column of a .csv file in the given dtype, such as int64 for numbers that a float would round."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
-        column = _csv_names(stream).index(name)
+        form = _csv_form(stream)
         try:
-            return _csv_rows(stream, [column], dtype=dtype)[:, 0]
+            return _csv_rows(stream, form, [form.names.index(name)], dtype=dtype)[:, 0]
         except ValueError as error:
             raise ArgumentError(name, f"numbers of the kind {np.dtype(dtype)}", str(error)) from None
 
@@ -120,59 +123,106 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
 def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     """Read columns of a CSV file; the exact one is int64 if its numbers are too large for floats."""
     with path.open(encoding="utf-8-sig", newline="") as stream:
-        names = _csv_names(stream)
+        form = _csv_form(stream)
+        names = form.names
         chosen = request.choose(names)
         if not chosen:
             return {}
-        positions = [names.index(name) for name in chosen]
+        dated = request.exact if request.exact in chosen and request.exact == form.dated else ""
+        numbered = [name for name in chosen if name != dated]
+        positions = [names.index(name) for name in numbered]
         used = positions if len(positions) < len(names) else None  # all: then rows of more fields are found
         start = stream.tell()
         try:
             try:
-                rows = _csv_rows(stream, used)
+                rows = _csv_rows(stream, form, used)
             except ValueError:  # once more, slowly: an empty cell is a number that is not there
                 stream.seek(start)
-                rows = _csv_rows(stream, used, converters=_cell_number)
+                rows = _csv_rows(stream, form, used, converters=_cell_number)
         except ValueError as error:
-            _fail_at_row(path, names, positions, str(error))
+            _fail_at_row(path, form, positions, str(error))
         if next(stream, None) is not None:
             raise ArgumentError("", f"at most {MAX_FILE_ROWS} samples", "more lines")
     if rows.size and rows.shape[1] != len(positions):
-        _fail_at_row(path, names, positions, f"{rows.shape[1]} fields")
+        _fail_at_row(path, form, positions, f"{rows.shape[1]} fields")
     _check_rows(len(rows))
     columns = dict(
-        zip(chosen, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(positions), 0)), strict=True)
+        zip(numbered, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(positions), 0)), strict=True)
     )
-    if request.exact in columns:
+    if dated:
+        columns[dated] = _csv_dates(path, form, dated)
+    elif request.exact in columns:
         largest = np.abs(columns[request.exact]).max(initial=0.0)
         if largest > 1e14:  # integers: nanoseconds, which a float rounds
             columns[request.exact] = csv_column(path, request.exact, np.int64)
     return columns
 
 
-def _csv_names(stream: IO[str]) -> list[str]:
-    """Return the names in the first line of a CSV file."""
+class _CsvForm(NamedTuple):
+    """How a CSV file is written, by its first two lines."""
+
+    names: list[str]
+    delimiter: str  # a comma, a semicolon or a tab
+    has_decimal_commas: bool
+    dated: str  # name of the first column whose cells are dates; "" if there is none
+
+
+def _csv_form(stream: IO[str]) -> _CsvForm:
+    """Return the form of a CSV file whose first line is read here."""
     line = stream.readline(_MAX_HEADING)
     if len(line) == _MAX_HEADING:
         raise ArgumentError("", "a first line of column names", "a longer line")
-    names = [name.strip() for name in next(csv.reader([line.removeprefix("#")]), [])]  # numpy.savetxt writes a #
-    if len(names) == 1 and (";" in line or "\t" in line):
-        raise ArgumentError("", "columns separated by commas, and decimal points", line)
+    delimiter = next((sign for sign in ";\t" if sign in line), ",")
+    # numpy.savetxt writes a #
+    names = [name.strip() for name in next(csv.reader([line.removeprefix("#")], delimiter=delimiter), [])]
     if not names:
         raise ArgumentError("", "a first line of column names", "an empty line")
     if all(map(_is_number, names)):
         raise ArgumentError("", "a first line of column names", "numbers")
-    return names
+    start = stream.tell()
+    cells = next(csv.reader([stream.readline(_MAX_HEADING)], delimiter=delimiter), [])
+    stream.seek(start)
+    decimal_commas = delimiter != "," and any(
+        re.fullmatch(r"\s*[+-]?\d*,\d+(e[+-]?\d+)?\s*", cell, re.I) for cell in cells
+    )
+    dated = next((name for name, cell in zip(names, cells, strict=False) if _DATE.match(cell.strip())), "")
+    return _CsvForm(names, delimiter, decimal_commas, dated)
 
 
-def _csv_rows(stream: IO[str], columns: list[int] | None, **options: Any) -> NDArray[Any]:
+def _csv_rows(stream: IO[str], form: _CsvForm, columns: list[int] | None, **options: Any) -> NDArray[Any]:
     """Return the next lines, one more than a file may have, as a 2D array of these columns."""
-    options = {"delimiter": ",", "comments": None, "quotechar": '"', "ndmin": 2} | options
+    options = {"delimiter": form.delimiter, "comments": None, "quotechar": '"', "ndmin": 2} | options
+    lines: Iterable[str] = itertools.islice(stream, MAX_FILE_ROWS + 1)
+    if form.has_decimal_commas:
+        lines = (line.replace(",", ".") for line in lines)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # no rows: an error of ours
         warnings.simplefilter("error", DeprecationWarning)  # NumPy before 2.4 reads integers through floats
         # With max_rows, loadtxt would ask for the memory of so many rows at once.
-        return np.loadtxt(itertools.islice(stream, MAX_FILE_ROWS + 1), usecols=columns, **options)
+        return np.loadtxt(lines, usecols=columns, **options)
+
+
+def _csv_dates(path: Path, form: _CsvForm, name: str) -> NDArray[np.datetime64]:
+    """Return a column of dates (ISO 8601) in UTC; without a zone, they are taken for UTC."""
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        stream.readline()
+        reader, place = csv.reader(stream, delimiter=form.delimiter), form.names.index(name)
+        dates = []
+        for row in filter(None, reader):
+            match = _DATE.fullmatch(row[place].strip().replace(",", ".")) if place < len(row) else None
+            try:
+                if match is None:
+                    raise ValueError
+                date = np.datetime64(f"{match[1]}T{match[2]}", "ns")
+            except ValueError:
+                got = repr(row[place][:40]) if place < len(row) else f"{len(row)} fields"
+                expected = "a date such as 2026-11-23T10:00:00.25+01:00"
+                raise ArgumentError(f"line {reader.line_num + 1}: {name}", expected, got) from None
+            if match[4]:
+                minutes = 60 * int(match[5]) + int(match[6] or 0)
+                date -= np.timedelta64(minutes if match[4] == "+" else -minutes, "m")
+            dates.append(date)
+    return np.array(dates, "datetime64[ns]")
 
 
 def _cell_number(text: str) -> float:
@@ -189,22 +239,23 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _fail_at_row(path: Path, names: list[str], positions: list[int], reason: str) -> NoReturn:
+def _fail_at_row(path: Path, form: _CsvForm, positions: list[int], reason: str) -> NoReturn:
     """Raise the error of the first row with too few or too many fields, or a cell that is no number; else give the
     reason.
     """
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
         stream.readline()
-        reader = csv.reader(stream)
+        names, reader = form.names, csv.reader(stream, delimiter=form.delimiter)
         try:
             for row in filter(None, reader):
                 place, fields = f"line {reader.line_num + 1}", len(row)
                 if fields <= max(positions) or (len(positions) == len(names) < fields):
-                    expected = f"{len(names)} fields, separated by commas, with decimal points"
+                    separator = {",": "commas, with decimal points", ";": "semicolons", "\t": "tabs"}[form.delimiter]
+                    expected = f"{len(names)} fields, separated by {separator}"
                     raise ArgumentError(place, expected, f"{fields} fields")
                 for i in positions:
                     try:
-                        _cell_number(row[i])
+                        _cell_number(row[i].replace(",", ".") if form.has_decimal_commas else row[i])
                     except ValueError:
                         expected = "a number (nan or an empty cell where there is none)"
                         raise ArgumentError(f"{place}: {names[i]}", expected, repr(row[i][:40])) from None

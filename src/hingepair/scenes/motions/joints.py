@@ -22,7 +22,7 @@ from hingepair.plans.steps import SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.instants import Instants, Rows, read_instants
 from hingepair.scenes.motions.known import Derivatives, MotionByCoordinates
-from hingepair.scenes.motions.logs import Log, LogLayout, log_path, read_ignored_columns
+from hingepair.scenes.motions.logs import Log, LogLayout, log_path
 from hingepair.scenes.motions.motion import Motion
 from hingepair.scenes.tables import Table
 
@@ -33,7 +33,7 @@ RATE_SUFFIXES: Final = ("", "d", "dd")
 """Suffixes of a joint's name in the columns of a log, by the order of the derivative."""
 BASE_COORDINATES: Final = SPATIAL_COORDINATE_NAMES[:-1]
 """Keys of the table [base] for the coordinates of the base."""
-_OPTIONS: Final = ("constants", "file", "ignore", "differentiate", "unwrap")
+_OPTIONS: Final = ("constants", "file", "columns", "ignore", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
 _CARRIER: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A pair whose body 1 stands for the base."""
@@ -324,7 +324,7 @@ def _read_joint_log(table: Table, folder: Path, robot: Mechanism, base: BaseMoti
         wanted = "no such key without differentiate = true: it determines how angles are differentiated"
         table.fail("unwrap", wanted)
     table.check_keys(_OPTIONS)
-    log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, read_ignored_columns(table))
+    log = Log(log_path(table, folder), _joint_log_layout(robot), completed, unwrap, table)
     parts: dict[str, list[Float64Array]] = {}
     for joint in robot.names:
         names = tuple(joint + ending for ending in RATE_SUFFIXES)
@@ -369,7 +369,12 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
     angle_names = frozenset(joint.name for joint in robot.tree.coordinates if joint.unit == "rad")
     writing_hint = "run --outputs q,qd,qdd --out FILE writes what is read here"
     judged = dict.fromkeys(sorted(angle_names), "angle")
-    return LogLayout(arrays, columns, angle_names, judged, _RESULT_PREFIXES, writing_hint)
+    units = {
+        joint.name + ending: joint.unit + per
+        for joint in robot.tree.coordinates
+        for ending, per in zip(RATE_SUFFIXES, ("", "/s", "/s^2"), strict=True)
+    }
+    return LogLayout(arrays, columns, angle_names, judged, _RESULT_PREFIXES, writing_hint, units)
 
 
 def _float_if_constant(column: Float64Array) -> float | Float64Array:

@@ -5,19 +5,22 @@ docs/scenes.md lists the columns. Others are refused: a misspelt one would be mi
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.errors import SceneError, choices, nearest
+from hingepair.equations.quantities import unit_of
+from hingepair.errors import SceneError, choices, nearest, quoted
 from hingepair.integration.integrate import RATE_FRAME_NAMES
 from hingepair.integration.signals import SampledSignal
 from hingepair.integration.trajectory import rotate_to_world
@@ -76,6 +79,19 @@ class LogLayout(NamedTuple):
     result_prefixes: frozenset[str]
     #: clause for messages with the command that writes such a log
     writing_hint: str
+    #: unit of each column that has none of the registry
+    units: Mapping[str, str] = MappingProxyType({})
+    #: columns that a log in the plane leaves out together, and those that it then has
+    planar: Mapping[tuple[str, ...], tuple[str, ...]] = MappingProxyType({})
+
+    def unit_of(self, column: str) -> str:
+        """Return the SI unit of a column."""
+        if column == "t":
+            return "s"
+        array = next(
+            (name for name, own in self.arrays.items() if column in own and name not in {"q", "qd", "qdd"}), column
+        )
+        return self.units.get(column) or self.units.get(array) or unit_of(array)
 
     def columns_of(self, name: str) -> tuple[str, ...]:
         """Return a tuple of the names of the columns that form the array `name`. If no array has this name, it is the
@@ -96,8 +112,27 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
     },
     frozenset({*SPATIAL_MOTION_KIND.levels, *PLANAR_MOTION_KIND.levels}),
     "run --outputs q,qd,qdd --out FILE writes what is read here",
+    {"phi": "rad", "phid": "rad/s", "phidd": "rad/s^2"},
+    {
+        ("z", "phi_x", "phi_y"): ("x", "y", "phi_z"),
+        ("v1_z",): ("v1_x", "v1_y"),
+        ("phid_x", "phid_y"): ("phid_z",),
+        ("a1_z",): ("a1_x", "a1_y"),
+        ("phidd_x", "phidd_y"): ("phidd_z",),
+    },
 )
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
+_COMPASS = "compass"
+_SCALES: Final[Mapping[str, Mapping[str, float]]] = {
+    "s": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "m": {"mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    "m/s": {"mm/s": 1e-3, "km/h": 1 / 3.6, "kn": 1852 / 3600},
+    "m/s^2": {"mm/s^2": 1e-3, "g": 9.80665},
+    "rad": {"deg": math.pi / 180, "turn": 2 * math.pi},
+    "rad/s": {"deg/s": math.pi / 180, "rpm": math.pi / 30},
+    "rad/s^2": {"deg/s^2": math.pi / 180},
+}
+"""Factors of the units that a log may be in, by the SI unit."""
 _POSITION = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
 _HINGE = ("psi", "psid", "psidd")
@@ -121,13 +156,15 @@ def read_log(table: Table, folder: Path) -> PairMotion:
         wanted = "without differentiate = true" if not integrated else "for a log of rates"
         table.fail("unwrap", f"no such key {wanted}: it determines how angles are differentiated")
     keys = integration_keys if integrated else ("sequence", "unwrap")
-    table.check_keys(("file", "ignore", "differentiate", "integrate", "smooth", "loss", "frame", "constants", *keys))
+    table.check_keys(
+        ("file", "columns", "ignore", "differentiate", "integrate", "smooth", "loss", "frame", "constants", *keys)
+    )
     smoothed = table.flag("smooth")
     if "loss" in table.values and not smoothed:
         table.fail("loss", "no such key without smooth = true, whose outliers it makes count little")
     if smoothed and (integrated or completed):
         table.fail("smooth", "no such key together with differentiate or integrate: smoothing computes all rates")
-    log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap, read_ignored_columns(table))
+    log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap, table)
     if smoothed:
         return _read_smoothed_motion(table, log)
     return _integrate_rates(table, log) if integrated else _read_stated_motion(table, log)
@@ -151,6 +188,55 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
     return frozenset(names)
 
 
+class ColumnSource(NamedTuple):
+    """Where a quantity stands in a log that has names and units of its own."""
+
+    column: str  # name in the file
+    scale: float = 1.0  # factor to SI units
+    compass: bool = False  # whether it is a heading in degrees, clockwise from north
+
+    def converted(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the values in SI units; a heading as an angle from east (x) towards north (y)."""
+        if self.compass:
+            return np.asarray(np.radians(90.0 - values))
+        return values if self.scale == 1.0 else np.asarray(values * self.scale)
+
+
+def _read_column_sources(table: Table, layout: LogLayout) -> dict[str, ColumnSource]:
+    """Return where the quantities stand that the key `columns` of the Table [motion] names."""
+    entries = table.values.get("columns", {})
+    if not isinstance(entries, dict):
+        table.fail("columns", 'a table such as { t = "Time", psi = { name = "Angle", unit = "deg" } }')
+    sources = {}
+    for name, entry in entries.items():
+        if name not in layout.columns:
+            table.refuse(
+                f"columns.{name}", f"{choices(layout.columns)}{nearest(name, layout.columns)}", "no such name"
+            )
+        given: Any = {"name": entry} if isinstance(entry, str) else entry
+        if (
+            not isinstance(given, dict)
+            or not {*given} <= {"name", "unit"}
+            or not all(isinstance(value, str) for value in given.values())
+        ):
+            wanted = 'the name of a column, or { name = "Angle", unit = "deg" }'
+            table.refuse(f"columns.{name}", wanted, quoted(entry))
+        own = layout.unit_of(name)
+        unit, column = str(given.get("unit", own)), str(given.get("name", name))
+        sign = -1.0 if unit.startswith("-") else 1.0
+        known = {own: 1.0, **_SCALES.get(own, {})}
+        if unit != _COMPASS or own != "rad":
+            if unit.removeprefix("-") not in known:
+                names = (*known, _COMPASS) if own == "rad" else tuple(known)
+                table.refuse(
+                    f"columns.{name}.unit", f"{choices(names)}, or one of them with a - before it", quoted(unit)
+                )
+            sources[name] = ColumnSource(column, sign * known[unit.removeprefix("-")])
+        else:
+            sources[name] = ColumnSource(column, compass=True)
+    return sources
+
+
 def _velocity_frame(table: Table, log: Log) -> str:
     """Return the axes of a log's angular velocities, "body" or "world", as the key `frame` of the table
     names them.
@@ -172,7 +258,7 @@ class Log(NamedSource):
         layout: names of the columns that it may have.
         completed: whether derivatives that the file lacks are computed by finite differences.
         unwrap: whether angles are unwrapped before; None means only those that jump by whole turns.
-        ignored: names of columns, or of arrays, of the file that are not read.
+        table: [motion] of the scene, whose keys `columns` and `ignore` say how the file's columns are read.
 
     Attributes:
         derived: names of the derivatives that were computed by finite differences.
@@ -181,9 +267,9 @@ class Log(NamedSource):
         angle_doubts: those of them on angles that are probably in degrees.
     """
 
-    def __init__(
-        self, path: Path, layout: LogLayout, completed: bool, unwrap: bool | None, ignored: frozenset[str]
-    ) -> None:
+    def __init__(self, path: Path, layout: LogLayout, completed: bool, unwrap: bool | None, table: Table) -> None:
+        ignored = read_ignored_columns(table)
+        sources = _read_column_sources(table, layout)
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
         self.layout = layout
         self.completed = completed
@@ -197,18 +283,22 @@ class Log(NamedSource):
         kind = path.suffix.lower()
         known_names = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
         wanted = ColumnRequest(
-            lambda names: self._check_column_names(names, known_names),
+            lambda names: self._check_column_names(names, known_names, sources),
             lambda name, _: layout.arrays.get(name, name),
-            exact="t",
+            exact=sources["t"].column if "t" in sources else "t",
         )
         with self.naming():
-            self.columns = read_columns(path, wanted)
+            self.columns = self._in_own_names(read_columns(path, wanted), sources)
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
+            kept = self._without_repeated_stamps()
+            self._complete_planar_columns()
             stamps = self.columns["t"]
             t = instants_of("t", stamps, DIFFERENCE_ORDER if completed else 0)
-            late = kind == ".csv" and abs(t[0]) > 1e5  # s: doubles of this size are rounded to more than 1e-11 s
-            instants = csv_column(path, "t", np.longdouble) if late else t
+            # s: doubles of this size are rounded to more than 1e-11 s
+            late = kind == ".csv" and stamps.dtype.kind == "f" and abs(t[0]) > 1e5
+            source = sources.get("t", ColumnSource("t"))
+            instants = source.converted(csv_column(path, source.column, np.longdouble)[kept]) if late else t
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
             self.notes.append(f"t is counted from the first stamp of the log, {stamps[0]}{unit}")
@@ -225,8 +315,59 @@ class Log(NamedSource):
         self.t = np.asarray(read_only(t))
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
-    def _check_column_names(self, column_names: list[str], known_names: tuple[str, ...]) -> list[str]:
+    def _in_own_names(self, columns: Mapping[str, NDArray[Any]], sources: Mapping[str, ColumnSource]) -> Part:
+        """Return columns of the file by the names of this package, in SI units."""
+        taken = {source.column for source in sources.values()}
+        found = {name: column for name, column in columns.items() if name not in taken}
+        for name, source in sources.items():
+            column = columns[source.column]
+            if column.dtype.kind in "mM" and source.scale != 1.0:
+                self.refuse(name, "no unit, since the column has dates", "a unit")
+            found[name] = source.converted(column)
+        return found
+
+    def _without_repeated_stamps(self) -> NDArray[np.bool_]:
+        """Leave out the rows whose stamp is that of the row before, and return which rows are kept."""
+        stamps = self.columns["t"]
+        kept = np.append(True, stamps[1:] != stamps[:-1])
+        if not kept.all():
+            self.columns = {name: column[kept] for name, column in self.columns.items()}
+            first, count = int(np.argmin(kept)), int((~kept).sum())
+            rows, verb = ("row has", "was") if count == 1 else ("rows have", "were")
+            sentence = (
+                f"{count} {rows} the stamp of the row before and {verb} left out, the first in line {first + 2}"
+            )
+            self.notes.append(sentence)
+        return kept
+
+    def _complete_planar_columns(self) -> None:
+        """Add what a log of a motion in the plane leaves out, as zeros."""
+        added: list[str] = []
+        for flat, whole in self.layout.planar.items():
+            beside = [name for name in whole if name in self.columns]
+            if len(beside) == len(whole) and not any(name in self.columns for name in flat):
+                self.columns |= dict.fromkeys(flat, np.zeros(len(self.columns["t"])))
+                added += flat
+        if added:
+            self.notes.append(f"the log has no {', '.join(added)}: they were taken as 0, as of a motion in the plane")
+
+    def _check_column_names(
+        self, column_names: list[str], known_names: tuple[str, ...], sources: Mapping[str, ColumnSource]
+    ) -> list[str]:
         """Return the list of `column_names` of the file without the ignored ones."""
+        taken = {source.column for source in sources.values()}
+        for name, source in sources.items():
+            if source.column not in column_names:
+                expected = f"{choices(column_names)}{nearest(source.column, column_names)}"
+                self.refuse(f"motion.columns.{name}", expected, quoted(source.column))
+            if name in column_names and name not in taken and name not in self._ignored:
+                self.refuse(name, f"{name} once, from motion.columns or from a column of this name", "both")
+        if sources:  # the file is another's: what it has beside them is not ours to know
+            others = [name for name in column_names if name not in {*taken, *known_names}]
+            if others:
+                self.notes.append(f"columns that were not read: {', '.join(others[:20])}")
+            self._ignored |= frozenset(others)
+            known_names = (*known_names, *taken)
         for name in sorted(self._ignored.difference(column_names)):
             expected = f"names of columns of the log in motion.ignore{nearest(name, tuple(column_names))}"
             self.refuse(repr(name[:40]), expected, "no such column")
@@ -433,6 +574,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
     table.check_keys(
         (
             "file",
+            "columns",
             "ignore",
             "smooth",
             "loss",
