@@ -29,20 +29,11 @@ from hingepair.plans.plan import MotionKind, Plan, default_outputs, make_plan
 
 
 class PromisedBound(NamedTuple):
-    """Promised bound on the rounding error of one output, as a named tuple (proved, seen, scale). No error is larger
-    than `proved`, in units of u * scale, where u is the unit roundoff; `seen` is the largest error that any search
-    has met, in the same units; `scale` is the formula of the scale as text.
+    """Promised bound on the rounding error of one output, in units of u * scale, with the unit roundoff u."""
 
-    Attributes:
-        proved: no error is larger, in units of u * scale: the largest bound of `error_bounds`, maximised over all
-            states and rounded up. The test of the bounds maximises it again, from other states.
-        seen: the largest error that any search has met, in the same units.
-        scale: its formula, to be printed beside a ratio.
-    """
-
-    proved: int
-    seen: float
-    scale: str
+    proved: int  # no error is larger: the largest bound of `error_bounds` over all states, rounded up
+    seen: float  # the largest error that any search has met
+    scale: str  # its formula
 
 
 PROMISED_BOUND_BY_OUTPUT: Mapping[str, PromisedBound] = MappingProxyType(
@@ -90,9 +81,8 @@ def unit_roundoff(dtype: DTypeLike) -> float:
 def euler_rate_sizes(
     phid: ArrayLike | None, phidd: ArrayLike | None = None
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """Return (W1, A1), the sizes of body 1's angular velocity and acceleration, for a motion given by Euler angles:
-    W1 = sum abs(phi_i'), A1 = sum abs(phi_i'') + W1^2. phid and phidd are the derivatives of the angles, shape
-    (..., 3); W1 and A1 have shape (...,). Without phid both are None, without phidd A1 is None.
+    """Return (W1, A1), the sizes of body 1's angular velocity and acceleration, of Euler rates (..., 3): W1 = sum
+    abs(phi_i'), A1 = sum abs(phi_i'') + W1^2; None where a derivative is missing.
 
     >>> W1, A1 = euler_rate_sizes((1, -2, 0), (0, 0, 3))
     >>> float(W1), float(A1)
@@ -110,9 +100,7 @@ def euler_rate_sizes(
 def angular_rate_sizes(
     omega1: ArrayLike | None, alpha1: ArrayLike | None = None
 ) -> tuple[Float64Array | None, Float64Array | None]:
-    """Return (W1, A1), the sizes of body 1's angular velocity and acceleration, for a motion whose attitude is given:
-    the norms of omega1 and alpha1, shape (...,). The norm of None is None.
-    """
+    """Return (W1, A1), the norms of omega1 and alpha1; None of None."""
     return (None if omega1 is None else norm(omega1)), (None if alpha1 is None else norm(alpha1))
 
 
@@ -129,10 +117,8 @@ def output_scales(
     psidd: ArrayLike | None = None,
     pinocchio: bool = False,
 ) -> dict[str, Float64Array]:
-    """Return the scales that the rounding errors of outputs are relative to, as a dict of arrays (...,) by output
-    name (the formulas of `PROMISED_BOUND_BY_OUTPUT`). u1, u2, R1, v1 and a1 are vectors; W1 and A1 are the sizes of
-    body 1's angular velocity and acceleration. Outputs whose scale needs an argument that is not given are absent. If
-    `pinocchio`, the scales of alpha2 and a2 are enlarged for a comparison with Pinocchio.
+    """Return the scales that the rounding errors of outputs are relative to, the formulas of
+    `PROMISED_BOUND_BY_OUTPUT`, by output name; without those that need what is not given.
 
     Args:
         u1: hinge point in body 1's axes [m]; shape (..., 3).
@@ -145,9 +131,6 @@ def output_scales(
         psid: hinge rate [rad/s]; shape (...,).
         psidd: hinge acceleration [rad/s^2]; shape (...,).
         pinocchio: add `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT` (a2 then needs v1).
-
-    Returns:
-        The scales by output name, of shapes that broadcast against the samples.
 
     >>> found = output_scales(u1=(3, 4, 0), u2=(0, 0, 1), R1=(-10, 1, 2))
     >>> {name: float(value) for name, value in found.items()}
@@ -199,17 +182,13 @@ def _scale_formulas(
 def error_ratios(
     output: str, computed: ArrayLike, expected: ArrayLike, scale: ArrayLike, dtype: DTypeLike = np.float64
 ) -> tuple[Float64Array, Float64Array]:
-    """Return (error, ratio) of an output at each sample, two arrays (...,). `error` is the largest absolute
-    difference between the components of the arrays `computed` and `expected`, and `ratio` is error / (u * scale),
-    where u is the unit roundoff of `dtype`. Both are NaN if the expected value or the scale is not finite.
-
-    If the computed value is not finite and the expected value is finite, the error is inf. If u * scale is below the
-    smallest normal number, as for a body at rest, the ratio is error / (smallest normal number).
+    """Return (error, ratio) of an output at each sample, shape (...,): the largest difference of a component, and
+    that in units of u * scale, or of the smallest normal number if this is larger.
 
     Args:
         output: name of the output, which says how many axes one sample has.
-        computed: computed values; shape (..., 3) or (..., 3, 3).
-        expected: expected values, of the same shape.
+        computed: computed values; shape (..., 3) or (..., 3, 3). Where one is not finite, the error is inf.
+        expected: expected values, of the same shape. Where one, or the scale, is not finite, both results are NaN.
         scale: scale of the output, as `output_scales` returns it; shape (...,).
         dtype: dtype of the computation, which determines u.
 

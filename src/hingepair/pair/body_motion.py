@@ -24,19 +24,15 @@ SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE: Final[Mapping[str, tuple[int, ...]]] = {
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class BodyMotion(Frozen):
-    """Position R, attitude S, velocities v and omega, and accelerations a and alpha of one body, at one or many
-    samples, in world axes.
+    """Position, attitude, velocities and accelerations of one body at one or many samples, in world axes.
 
-    The attributes are read-only copies of the arrays, or None for arrays that were not given. The leading axes of the
-    arrays, which are the axes of the samples, broadcast against each other. Arrays of JAX, PyTorch and other
-    libraries are kept as they are; whether S then holds rotation matrices is not checked. A Dask array S is checked
-    chunk by chunk when the chunks are computed.
+    NumPy arrays are copied and read-only. Those of other libraries are kept, and S is then not checked; a Dask array
+    S is checked chunk by chunk when it is computed.
 
     Args:
         R: position of the body's reference point [m]; shape (..., 3).
-        S: rotation matrix from body axes to world axes; shape (..., 3, 3). If S is not given, the body is a point
-            whose attitude was not measured. `fit` accepts such a point as body 2; functions that need an attitude
-            raise an ArgumentError.
+        S: rotation matrix from body axes to world axes; shape (..., 3, 3). Without S, the body is a point whose
+            attitude was not measured, which `fit` takes as body 2 and what needs an attitude refuses.
         v: velocity of the reference point [m/s]; shape (..., 3).
         omega: angular velocity [rad/s]; shape (..., 3).
         a: acceleration of the reference point, the second time derivative of R [m/s^2]; shape (..., 3).
@@ -46,10 +42,8 @@ class BodyMotion(Frozen):
         shape: the common leading shape of the arrays; () for one sample.
 
     Raises:
-        RotationError: a matrix S is not a rotation matrix: an element of S S^T differs from the same element of the
-            identity by more than 2e-9 (2e-5 in float32), or the determinant of S is negative. Matrices with an
-            element that is NaN or infinite are accepted.
-        ShapeError, DtypeError: an array has the wrong shape, or its dtype is not a real number type.
+        RotationError: an element of S S^T of a finite S is off the identity by more than 2e-9 (float32: 2e-5), or det
+            S is negative.
 
     >>> import hingepair as hp
     >>> hp.BodyMotion(R=((0, 0, 0), (1, 0, 0)), S=((1, 0, 0), (0, 1, 0), (0, 0, 1))).shape
@@ -96,17 +90,12 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as quaternions (x, y, z, w), scalar last as in Pinocchio,
-        SciPy and ROS. Quaternions of any length are normalized; raise RotationError if a quaternion is zero. The
-        other arguments are the same as for BodyMotion.
-
-        In double precision, the rounding error of each element of S is at most 6 * 2^-53. If a quaternion is not
-        finite, its S is NaN.
+        """Return a BodyMotion whose attitude is quaternions (x, y, z, w), scalar last as in Pinocchio, SciPy and ROS.
 
         Args:
             R: position of the body's reference point [m]; shape (..., 3).
-            quat_xyzw: quaternions of the rotation from body axes to world axes; shape (..., 4). They may have any
-                non-zero length.
+            quat_xyzw: quaternions of any non-zero length, body axes to world axes; shape (..., 4). S is NaN where one
+                is not finite.
             v: velocity of the reference point [m/s]; shape (..., 3).
             omega: angular velocity [rad/s]; shape (..., 3).
             a: acceleration of the reference point [m/s^2]; shape (..., 3).
@@ -135,21 +124,8 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as quaternions (w, x, y, z), scalar first as in MuJoCo.
-        Quaternions of any length are normalized; raise RotationError if a quaternion is zero. The other arguments are
-        the same as for BodyMotion.
-
-        In double precision, the rounding error of each element of S is at most 6 * 2^-53. If a quaternion is not
-        finite, its S is NaN.
-
-        Args:
-            R: position of the body's reference point [m]; shape (..., 3).
-            quat_wxyz: quaternions of the rotation from body axes to world axes; shape (..., 4). They may have any
-                non-zero length.
-            v: velocity of the reference point [m/s]; shape (..., 3).
-            omega: angular velocity [rad/s]; shape (..., 3).
-            a: acceleration of the reference point [m/s^2]; shape (..., 3).
-            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+        """Return a BodyMotion whose attitude is quaternions (w, x, y, z), scalar first as in MuJoCo. The other
+        arguments are those of `from_quaternion_xyzw`.
 
         Raises:
             RotationError: a quaternion is zero.
@@ -174,20 +150,8 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is given as rotation vectors `rotvec` (unit axis times angle) [rad]. The
-        other arguments are the same as for BodyMotion.
-
-        In double precision, the rounding error of each element of S is at most 6 * 2^-53 for angles up to 1e15 rad.
-        If a rotation vector is not finite, its S is NaN.
-
-        Args:
-            R: position of the body's reference point [m]; shape (..., 3).
-            rotvec: rotation vectors, in world axes [rad]; shape (..., 3). The rotation turns the world axes into the
-                body axes.
-            v: velocity of the reference point [m/s]; shape (..., 3).
-            omega: angular velocity [rad/s]; shape (..., 3).
-            a: acceleration of the reference point [m/s^2]; shape (..., 3).
-            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+        """Return a BodyMotion whose attitude is rotation vectors, unit axis times angle [rad], shape (..., 3), that
+        turn the world's axes into the body's. The other arguments are those of `from_quaternion_xyzw`.
 
         >>> import hingepair as hp
         >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0
@@ -199,14 +163,7 @@ class BodyMotion(Frozen):
 
 
 def motion_of_rotations(**arrays: Any) -> BodyMotion:
-    """Return a BodyMotion made of the keyword arguments R, S, v, omega, a and alpha, all optional except R. The
-    arrays are the package's own: they are not copied, and whether S holds rotation matrices is not checked.
-
-    The keyword arguments are those of `BodyMotion`.
-
-    Raises:
-        ShapeError, DtypeError: an array cannot be used.
-    """
+    """Return a BodyMotion of the package's own arrays, which are neither copied nor checked for rotations."""
     body: BodyMotion = object.__new__(BodyMotion)
     _set_arrays(body, arrays)
     return body
@@ -261,12 +218,10 @@ def motion_inputs(
 
 
 def motion_arrays(name: str, body: object, *letters: str) -> dict[str, NDArray[Any]]:
-    """Return a dict of the requested arrays of the BodyMotion `body` as NumPy arrays. The further arguments are the
-    letters of these arrays, such as "S". `name` is "body1" or "body2", and a key is the letter with the digit of
-    `name`, such as S1.
+    """Return the arrays of a BodyMotion with these letters as NumPy arrays, by input name, such as S1.
 
     Raises:
-        ArgumentError: the body is not a BodyMotion, an array is missing or is a Dask array.
+        ArgumentError: not a BodyMotion, or an array is missing or a Dask array.
     """
     if not isinstance(body, BodyMotion):
         raise ArgumentError(name, "a BodyMotion", quoted(body))

@@ -16,16 +16,14 @@ from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sensitivities(Frozen):
-    """Derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and psi, as read-only arrays in world
-    axes. For example, `d_by_u1` is the derivative of d with respect to u1.
+    """Derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and psi, read-only, world axes.
 
     The last axis is the component of u1, u2 or n: if u1 changes by a small du, d changes by d_by_u1 @ du. Derivatives
-    with respect to psi do not have this axis. Derivatives of v2 and omega2 are None if psid was not given. Some
-    derivatives are always zero and not listed: those of S2 with respect to u1 and u2, and those of omega2 with
-    respect to u1, u2 and psi. n is scaled to unit length, so the derivative with respect to a change along n is zero.
+    with respect to psi do not have it. n is scaled to unit length, so that a change along n has no effect. Those not
+    listed are always zero; those of v2 and omega2 are None if psid was not given.
 
     Attributes:
-        d_by_u1: derivative of d with respect to u1; shape (..., 3, 3). The other names are formed alike.
+        d_by_u1: shape (..., 3, 3).
         d_by_u2: (..., 3, 3).
         d_by_n: (..., 3, 3) m.
         d_by_psi: (..., 3) m/rad.

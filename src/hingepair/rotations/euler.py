@@ -29,31 +29,23 @@ AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def _gimbal_lock_limit(array: NDArray[Any]) -> float:
-    """Return the limit of the absolute value of the middle angle's cosine (for proper sequences such as XYX, of its
-    sine) below which angles are taken to be at gimbal lock: 1e-12, or 5e-4 if the argument `array` has the dtype
-    float32.
-
-    Below it, the rounding of the angles, or of the matrix, leaves fewer than four correct digits of the rates.
+    """Return below which cosine of the middle angle (in sequences such as XYX, sine) angles are at gimbal lock: the
+    rounding of angles or matrix then leaves fewer than four digits of the rates.
     """
     return {4: 5e-4, 8: 1e-12}[result_dtype((array,)).itemsize]
 
 
 def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of Euler angles phi (..., 3) [rad] in one of 24 sequences such as
-    "XYZ" (equation E10). The error of every component is at most 6 u, where u is 2^-53, or 2^-24 for angles in
-    float32. Components that depend on an angle that is not finite are NaN. Raise ArgumentError for angles of the
-    wrong shape or an unknown sequence.
+    """Return the rotation matrices of Euler angles (E10).
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
-            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
+        sequence: one of 24 Euler sequences: upper-case letters are rotations about axes of the rotated body
+            (intrinsic), lower-case letters about fixed axes (extrinsic).
 
     Returns:
-        Rotation matrices, body to world; shape (..., 3, 3).
-
-    Raises:
-        ArgumentError: phi or sequence cannot be used.
+        Rotation matrices, body to world; shape (..., 3, 3). The error of a component is at most 6 u, with u = 2^-53
+        (float32: 2^-24); NaN where an angle on which it depends is not finite.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -74,34 +66,26 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: Literal[T
 
 
 def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = False) -> FloatArray | AnglesAndLock:
-    """Return the Euler angles (..., 3) [rad] of rotation matrices S in one of 24 sequences such as "XYZ" (equation
-    E10). With `with_lock`, return (angles, locked), where the bool array `locked` is True for matrices at gimbal
-    lock. Raise RotationError if a finite S is not a rotation.
+    """Return the Euler angles of rotation matrices (E10).
 
-    The middle angle lies in [-pi/2, pi/2]; for sequences whose first axis is also the last, such as XYX, it lies in
-    [0, pi]. The other two angles lie in [-pi, pi].
-
-    At gimbal lock, only the sum or the difference of the first and the third angle is determined. No convention fixes
-    the two angles there; rounding errors decide which of the possible pairs is returned. In double precision, if S is
-    a rotation to within rounding errors, every component of the rotation matrix of the returned angles differs from
-    the component of S by at most 6 * 2^-53, at gimbal lock too.
+    The middle angle is in [-pi/2, pi/2], of sequences such as XYX in [0, pi]; the others are in [-pi, pi]. At gimbal
+    lock, where only the sum or the difference of the first and the third angle is determined, rounding decides which
+    pair is returned. In double precision, the matrix of the angles is within 6 * 2^-53 of S, at gimbal lock too.
 
     Args:
-        S: rotation matrices, body to world; shape (..., 3, 3).
-        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
-            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
-        with_lock: whether to return a bool array too that says which matrices are at gimbal lock; False by default. A
-            matrix is at gimbal lock if the magnitude of the cosine of the middle angle is below 1e-12 (below 5e-4 for
-            float32). For sequences whose first axis is also the last, such as XYX, the sine of the middle angle takes
-            the place of the cosine.
+        S: rotation matrices, body to world; shape (..., 3, 3). NaN where one is not finite.
+        sequence: one of 24 Euler sequences: upper-case letters are rotations about axes of the rotated body
+            (intrinsic), lower-case letters about fixed axes (extrinsic).
+        with_lock: return also which matrices are at gimbal lock, where the cosine of the middle angle (of sequences
+            such as XYX, its sine) is below 1e-12 (float32: 5e-4).
 
     Returns:
-        Angles in the order of the sequence's letters [rad]; shape (..., 3). They are NaN where S is not finite. With
-        `with_lock`, a tuple (angles, locked), where locked is a bool array of shape (...,).
+        Angles in the order of the sequence's letters [rad]; shape (..., 3). With `with_lock`, (angles, locked), where
+        locked is a bool array (...,).
 
     Raises:
-        RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
-            2e-9 (2e-5 for float32), or det S is negative.
+        RotationError: an element of S S^T of a finite S is off the identity by more than 2e-9 (float32: 2e-5), or det
+            S is negative.
 
     >>> import hingepair as hp
     >>> hp.matrix_to_euler([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
@@ -116,10 +100,7 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
     back = [order.place.index(i) for i in range(3)]
 
     def angles_and_lock(values: Named) -> Named:
-        """Return a dict of "phi", a tuple of the three Euler angles of the rotation S, and "lock", the absolute value
-        of the middle angle's cosine (in proper sequences, of its sine), which is 0 at gimbal lock. `values` is a dict
-        from "S" to a tuple of nine entries.
-        """
+        """Return the angles of a rotation, and a number that is 0 at gimbal lock."""
         S_entries = values["S"]
         canonical = nine(S_entries[3 * i + j] for i in back for j in back)
         phi = order.angles(_canonical_angles(order, canonical))
@@ -134,16 +115,12 @@ def matrix_to_euler(S: ArrayLike, sequence: str = "XYZ", *, with_lock: bool = Fa
 
 
 def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
-    """Return the matrix J (..., 3, 3) for which omega = J phi' (equation E4). phi are Euler angles in one of 24
-    sequences such as "XYZ", phi' are their time derivatives, and omega is the angular velocity in world axes.
+    """Return the matrix J in omega = J phi', with omega in world axes (E4); shape (..., 3, 3).
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
-            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
-
-    Returns:
-        J; shape (..., 3, 3).
+        sequence: one of 24 Euler sequences: upper-case letters are rotations about axes of the rotated body
+            (intrinsic), lower-case letters about fixed axes (extrinsic).
 
     >>> import hingepair as hp
     >>> hp.euler_rate_matrix((0, 0, 0)).round(12) + 0.0
@@ -169,26 +146,21 @@ def _matrices_of_angles(
 
 
 def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_lock: str = "raise") -> FloatArray:
-    """Return the time derivatives phi' = J^-1 omega (..., 3) [rad/s] of Euler angles phi for an angular velocity
-    omega in world axes (equation E4); `euler_rate_matrix` returns the matrix J. At gimbal lock, raise
-    GimbalLockError, or return least-squares rates if `at_lock` is "least_squares".
+    """Return the time derivatives phi' = J^-1 omega of Euler angles (E4).
 
     Args:
         phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
         omega: angular velocity, world axes [rad/s]; shape (..., 3).
-        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
-            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
-        at_lock: "raise" (the default): raise an error at gimbal lock. "least_squares": at gimbal lock, return the
-            phi' for which J phi' is nearest to omega; among several, return the phi' of smallest Euclidean norm.
-            Angles are at gimbal lock if the magnitude of the cosine of the middle angle is below 1e-12 (below 5e-4
-            for angles in float32). For sequences whose first axis is also the last, such as XYX, the sine of the
-            middle angle takes the place of the cosine.
+        sequence: one of 24 Euler sequences: upper-case letters are rotations about axes of the rotated body
+            (intrinsic), lower-case letters about fixed axes (extrinsic).
+        at_lock: at gimbal lock, as `matrix_to_euler` defines it, "raise" an error, or return the "least_squares"
+            rates: of those for which J phi' is nearest to omega, the smallest.
 
     Returns:
         The rates phi' [rad/s]; shape (..., 3).
 
     Raises:
-        GimbalLockError: angles are at gimbal lock, where J has no inverse, and at_lock is "raise".
+        GimbalLockError: angles are at gimbal lock, and at_lock is "raise".
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -234,13 +206,10 @@ def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector
 
 
 def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
-    """Return the three canonical angles [rad] of a rotation S, a tuple of nine entries in canonical axes. They are
-    the angles of S = Sx Sy Sz, or of S = Sx Sy Sx if the Sequence is proper.
+    """Return the canonical angles [rad] of a rotation S = Sx Sy Sz, or Sx Sy Sx of a proper sequence.
 
-    The second and third angle are read after the first has been turned back out of S.
-
-    Of the two first angles of Sx Sy Sx, half a turn apart, the sign of the sequence picks the one that makes the
-    middle angle positive in the order of the letters.
+    The second and third angle are read after the first has been turned back out of S. Of the two first angles of Sx
+    Sy Sx, half a turn apart, the sign of the sequence picks the one that makes the middle angle positive.
     """
     opposite, adjacent = (sequence.sign * S[3], -sequence.sign * S[6]) if sequence.proper else (-S[5], S[8])
     first = np.arctan2(opposite, adjacent + 0.0)  # of zeros of any sign: 0
@@ -253,17 +222,14 @@ def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EulerKinematics(Frozen):
-    """The matrices J, J_inverse and J_dot (J', or None) of omega = J phi' for Euler angles phi (equation E4), the
-    condition number `condition` of J, and the angle `lock_distance` from gimbal lock.
-
-    With them, phi' = J^-1 omega and alpha = J phi'' + J' phi'. Omega and alpha are in world axes.
+    """What relates Euler rates and angular velocity in world axes, omega = J phi' and alpha = J phi'' + J' phi' (E4).
 
     Attributes:
         J: shape (..., 3, 3).
-        J_inverse: shape (..., 3, 3). It is NaN at gimbal lock; `euler_rates` says which angles count as gimbal lock.
+        J_inverse: shape (..., 3, 3); NaN at gimbal lock.
         J_dot: time derivative of J [1/s]; shape (..., 3, 3); None if phid was not given.
-        condition: condition number of J in the 2-norm; shape (...,). It is the largest factor by which a relative
-            error of omega grows in phi'. It is at least 1, and very large or inf at gimbal lock.
+        condition: condition number of J in the 2-norm, the largest factor by which a relative error of omega grows in
+            phi'; shape (...,).
         lock_distance: distance of the middle angle from the nearest gimbal lock [rad], in [0, pi/2]; shape (...,).
     """
 
@@ -321,10 +287,7 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     limit = _gimbal_lock_limit(arguments["phi"])
 
     def kinematics(values: Named) -> Named:
-        """Return a dict of the matrices "J" and "J_inverse", the numbers "condition" and "lock_distance" [rad], and,
-        if `values` has rates "phid", the matrix "J_dot". `values` is a dict from "phi" and "phid" to tuples of three
-        components. J_inverse is NaN at gimbal lock.
-        """
+        """Return the results for one block of angles."""
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)
         results: Named = {"J": matrix_from_columns(*order.columns(axes))}

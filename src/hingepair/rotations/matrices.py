@@ -29,14 +29,10 @@ MAX_ORTHOGONALITY_ERRORS = {4: 2e-5, 8: 2e-9}
 
 
 def skew(w: ArrayLike) -> FloatArray:
-    """Return the cross-product matrices [w]x (..., 3, 3) of the vectors w (..., 3). For any vector u, [w]x @ u is the
-    cross product of w and u.
+    """Return the cross-product matrices [w]x, with [w]x @ u = w x u.
 
     Args:
         w: vectors; shape (..., 3).
-
-    Returns:
-        Cross-product matrices; shape (..., 3, 3).
 
     >>> import hingepair as hp
     >>> hp.skew((1, 2, 3))
@@ -53,18 +49,13 @@ def skew(w: ArrayLike) -> FloatArray:
 
 
 def unskew(W: ArrayLike) -> FloatArray:
-    """Return the vectors w (..., 3) of the cross-product matrices W = [w]x (..., 3, 3). This is the inverse of
-    `skew`. Raise ArgumentError if a finite matrix is not antisymmetric.
+    """Return the vectors w of cross-product matrices [w]x, the inverse of `skew`.
 
     Args:
-        W: antisymmetric matrices; shape (..., 3, 3).
-
-    Returns:
-        Vectors; shape (..., 3). A matrix W that is not finite is not checked.
+        W: antisymmetric matrices; shape (..., 3, 3). One that is not finite is not checked.
 
     Raises:
-        ArgumentError: the symmetric part of a finite W has an element larger than 1e-9 times the largest element of W
-            (1e-5 times for float32).
+        ArgumentError: the symmetric part of W has an element above 1e-9 of the largest of W (float32: 1e-5).
 
     >>> import hingepair as hp
     >>> hp.unskew([[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
@@ -83,15 +74,12 @@ def unskew(W: ArrayLike) -> FloatArray:
 
 
 def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of rotations by the angle psi [rad] about the axis n (equation E6).
-    The axis may have any non-zero length. Raise AxisError if an axis is zero or not finite.
+    """Return the rotation matrices of rotations by an angle about an axis (E6).
 
     Args:
         n: rotation axis of any non-zero length; shape (..., 3).
-        psi: rotation angle by the right-hand rule about n [rad]; shape (...,), broadcasts against n.
-
-    Returns:
-        Rotation matrices; shape (..., 3, 3); NaN where psi is not finite.
+        psi: rotation angle, right-handed about n [rad]; shape (...,), broadcasts against n. NaN where it is not
+            finite.
 
     Raises:
         AxisError: n is zero or not finite.
@@ -110,16 +98,14 @@ def rodrigues(n: ArrayLike, psi: ArrayLike) -> FloatArray:
 
 
 def rotation_exp(rotvec: ArrayLike) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of rotation vectors `rotvec` (..., 3) (equation E6). A rotation vector
-    is the unit vector of the rotation axis times the angle [rad]. For a Dask array, the result is a lazy Dask array.
-
-    In double precision, the error of every component is at most 6 * 2^-53 for angles up to 1e15 rad.
+    """Return the rotation matrices of rotation vectors, unit axis times angle (E6).
 
     Args:
-        rotvec: rotation vectors [rad]; shape (..., 3).
+        rotvec: rotation vectors [rad]; shape (..., 3). NaN where one is not finite.
 
     Returns:
-        Rotation matrices; shape (..., 3, 3); NaN where a rotation vector is not finite.
+        Rotation matrices; shape (..., 3, 3). In double precision, the error of a component is at most 6 * 2^-53 for
+        angles up to 1e15 rad.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -133,9 +119,7 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
     vector = vectors("rotvec", rotvec, 3)
 
     def rotation(values: Named) -> tuple[Any, ...]:
-        """Return the nine entries of the rotation matrix of a rotation vector (equation E6) as a tuple, corrected for
-        the rounding of axis and angle. `values` is a dict from "rotvec" to a tuple of three components.
-        """
+        """Return a rotation matrix (E6), corrected for the rounding of axis and angle."""
         axis, angle = polar(values["rotvec"])
         x, y, z = (unit.high for unit in axis)
         s, k, c = hinge_terms(angle.high)
@@ -164,24 +148,19 @@ def _rounding_correction(
 
 
 def rotation_log(S: ArrayLike) -> FloatArray:
-    """Return the rotation vectors (..., 3) of rotation matrices S (inverse of equation E6). A rotation vector is the
-    unit vector of the rotation axis times the angle [rad], which is in [0, pi]. Raise RotationError if a finite S is
-    not a rotation.
-
-    In double precision, `rotation_log(rotation_exp(rotvec))` differs from the vector `rotvec` by at most 6 * 2^-53
-    times the length of `rotvec`, if this length is below pi - 2e-15. If S is not finite, the result is
-    NaN.
+    """Return the rotation vectors of rotation matrices, unit axis times angle in [0, pi] (inverse of E6).
 
     Args:
-        S: rotation matrices; shape (..., 3, 3).
+        S: rotation matrices; shape (..., 3, 3). NaN where one is not finite.
 
     Returns:
-        Rotation vectors [rad]; shape (..., 3). At an angle of pi, both signs of the axis give the same rotation, and
-        one of the two vectors is returned.
+        Rotation vectors [rad]; shape (..., 3). In double precision `rotation_log(rotation_exp(rotvec))` is off by at
+        most 6 * 2^-53 times the length of `rotvec`, if that is below pi - 2e-15. At pi, one of two vectors is
+        returned.
 
     Raises:
-        RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
-            2e-9 (2e-5 for float32), or det S is negative.
+        RotationError: an element of S S^T of a finite S is off the identity by more than 2e-9 (float32: 2e-5), or det
+            S is negative.
 
     >>> import hingepair as hp
     >>> hp.rotation_log([[0, -1, 0], [1, 0, 0], [0, 0, 1]]).round(6) + 0.0
@@ -194,9 +173,7 @@ def rotation_log(S: ArrayLike) -> FloatArray:
 
 
 def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vectors (..., 3) [rad] of rotation matrices S (..., 3, 3). It is not checked that S holds
-    rotations.
-    """
+    """Return the rotation vectors [rad] of rotation matrices, which are not checked."""
     quat = _scaled_quaternion(S)
     vector = quat[..., 1:]
     with np.errstate(all="ignore"):
@@ -239,12 +216,11 @@ def _scaled_quaternion(S: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) of quaternions of any length, (w, x, y, z) if `scalar_first` and
-    otherwise (x, y, z, w). The matrix of a quaternion that is not finite is NaN. Raise RotationError, which names the
-    argument `name`, if a quaternion is zero. For a Dask array, the result is a lazy Dask array.
+    """Return the rotation matrices of quaternions of any length, (w, x, y, z) if `scalar_first`, else (x, y, z, w);
+    NaN where one is not finite.
 
     Raises:
-        RotationError: a quaternion is zero.
+        RotationError: a quaternion is zero; names the argument `name`.
     """
     if holds_dask(quat):
         return apply_to_chunks(
@@ -260,22 +236,18 @@ def quaternion_to_matrix(name: str, quat: ArrayLike, *, scalar_first: bool) -> F
 
 
 def project_to_rotation(M: ArrayLike) -> FloatArray:
-    """Return the rotation matrices (..., 3, 3) nearest to the matrices M. They are the orthogonal polar factors of M.
-    If a matrix is not finite, its result is NaN. Raise RotationError if a determinant is not positive.
-
-    In double precision, the error of every component is at most 6 * 2^-53 if there is a rotation matrix from which
-    every component of M differs by at most 1e-2. Otherwise the error grows with the ratio of the largest singular
-    value of M to the sum of the two smallest.
+    """Return the rotation matrices nearest to matrices, their orthogonal polar factors.
 
     Args:
-        M: matrices with a positive determinant; shape (..., 3, 3).
+        M: matrices with a positive determinant; shape (..., 3, 3). NaN where one is not finite.
 
     Returns:
-        Rotation matrices; shape (..., 3, 3); NaN for a matrix that is not finite.
+        Rotation matrices; shape (..., 3, 3). In double precision, the error of a component is at most 6 * 2^-53 if M
+        is within 1e-2 of a rotation; else it grows with the ratio of the largest singular value to the sum of the
+        others.
 
     Raises:
-        RotationError: a determinant is not positive. The orthogonal polar factor is then a reflection, or it is not
-            unique.
+        RotationError: a determinant is not positive: the polar factor is a reflection, or not unique.
 
     >>> import hingepair as hp
     >>> hp.project_to_rotation([[2, 0, 0], [0, 3, 0], [0, 0, 1]]) + 0.0
@@ -317,11 +289,10 @@ def _refine_nearest_rotation(S: NDArray[np.float64], M: NDArray[np.float64]) -> 
 
 
 def check_rotation(name: str, S: NDArray[Any]) -> None:
-    """Raise RotationError, which names the argument `name`, if a matrix of the array S (..., 3, 3) is not a rotation
-    to within 1e-9 (1e-5 for float32). Matrices that are not finite pass.
+    """Refuse matrices that are no rotations to within 1e-9 (float32: 1e-5); those that are not finite pass.
 
     Raises:
-        RotationError: names the argument, and recommends project_to_rotation.
+        RotationError: names the argument, and project_to_rotation.
     """
     dtype, shape = result_dtype((S,)), S.shape[:-2]
     tolerance = MAX_ORTHOGONALITY_ERRORS[dtype.itemsize]
