@@ -38,34 +38,23 @@ _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotConstants:
-    """Constants of a robot's generated programs.
+    """Constants of a robot's generated programs."""
 
-    Attributes:
-        tree: record of the robot.
-        free: whether the base is free, so that its mass counts.
-        form: structure of the robot, on which programs depend.
-        names: names of the joints with a coordinate of their own, in the order of q.
-        numbers: the constants that are parameters of programs, in order.
-        pivot_thresholds: for each coordinate, the size below which a pivot D is rounding (T5); 0 if D is never that
-            small.
-        base_pivot_thresholds: the same for the six pivots of a free base; shape (6,). 0 for any other base.
-        axes: for each body, the base first, the rotation from the program's axes to the body's own axes.
-        whole: whether all matter counts with its own body, as wrenches of joints need it (T9).
-        varied: numbers that differ from sample to sample, arrays by place.
-        cache: what is made once for the robot.
-    """
-
-    tree: Tree
-    free: bool
-    form: Form
-    names: tuple[str, ...]
-    numbers: tuple[float, ...]
+    tree: Tree  # record of the robot
+    free: bool  # whether the base is free, so that its mass counts
+    form: Form  # structure of the robot, on which programs depend
+    names: tuple[str, ...]  # names of the joints with a coordinate of their own, in the order of q
+    numbers: tuple[float, ...]  # the constants that are parameters of programs, in order
+    # for each coordinate, the size below which a pivot D is rounding (T5); 0 if D is never that small
     pivot_thresholds: NDArray[np.float64]
+    # the same for the six pivots of a free base; shape (6,). 0 for any other base
     base_pivot_thresholds: NDArray[np.float64]
+    # for each body, the base first, the rotation from the program's axes to the body's own axes
     axes: tuple[NDArray[np.float64], ...]
-    whole: bool
+    whole: bool  # whether all matter counts with its own body, as wrenches of joints need it (T9)
+    # numbers that differ from sample to sample, arrays by place
     varied: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)
-    cache: Cache = field(default_factory=Cache, repr=False)
+    cache: Cache = field(default_factory=Cache, repr=False)  # what is made once for the robot
 
     @property
     def may_be_singular(self) -> bool:

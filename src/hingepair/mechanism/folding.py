@@ -31,51 +31,31 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_ine
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPart:
-    """Record of a joint (of any kind, also fixed) and of the body that it carries: name and kind of the joint, number
-    of the part that carries it (`parent`), pose and axis, limits and mimic rule, dicts by name of the poses of the
-    body's `links` and `frames` and of its `inertias`, and a tuple of its `shapes`. The origin of the body is at the
-    joint's point.
-
-    Attributes:
-        name: name of the joint.
-        kind: "hinge", "slider" or "fixed".
-        parent: number of the part that carries it; 0 is the base, which is a fixed part without a parent (-1).
-        pose: pose of the body at position 0, in the parent's axes.
-        axis: unit axis in the body's axes; shape (3,).
-        links: poses of the frames of the links, by name.
-        leaves: names of the links that carry no further link.
-        frames: poses of further frames, by name.
-        inertias: mass properties by the link that has them.
-        shapes: shapes by which the body is drawn; None where it is drawn by others, such as meshes.
-        visuals: shapes and meshes, as a URDF draws the body.
-        limits: lower and upper position limit [rad or m]; None if there are none.
-        effort_limit: largest torque [N m] or force [N]; None if there is none.
-        rate_limit: largest rate [rad/s or m/s]; None if there is none.
-        armature: inertia of the motor's rotor, referred to the joint [kg m^2 or kg].
-        load: spring, damper and dry friction.
-        mimic: rule of a joint that follows another joint; else None.
-        notes: sentences about assumed masses.
+    """Record of a joint of any kind, fixed too, and of the body that it carries, whose origin is at the joint's
+    point.
     """
 
-    name: str
-    kind: JointKind
-    parent: int
-    pose: FramePose = IDENTITY_POSE
+    name: str  # name of the joint
+    kind: JointKind  # "hinge", "slider" or "fixed"
+    parent: int  # number of the part that carries it; 0 is the base, which is a fixed part without a parent (-1)
+    pose: FramePose = IDENTITY_POSE  # pose of the body at position 0, in the parent's axes
+    # unit axis in the body's axes; shape (3,)
     axis: Float64Array = field(default_factory=lambda: np.array((0.0, 0.0, 1.0)))
-    links: Mapping[str, FramePose] = field(default_factory=dict)
-    leaves: Sequence[str] = ()
-    frames: Mapping[str, FramePose] = field(default_factory=dict)
-    inertias: Mapping[str, Inertia] = field(default_factory=dict)
+    links: Mapping[str, FramePose] = field(default_factory=dict)  # poses of the frames of the links, by name
+    leaves: Sequence[str] = ()  # names of the links that carry no further link
+    frames: Mapping[str, FramePose] = field(default_factory=dict)  # poses of further frames, by name
+    inertias: Mapping[str, Inertia] = field(default_factory=dict)  # mass properties by the link that has them
+    # shapes by which the body is drawn; None where it is drawn by others, such as meshes
     shapes: tuple[Shape, ...] | None = ()
-    visuals: tuple[Shape | Mesh, ...] = ()
-    limits: tuple[float, float] | None = None
-    effort_limit: float | None = None
-    rate_limit: float | None = None
-    armature: float = 0.0
-    load: HingeLoad = NO_LOAD
-    mimic: records.MimicRecord | None = None
+    visuals: tuple[Shape | Mesh, ...] = ()  # shapes and meshes, as a URDF draws the body
+    limits: tuple[float, float] | None = None  # lower and upper position limit [rad or m]; None if there are none
+    effort_limit: float | None = None  # largest torque [N m] or force [N]; None if there is none
+    rate_limit: float | None = None  # largest rate [rad/s or m/s]; None if there is none
+    armature: float = 0.0  # inertia of the motor's rotor, referred to the joint [kg m^2 or kg]
+    load: HingeLoad = NO_LOAD  # spring, damper and dry friction
+    mimic: records.MimicRecord | None = None  # rule of a joint that follows another joint; else None
     pitch: float = 0.0
-    notes: Sequence[str] = ()
+    notes: Sequence[str] = ()  # sentences about assumed masses
     without_mass: Sequence[str] = ()  # its links whose mass was never given; a URDF's link without inertia has 0 kg
 
 

@@ -68,16 +68,12 @@ class MechanismMethods(Shown):
 
     The first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is
     physically impossible.
-
-    Attributes:
-        tree: record of the robot.
-        base: "fixed": the base is held, or moves as given; "free": forces move the base.
     """
 
     __slots__ = ("_cached_constants",)
 
-    tree: Tree
-    base: str
+    tree: Tree  # record of the robot
+    base: str  # "fixed": the base is held, or moves as given; "free": forces move the base
     _cached_constants: RobotConstants
 
     @property

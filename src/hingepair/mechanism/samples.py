@@ -23,20 +23,15 @@ _ROUNDING = 1e-9  # of an inertia's trace, by which written inertias may miss be
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples(Frozen):
-    """What differs from sample to sample.
+    """What differs from sample to sample."""
 
-    Attributes:
-        shape: leading shape of the samples.
-        matter: by the number of a body, what is fixed to it beside its own mass: mass, first moment and the entries
-            xx, xy, xz, yy, yz, zz of the second moment about the body's reference point, in its axes; (..., 10).
-        points: by the number of a joint, its point in the axes of the body that carries it [m]; (..., 3).
-        lengths: whether poses differ from sample to sample, not masses alone.
-    """
-
-    shape: tuple[int, ...] = ()
+    shape: tuple[int, ...] = ()  # leading shape of the samples
+    # by the number of a body, what is fixed to it beside its own mass: mass, first moment and the entries xx, xy, xz,
+    # yy, yz, zz of the second moment about the body's reference point, in its axes; (..., 10)
     matter: Mapping[int, Float64Array] = field(default_factory=dict)
+    # by the number of a joint, its point in the axes of the body that carries it [m]; (..., 3)
     points: Mapping[int, Float64Array] = field(default_factory=dict)
-    lengths: bool = False
+    lengths: bool = False  # whether poses differ from sample to sample, not masses alone
 
     def with_matter(self, body: int, numbers: Float64Array) -> Samples:
         """Return a copy with more matter fixed to a body, numbers of shape (..., 10)."""
@@ -53,17 +48,11 @@ class Samples(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Payload(Frozen):
-    """Matter with leading axes, in the axes of the frame to which it is fixed.
+    """Matter with leading axes, in the axes of the frame to which it is fixed."""
 
-    Attributes:
-        mass: [kg]; shape (...).
-        centre: centre of mass [m]; shape (..., 3).
-        inertia: about the centre of mass [kg m^2]; shape (..., 3, 3); zero for a point.
-    """
-
-    mass: Float64Array
-    centre: Float64Array
-    inertia: Float64Array
+    mass: Float64Array  # [kg]; shape (...)
+    centre: Float64Array  # centre of mass [m]; shape (..., 3)
+    inertia: Float64Array  # about the centre of mass [kg m^2]; shape (..., 3, 3); zero for a point
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -112,15 +112,11 @@ def _rebuild_state(
 
 
 class JointResults(Results):
-    """Base class of results with one column for each coordinate of a robot, such as joint torques or accelerations.
-
-    Attributes:
-        names: names of the joints with a coordinate, in the order of the columns.
-    """
+    """Base class of results with a column for each coordinate of a robot, such as torques."""
 
     __slots__ = ()
 
-    names: ClassVar[tuple[str, ...]] = ()
+    names: ClassVar[tuple[str, ...]] = ()  # names of the joints with a coordinate, in the order of the columns
 
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with a row for each sample. The values of the joints are in columns with

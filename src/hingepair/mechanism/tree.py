@@ -37,34 +37,22 @@ NO_LOAD = HingeLoad()
 
 
 class Mimic(NamedTuple):
-    """Rule of a joint that follows another joint, its leader: q = multiplier * (q of the leader) + offset. `leader`
-    is the number of a joint, from 1 on.
+    """Rule of a joint that follows another joint, its leader: q = multiplier * (q of the leader) + offset."""
 
-    Attributes:
-        leader: number of the leading joint, from 1 on; it follows no joint itself, and may come later.
-        multiplier: ratio of the joint's rate to the leader's.
-        offset: q of the joint at q = 0 of the leader [rad or m].
-    """
-
-    leader: int
-    multiplier: float
-    offset: float
+    leader: int  # number of the leading joint, from 1 on; it follows no joint itself, and may come later
+    multiplier: float  # ratio of the joint's rate to the leader's
+    offset: float  # q of the joint at q = 0 of the leader [rad or m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MassProperties(Frozen):
-    """Mass, centre of mass and inertia of one body as they were given. Values that no rigid body can have are not
-    changed.
+    """Mass, centre of mass and inertia of one body as they were given, even if no rigid body can have them."""
 
-    Attributes:
-        mass: [kg].
-        centre_of_mass: from the body's reference point, its own axes [m]; shape (3,). Zero where the mass is 0.
-        inertia: about the centre of mass, own axes [kg m^2]; shape (3, 3), symmetric. Where the mass is 0: the sum of
-            the inertias, about the reference point.
-    """
-
-    mass: float
+    mass: float  # [kg]
+    # from the body's reference point, its own axes [m]; shape (3,). Zero where the mass is 0
     centre_of_mass: NDArray[np.float64]
+    # about the centre of mass, own axes [kg m^2]; shape (3, 3), symmetric. Where the mass is 0: the sum of the
+    # inertias, about the reference point
     inertia: NDArray[np.float64]
 
 
@@ -74,39 +62,24 @@ ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint(Frozen):
-    """Record of a joint that moves: name, kind, number of the body that carries it (`parent`), point u, attitude S,
-    axis n, MassProperties of the body that it moves (`body`), limits, armature of its motor, load, and a Mimic rule
-    or None.
+    """Record of a joint that moves."""
 
-    Attributes:
-        name: name of the joint.
-        kind: a continuous joint is a hinge without limits.
-        parent: number of the body that carries the joint; 0 is the base.
-        u: the joint's point in the parent body's axes, from the parent's reference point [m]; shape (3,).
-        S: attitude of the joint's body at q = 0 in the parent body's axes; shape (3, 3).
-        n: the joint's unit axis, in the axes of its body; shape (3,).
-        body: mass properties of the joint's body.
-        position_limits: lower and upper limit of q [rad or m]; infinite where there is none.
-        rate_limit: largest rate [rad/s or m/s]; infinite where there is none.
-        effort_limit: largest torque or force of its motor [N m or N]; infinite where there is none.
-        armature: inertia of its motor's rotor, referred to the joint by the square of the gear ratio [kg m^2 or kg].
-        load: spring, damper and dry friction as they are written; a slider's in N/m, N s/m and N.
-        mimic: rule of a joint that follows another; None for a joint with a coordinate of its own.
-    """
-
-    name: str
-    kind: JointKind
-    parent: int
+    name: str  # name of the joint
+    kind: JointKind  # a continuous joint is a hinge without limits
+    parent: int  # number of the body that carries the joint; 0 is the base
+    # the joint's point in the parent body's axes, from the parent's reference point [m]; shape (3,)
     u: NDArray[np.float64]
-    S: NDArray[np.float64]
-    n: NDArray[np.float64]
-    body: MassProperties
+    S: NDArray[np.float64]  # attitude of the joint's body at q = 0 in the parent body's axes; shape (3, 3)
+    n: NDArray[np.float64]  # the joint's unit axis, in the axes of its body; shape (3,)
+    body: MassProperties  # mass properties of the joint's body
+    # lower and upper limit of q [rad or m]; infinite where there is none
     position_limits: tuple[float, float] = (-np.inf, np.inf)
-    rate_limit: float = np.inf
-    effort_limit: float = np.inf
+    rate_limit: float = np.inf  # largest rate [rad/s or m/s]; infinite where there is none
+    effort_limit: float = np.inf  # largest torque or force of its motor [N m or N]; infinite where there is none
+    # inertia of its motor's rotor, referred to the joint by the square of the gear ratio [kg m^2 or kg]
     armature: float = 0.0
-    load: HingeLoad = NO_LOAD
-    mimic: Mimic | None = None
+    load: HingeLoad = NO_LOAD  # spring, damper and dry friction as they are written; a slider's in N/m, N s/m and N
+    mimic: Mimic | None = None  # rule of a joint that follows another; None for a joint with a coordinate of its own
     pitch: float = 0.0  # displacement for one radian of a joint that also turns [m/rad]
 
     @property
@@ -137,19 +110,12 @@ LOAD_FIELDS = ("stiffness", "rest", "damping", "friction")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame(Frozen):
-    """A frame that is fixed in a body of a robot: the number of the body, and the position R and the rotation S of
-    the frame in the axes of the body. Links, joints and further frames of the robot have such a record.
+    """A frame that is fixed in a body of a robot: of a link, of a joint, or a further one."""
 
-    Attributes:
-        body: number of the body; 0 is the base.
-        R: the frame's origin from the body's reference point, in the body's axes [m]; shape (3,).
-        S: rotation from the frame's axes to the body's axes; shape (3, 3).
-        samples: origins that differ from sample to sample, in place of R; (..., 3). None for one origin.
-    """
-
-    body: int
-    R: NDArray[np.float64]
-    S: NDArray[np.float64]
+    body: int  # number of the body; 0 is the base
+    R: NDArray[np.float64]  # the frame's origin from the body's reference point, in the body's axes [m]; shape (3,)
+    S: NDArray[np.float64]  # rotation from the frame's axes to the body's axes; shape (3, 3)
+    # origins that differ from sample to sample, in place of R; (..., 3). None for one origin
     samples: NDArray[np.float64] | None = None
 
     @property
@@ -168,33 +134,23 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tree(Frozen):
-    """Record of a robot as a tree: a tuple of its moving `joints`, the MassProperties of the `base`, dicts of Frames
-    by name (`links`, and further `frames`), the names of the last links (`tips`), notes on masses, and drawings of
-    the bodies. Bodies that fixed and locked joints connect are merged.
+    """Record of a robot: a tree of joints that move. Bodies that fixed and locked joints connect are merged."""
 
-    Attributes:
-        name: name of the robot.
-        joints: joints that move, mimic joints included, in the order of the module's docstring.
-        base: mass properties of the base; on a fixed base they count nowhere.
-        links: frames of the links by name, the root link first and each link after its parent.
-        frames: further frames by name: fixed and locked joints (the child link's frame) and those that users added.
-            A joint that moves is not among them: its frame is that of its body.
-        tips: the links whose frames are computed unless others are named: those that carry no further link, on bodies
-            that carry no further joint, in the order of `links`; at least one.
-        notes: what a DynamicsWarning says at the first call of dynamics: masses that are assumed, and masses that no
-            rigid body can have; whole sentences that name the link.
-        drawings: what each body is drawn by, the base first.
-        source: what the robot was read from, as long as it describes the links and masses of the robot.
-    """
-
-    name: str
-    joints: tuple[Joint, ...]
-    base: MassProperties
-    links: Mapping[str, Frame]
+    name: str  # name of the robot
+    joints: tuple[Joint, ...]  # joints that move, mimic joints included, in the order of the module's docstring
+    base: MassProperties  # mass properties of the base; on a fixed base they count nowhere
+    links: Mapping[str, Frame]  # frames of the links by name, the root link first and each link after its parent
+    # further frames by name: fixed and locked joints (the child link's frame) and those that users added. A joint
+    # that moves is not among them: its frame is that of its body
     frames: Mapping[str, Frame]
+    # the links whose frames are computed unless others are named: those that carry no further link, on bodies that
+    # carry no further joint, in the order of `links`; at least one
     tips: tuple[str, ...]
+    # what a DynamicsWarning says at the first call of dynamics: masses that are assumed, and masses that no rigid
+    # body can have; whole sentences that name the link
     notes: tuple[str, ...] = ()
-    drawings: tuple[BodyDrawing, ...] = ()
+    drawings: tuple[BodyDrawing, ...] = ()  # what each body is drawn by, the base first
+    # what the robot was read from, as long as it describes the links and masses of the robot
     source: Source | None = None
     without_mass: Mapping[int, str] = field(default_factory=dict)
     """Links whose mass was never given, by the number of the body."""
@@ -216,18 +172,16 @@ class Tree(Frozen):
 
     @property
     def coordinates(self) -> tuple[Joint, ...]:
-        """A tuple of the joints with a coordinate of their own, in the order of q; mimic joints have none."""
+        """Joints with a coordinate of their own, in the order of q."""
         return tuple(joint for joint in self.joints if joint.mimic is None)
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """A tuple of the names of all frames: links, further frames, joints."""
+        """Names of all frames: links, further frames, joints."""
         return tuple(dict.fromkeys((*self.links, *self.frames, *(joint.name for joint in self.joints))))
 
     def frame(self, name: str) -> Frame | None:
-        """Return the Frame of a link, a further frame or a joint by its name, searched in this order; return None if
-        there is no such frame.
-        """
+        """Return the frame of a link, a further frame or a joint, searched in this order; None if there is none."""
         named_frame = self.links.get(name) or self.frames.get(name)
         if named_frame is not None:
             return named_frame
@@ -242,8 +196,7 @@ class Tree(Frozen):
         return tuple(Frame(number, read_only(np.zeros(3)), read_only(np.eye(3))) for number in numbers)
 
     def known_frame(self, argument: str, name: object) -> Frame:
-        """Return the Frame with the given name. Raise an ArgumentError for the argument named `argument` if there is
-        no such frame.
+        """Return the frame with a name.
 
         Raises:
             ArgumentError: there is none.

@@ -33,38 +33,25 @@ _RESIDUAL_TABLE_HEADINGS = (
 class ResidualCheck(NamedTuple):
     """Result of the comparison of one residual with its tolerance at all samples, a row of the printed table. It
     holds the largest and root-mean-square sizes of the residual, and its size, tolerance and ratio at the worst
-    sample, where the residual is largest relative to the tolerance.
+    sample, where the residual is largest relative to the tolerance. The size of a residual is the norm of its array;
+    that of the residual `tilt` is the angle between the hinge axes (`tilt_angle`).
 
     The size of a residual is the norm of its array; that of the residual `tilt` is the angle between the hinge axes
     (`tilt_angle`). The worst sample is the one with the largest size / tolerance.
-
-    Attributes:
-        residual: name of the residual, such as "gap".
-        label: label of its equation, with a prime for each time derivative.
-        unit: unit of rms, largest, worst and tolerance.
-        largest: largest size of all samples.
-        rms: root mean square of the sizes of all samples.
-        worst: size at the worst sample.
-        tolerance: tolerance at the worst sample.
-        ratio: worst / tolerance; the residual passes if this is at most 1.
-        worst_sample: index of the worst sample; None if no sample was compared.
-        worst_time: instant of the worst sample; None if no instants were given.
-        samples: number of samples that were compared.
-        basis: origin of the tolerance: "given", or the formula for rounding errors.
     """
 
-    residual: str
-    label: str
-    unit: str
-    largest: float
-    rms: float
-    worst: float
-    tolerance: float
-    ratio: float
-    worst_sample: tuple[int, ...] | None
-    worst_time: float | str | None
-    samples: int
-    basis: str
+    residual: str  # name of the residual, such as "gap"
+    label: str  # label of its equation, with a prime for each time derivative
+    unit: str  # unit of rms, largest, worst and tolerance
+    largest: float  # largest size of all samples
+    rms: float  # root mean square of the sizes of all samples
+    worst: float  # size at the worst sample
+    tolerance: float  # tolerance at the worst sample
+    ratio: float  # worst / tolerance; the residual passes if this is at most 1
+    worst_sample: tuple[int, ...] | None  # index of the worst sample; None if no sample was compared
+    worst_time: float | str | None  # instant of the worst sample; None if no instants were given
+    samples: int  # number of samples that were compared
+    basis: str  # origin of the tolerance: "given", or the formula for rounding errors
 
     @property
     def ok(self) -> bool:
@@ -208,23 +195,13 @@ sqrt(3) times that.
 
 
 class ResidualKind(NamedTuple):
-    """Properties of a kind of residual, as a named tuple: the `label` of the equation, the `unit`, the `letters` of
-    the velocities and accelerations that both motions must have, the formula of the `scale` of the rounding errors as
-    a string, and `size`, the name of the array whose norm is the size of the residual.
+    """Properties of a kind of residual."""
 
-    Attributes:
-        label: label of the equation, with a prime for each time derivative.
-        unit: unit of the size of the residual.
-        letters: names of the velocities and accelerations that both motions must have.
-        scale: formula of the scale that rounding errors are relative to, as text.
-        size: name of the array whose norm is the size of the residual.
-    """
-
-    label: str
-    unit: str
-    letters: tuple[str, ...]
-    scale: str
-    size: str
+    label: str  # label of the equation, with a prime for each time derivative
+    unit: str  # unit of the size of the residual
+    letters: tuple[str, ...]  # names of the velocities and accelerations that both motions must have
+    scale: str  # formula of the scale that rounding errors are relative to, as text
+    size: str  # name of the array whose norm is the size of the residual
 
 
 RESIDUAL_KIND_BY_NAME = {
@@ -363,17 +340,13 @@ def lazy_residuals(
 class _ResidualSummary(NamedTuple):
     """Summary of the residuals at some samples: `rows`, a `ResidualCheck` for each residual, the leading `shape` of
     these samples, and `skipped`, the number of samples at which a residual is not finite.
-
-    Attributes:
-        rows: comparison of each residual with its tolerance, without instants. The index of the worst sample counts
-            from the first of these samples.
-        shape: leading shape of the samples.
-        skipped: number of samples at which at least one residual is not finite.
     """
 
+    # comparison of each residual with its tolerance, without instants. The index of the worst sample counts from the
+    # first of these samples
     rows: tuple[ResidualCheck, ...]
-    shape: tuple[int, ...]
-    skipped: int
+    shape: tuple[int, ...]  # leading shape of the samples
+    skipped: int  # number of samples at which at least one residual is not finite
 
 
 def _summarize_chunk(
@@ -492,38 +465,26 @@ class _ResidualComparison(NamedTuple):
     """Comparison of a residual with its tolerance at every sample, as a named tuple: arrays (...,) of the `sizes` of
     the residual, of the `tolerance`, of the `ratio` size / tolerance, and of `is_finite`, and the string `basis`,
     which names the origin of the tolerance.
-
-    Attributes:
-        sizes: sizes of the residual; inf where a size overflows.
-        tolerance: tolerances of the residual.
-        ratio: sizes / tolerance.
-        is_finite: whether the motion is finite.
-        basis: text on the origin of the tolerance.
     """
 
-    sizes: Float64Array
-    tolerance: Float64Array
-    ratio: Float64Array
-    is_finite: NDArray[np.bool_]
-    basis: str
+    sizes: Float64Array  # sizes of the residual; inf where a size overflows
+    tolerance: Float64Array  # tolerances of the residual
+    ratio: Float64Array  # sizes / tolerance
+    is_finite: NDArray[np.bool_]  # whether the motion is finite
+    basis: str  # text on the origin of the tolerance
 
 
 class _ResidualComputation(NamedTuple):
     """All residuals of two motions, as a named tuple: the dict `arrays`, the dict `comparison_by_kind` with a
     _ResidualComparison for each kind of residual, the leading `shape` of the samples, and the unit roundoff `u` of
     the least precise input.
-
-    Attributes:
-        arrays: residuals, hinge angle and its derivatives by name.
-        comparison_by_kind: comparison of each residual with its tolerance, by the name of the residual.
-        shape: leading shape of the samples.
-        u: unit roundoff of the least precise array given.
     """
 
-    arrays: dict[str, NDArray[Any]]
+    arrays: dict[str, NDArray[Any]]  # residuals, hinge angle and its derivatives by name
+    # comparison of each residual with its tolerance, by the name of the residual
     comparison_by_kind: dict[str, _ResidualComparison]
-    shape: tuple[int, ...]
-    u: float
+    shape: tuple[int, ...]  # leading shape of the samples
+    u: float  # unit roundoff of the least precise array given
 
 
 def _compute_residuals(

@@ -46,21 +46,17 @@ _GROUPS: Final = {
 
 
 class Derivative(NamedTuple):
-    """What is differentiated, and how.
+    """What is differentiated, and how."""
 
-    Attributes:
-        kind: "jacobian"; "vjp", gradients of a weighted sum of outputs; "jvp", the rates of change of all outputs;
-            "rate", their time derivatives where q changes by qd and the base turns by omega1; "matrices", Jacobians
-            of inverse or forward dynamics such as tau_q, of a free base with rows and columns of the base.
-        outputs: names of the outputs; of a vjp those with weights, of matrices the names of the matrices.
-        arguments: arguments by which derivatives are taken, name and shape of one sample.
-        entries: in a jacobian, whether attitudes change by their entries in place of rotations.
-    """
-
+    # "jacobian"; "vjp", gradients of a weighted sum of outputs; "jvp", the rates of change of all outputs; "rate",
+    # their time derivatives where q changes by qd and the base turns by omega1; "matrices", Jacobians of inverse or
+    # forward dynamics such as tau_q, of a free base with rows and columns of the base
     kind: str
+    # names of the outputs; of a vjp those with weights, of matrices the names of the matrices
     outputs: tuple[str, ...]
+    # arguments by which derivatives are taken, name and shape of one sample
     arguments: tuple[tuple[str, ArrayShape], ...]
-    entries: bool = False
+    entries: bool = False  # in a jacobian, whether attitudes change by their entries in place of rotations
 
 
 def body_constants(joints: int, free: bool) -> dict[str, ArrayShape]:

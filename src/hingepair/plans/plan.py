@@ -130,19 +130,12 @@ _COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT_NAME = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """The steps that compute outputs of a pair from inputs, in order.
+    """The steps that compute outputs of a pair from inputs, in order."""
 
-    Attributes:
-        outputs: names of the outputs, in the requested order.
-        steps: the steps, each after those on which it depends.
-        inputs: names of the inputs that the steps need.
-        kind: SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND.
-    """
-
-    outputs: tuple[str, ...]
-    steps: tuple[Step, ...]
-    inputs: frozenset[str]
-    kind: MotionKind
+    outputs: tuple[str, ...]  # names of the outputs, in the requested order
+    steps: tuple[Step, ...]  # the steps, each after those on which it depends
+    inputs: frozenset[str]  # names of the inputs that the steps need
+    kind: MotionKind  # SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
         """Run the steps on `values`, a dictionary that holds the inputs by name. The result of each step is added to

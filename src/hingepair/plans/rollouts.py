@@ -66,19 +66,12 @@ class Control(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A step, or a stage of one, of a robot.
+    """A step, or a stage of one, of a robot."""
 
-    Attributes:
-        form: form of the robot.
-        request: says whether the base is free, and where wrenches act; it has no outputs.
-        method: one of METHODS.
-        control: where the efforts come from.
-    """
-
-    form: Form
-    request: Request
-    method: str
-    control: Control
+    form: Form  # form of the robot
+    request: Request  # says whether the base is free, and where wrenches act; it has no outputs
+    method: str  # one of METHODS
+    control: Control  # where the efforts come from
 
     @property
     def stages(self) -> int:

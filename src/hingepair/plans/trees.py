@@ -76,26 +76,16 @@ class Form(NamedTuple):
 
 
 class Request(NamedTuple):
-    """A request for outputs of a robot. `known` has one element for each constant of the frames and loads: its value
-    if this is 0, 1 or -1, and otherwise None.
+    """A request for outputs of a robot."""
 
-    Attributes:
-        outputs: names out of OUTPUTS.
-        free: whether forces move the base; otherwise its motion is given.
-        frames: for each frame, the number of its body.
-        known: the constants of the frames and loads that are 0, 1 or -1; None for all others.
-        loaded: indices of the frames that belong to links on which wrenches act.
-        joint_loads: whether springs, dampers and dry friction act at the joints (T14).
-        varied: places of the constants that the input "samples" has.
-    """
-
-    outputs: tuple[str, ...]
-    free: bool
-    frames: tuple[int, ...] = ()
+    outputs: tuple[str, ...]  # names out of OUTPUTS
+    free: bool  # whether forces move the base; otherwise its motion is given
+    frames: tuple[int, ...] = ()  # for each frame, the number of its body
+    # the constants of the frames and loads that are 0, 1 or -1; None for all others
     known: tuple[float | None, ...] = ()
-    loaded: tuple[int, ...] = ()
-    joint_loads: bool = False
-    varied: tuple[int, ...] = ()
+    loaded: tuple[int, ...] = ()  # indices of the frames that belong to links on which wrenches act
+    joint_loads: bool = False  # whether springs, dampers and dry friction act at the joints (T14)
+    varied: tuple[int, ...] = ()  # places of the constants that the input "samples" has
 
 
 class TreeForm(NamedTuple):

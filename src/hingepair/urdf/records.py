@@ -79,17 +79,11 @@ class MimicRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkRecord:
-    """Link of a URDF. Its mass properties and shapes are read from the XML element when a method is called.
+    """Link of a URDF."""
 
-    Attributes:
-        element: the XML element.
-        name: name of the link.
-        rules: how its origins are read.
-    """
-
-    element: ET.Element
-    name: str
-    rules: PoseRules
+    element: ET.Element  # the XML element
+    name: str  # name of the link
+    rules: PoseRules  # how its origins are read
 
     def inertia(self) -> Inertia:
         """Return the mass properties of the link in its own axes; numbers that are not given are 0.
@@ -132,26 +126,15 @@ class LinkRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRecord:
-    """Joint of a URDF. A property reads its numbers from the XML element when it is accessed, and raises a URDFError
-    for a number that is not finite.
+    """Joint of a URDF."""
 
-    Attributes:
-        element: the XML element.
-        name: name of the joint; "" where none is given.
-        type: revolute, continuous, prismatic, fixed, floating or planar.
-        parent: name of the link that carries the joint.
-        child: name of the link that the joint carries, whose frame is the joint's.
-        follows: name of the joint whose position this one follows (mimic); "" for none.
-        rules: how its origin is read.
-    """
-
-    element: ET.Element
-    name: str
-    type: str
-    parent: str
-    child: str
-    follows: str
-    rules: PoseRules
+    element: ET.Element  # the XML element
+    name: str  # name of the joint; "" where none is given
+    type: str  # revolute, continuous, prismatic, fixed, floating or planar
+    parent: str  # name of the link that carries the joint
+    child: str  # name of the link that the joint carries, whose frame is the joint's
+    follows: str  # name of the joint whose position this one follows (mimic); "" for none
+    rules: PoseRules  # how its origin is read
 
     @property
     def pose(self) -> FramePose:
@@ -232,22 +215,16 @@ class RobotRecord:
     """Record of a URDF: the name of the robot, its links by name (a list for each name), its joints in the order of
     the file, and `joints_at`, a mapping from the name of each link to all joints at this link, whether it is their
     parent or their child.
-
-    Attributes:
-        name: name of the robot.
-        links: links by name, in the order of the file; a name that is given twice has both links.
-        joints: joints in the order of the file.
-        joints_at: for the name of each link, the joints of which it is parent or child.
-        text: what it was read from.
-        folder: folder of the file, in which the names of meshes start; None for text.
     """
 
-    name: str
+    name: str  # name of the robot
+    # links by name, in the order of the file; a name that is given twice has both links
     links: Mapping[str, Sequence[LinkRecord]]
-    joints: Sequence[JointRecord]
+    joints: Sequence[JointRecord]  # joints in the order of the file
+    # for the name of each link, the joints of which it is parent or child
     joints_at: Mapping[str, Sequence[JointRecord]]
-    text: str | bytes
-    folder: Path | None = None
+    text: str | bytes  # what it was read from
+    folder: Path | None = None  # folder of the file, in which the names of meshes start; None for text
 
     def hinges(self) -> tuple[JointRecord, ...]:
         """Return a tuple of the revolute and continuous JointRecords that have a name, mimic joints included."""

@@ -53,16 +53,11 @@ IDENTITY_POSE = FramePose(np.eye(3), np.zeros(3))
 class Inertia(NamedTuple):
     """Mass properties in the axes of a frame: mass [kg], centre of mass [m], and inertia tensor about the centre of
     mass [kg m^2].
-
-    Attributes:
-        mass: mass [kg], of either sign, as it was written.
-        centre: centre of mass [m]; shape (3,).
-        tensor: inertia tensor about the centre of mass [kg m^2]; shape (3, 3).
     """
 
-    mass: float
-    centre: Float64Array
-    tensor: Float64Array
+    mass: float  # mass [kg], of either sign, as it was written
+    centre: Float64Array  # centre of mass [m]; shape (3,)
+    tensor: Float64Array  # inertia tensor about the centre of mass [kg m^2]; shape (3, 3)
 
     def placed(self, pose: FramePose) -> Inertia:
         """Return a copy of these mass properties in another frame. `pose` is the FramePose of the present frame in
