@@ -627,3 +627,21 @@ def test_arrays_that_were_written_before_are_refused_once_they_do_not_fit():
     assert one.rows(unused, m, x, out={**out, "nonsense": np.zeros(3)}) is None
     with pytest.raises(ArgumentError, match="array to write into"):
         one.rows(unused, m, x, out={"y": None, "trace": out["trace"]})
+
+
+@pytest.mark.parametrize("lead", [(), (1,), (5,), (2, 3)], ids=str)
+def test_few_states_are_written_where_they_fit(lead):
+    one, (unused, m, x) = call(), arrays([lead] * 3)
+    one.rows(unused, m, x)
+    out = {"y": np.zeros((*lead, 3)), "trace": np.zeros(lead)}
+    for single in (m, m[(0,) * len(lead)]):
+        for _ in range(2):
+            state = one.rows(unused, single, x, out=out)
+            y, trace = expected(unused, np.broadcast_to(single, m.shape), x)
+            np.testing.assert_allclose(out["y"], y, rtol=1e-14, atol=1e-14)
+            np.testing.assert_allclose(state["trace"], trace, rtol=1e-14, atol=1e-14)
+            assert state.shape == lead
+    if lead:  # not a state that NumPy would repeat
+        first = [np.array(part[(0,) * len(lead)]) for part in (unused, m, x)]
+        with pytest.raises(ShapeError, match="out"):
+            one.rows(*first, out=out)

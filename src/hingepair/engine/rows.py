@@ -1,7 +1,7 @@
 """The shortest way from arrays to a kernel: a generated function of arrays that need no conversion.
 
-    rows(q, qd)                                 # of one state, or of few states with the same leading axes
-    rows(q, qd, out={"tau": tau}, workers=1)    # of one state
+    rows(q, qd)                                 # of one state, or of few states that q has
+    rows(q, qd, out={"tau": tau}, workers=1)
 
 All else goes to the general function that it was made with.
 """
@@ -61,7 +61,7 @@ def rows_function(
     names = tuple(one.name for one in outputs if one.limit is None)
     scope: dict[str, Any] = {
         "ndarray": np.ndarray, "array": np.array, "freeze": np.ndarray.setflags, "dtype": dtype, "names": names,
-        "ref": weakref.ref, "known": [(*[object] * len(names), set())],  # no array is what object() returns
+        "ref": weakref.ref, "known": [(*[object] * len(names), (), set())],  # no array is what object() returns
         "kernel": kernel.call, "packed": packed.call, "kept": (kernel, packed),
         "general": general, "refuse": refuse,
         "Result": shown, "new": shown.__new__, "set_content": Results.__dict__["_content"].__set__,
@@ -96,7 +96,10 @@ def _source(
         is_float = f"type(in{k}) is float or " if takes_floats and not shape else ""
         arrays.append(f"({is_float}{array})")
         one_state.append(f"({is_float}{one})")
-        few_states.append(f"type(in{k}) is ndarray and in{k}.shape == (*lead, *{shape}) and in{k}.flags.c_contiguous")
+        broadcast = f" or in{k}.shape == {shape}" if k else ""
+        few_states.append(
+            f"type(in{k}) is ndarray and (in{k}.shape == (*lead, *{shape}){broadcast}) and in{k}.flags.c_contiguous"
+        )
     lead = f"in0.shape[:-{len(shapes[0])}]" if shapes[0] else "in0.shape if type(in0) is ndarray else ()"
     few_states += [f"in0.ndim <= {MAX_AXES}", f"in0.size < {most * math.prod(shapes[0])}"]
 
@@ -109,20 +112,22 @@ def _source(
         "        if out is None:",
         *_indented(3, _packed_lines(layout, slots is not None, arguments)),
         *_indented(3, _result_lines(outputs, slots, arguments, written=False)),
-        "        if type(out) is not dict or workers != 1:",
+        "    else:",
+        f"        lead = {lead}",
+        f"        if not ({' and '.join(few_states)}):",
         f"            {other}",
-        *_indented(2, _memory_lines(shapes, outputs, other)),
-        "        try:",
-        f"            {targets} = kernel({arguments}, {targets})",
-        "        except (ValueError, TypeError):",  # an array that cannot be written: the general function says which
-        f"            {other}",
-        *_indented(2, _result_lines(outputs, slots, arguments, written=True)),
-        f"    lead = {lead}",
-        f"    if out is None and workers == 1 and {' and '.join(few_states)}:",
-        f"        {targets} = kernel({arguments})",
-        *_indented(2, frees),
-        *_indented(2, _result_lines(outputs, slots, arguments, written=False)),
-        f"    {other}",
+        "        if out is None and workers == 1:",
+        f"            {targets} = kernel({arguments})",
+        *_indented(3, frees),
+        *_indented(3, _result_lines(outputs, slots, arguments, written=False)),
+        "    if type(out) is not dict or workers != 1:",
+        f"        {other}",
+        *_indented(1, _memory_lines(shapes, outputs, other)),
+        "    try:",
+        f"        {targets} = kernel({arguments}, {targets})",
+        "    except (ValueError, TypeError):",  # an array that cannot be written: the general function says which
+        f"        {other}",
+        *_indented(1, _result_lines(outputs, slots, arguments, written=True)),
     ]
     return "\n".join(lines)
 
@@ -160,10 +165,14 @@ def _memory_lines(shapes: Sequence[tuple[int, ...]], outputs: Sequence[Output], 
     lines = ["try:", *(f"    out{k} = out[{one.name!r}]" for k, one in shown), "except KeyError:", f"    {other}"]
     lines += [f"out{k} = None" for k, one in enumerate(outputs) if one.limit is not None]
     lines += [
-        f"{''.join(f'{array}_ref, ' for array in written)}owners = known[0]",
-        f"if not (len(out) == {len(shown)} and {' and '.join(f'{one}_ref() is {one}' for one in written)}):",
+        f"{''.join(f'{array}_ref, ' for array in written)}samples, owners = known[0]",
+        f"same = len(out) == {len(shown)} and samples == lead",
+        f"if not (same and {' and '.join(f'{one}_ref() is {one}' for one in written)}):",
     ]
-    fits = (f"type(out{k}) is ndarray and out{k}.dtype is dtype and out{k}.shape == {one.shape}" for k, one in shown)
+    fits = (
+        f"type(out{k}) is ndarray and out{k}.dtype is dtype and out{k}.shape == (*lead, *{one.shape})"
+        for k, one in shown
+    )
     checks = [f"if not (len(out) == {len(shown)} and {' and '.join(fits)}):", f"    {other}"]
     for array in written:
         checks += _owner_lines(array, f" and {array}.flags.c_contiguous", other)
@@ -171,7 +180,7 @@ def _memory_lines(shapes: Sequence[tuple[int, ...]], outputs: Sequence[Output], 
         f"owners = {{{''.join(f'id({array}_owner), ' for array in written)}}}",
         f"if len(owners) != {len(written)}:",
         f"    {other}",
-        f"known[0] = {''.join(f'ref({array}), ' for array in written)}owners",
+        f"known[0] = {''.join(f'ref({array}), ' for array in written)}lead, owners",
     ]
     lines += _indented(1, checks)
     read = [f"in{k}" for k, shape in enumerate(shapes) if shape]
