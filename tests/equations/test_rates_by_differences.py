@@ -16,7 +16,6 @@ from hingepair.equations import spatial as eq
 from support.differences import (
     SEQUENCE_NAMES,
     Body,
-    Cloud,
     at,
     column,
     hat,
@@ -279,75 +278,11 @@ def test_the_hinge_angle_of_two_attitudes():
     same(con.hinge_angle_terms((f1, f2), g1, g2), [2 * mpmath.sin(psi), 2 * mpmath.cos(psi)])
 
 
-G = (mpf("0.3"), mpf("-0.2"), mpf("-9.81"))
-
-
-def test_force_and_torque_of_a_cloud_of_points():
-    body, cloud = Body(91), Cloud(101)
-    S, omega, alpha, g = tuple_of(body.S()), tuple(body.omega()), tuple(body.alpha), column(G)
-    r = tuple(body.S() * cloud.centre)
-
-    def place(p):
-        return lambda s: body.R(s) + body.S(s) * p
-
-    force = cloud.total(lambda m, p: m * (rate(place(p), 2) - g))
-    same(dyn.inertial_force(cloud.mass, body.points[2], omega, alpha, r, G), force)
-    arms = {id(p): body.S() * (p - cloud.centre) for p in cloud.points}
-    torque = cloud.total(lambda m, p: hat(arms[id(p)]) * (m * rate(place(p), 2)))
-    same(dyn.inertial_torque(S, tuple_of(cloud.inertia), omega, alpha), torque)
-    about = cloud.total(lambda m, p: hat(body.S() * p) * (m * (rate(place(p), 2) - g)))
-    same(dyn.torque_about(tuple(torque), r, tuple(force)), about)
-    same(dyn.torque_from(tuple(about), r, tuple(force)), torque)
-    world = dyn.world_inertia(S, tuple_of(cloud.inertia))
-    same(world, tuple_of(body.S() * cloud.inertia * body.S().T))
-    same(dyn.point_mass_inertia(mpf(2), r), tuple_of(2 * hat(r).T * hat(r)))
-    same(dyn.matrix_sum(S, world), [a + b for a, b in zip(S, world, strict=True)])
-
-
-def test_what_turns_about_the_hinge():
-    axis, torque, r2, force = unit(vector(111)), vector(112), vector(113), vector(114)
-    about = column(torque) - hat(r2) * column(force)
-    same([dyn.hinge_torque_of(axis, torque, r2, force)], [(column(axis).T * about)[0]])
-
-
-def test_inertia_about_a_point_is_that_of_the_kinetic_energy():
-    """Of a pair whose R1 is at rest, in omega1 and psi'."""
-    pair, one, two = Pair(), Cloud(121), Cloud(131)
-    S1, S2 = pair.S(), pair.S2()
-    axis = tuple(S1 * column(pair.n))
-    r1, arm = tuple(S1 * one.centre), S2 * (two.centre - column(pair.u2))
-    e = tuple(pair.R2() - pair.R() + S2 * two.centre)
-    J2 = dyn.world_inertia(tuple_of(S2), tuple_of(two.inertia))
-    J1 = dyn.matrix_sum(dyn.world_inertia(tuple_of(S1), tuple_of(one.inertia)), dyn.point_mass_inertia(one.mass, r1))
-    about = dyn.pair_inertia(dyn.matrix_sum(J1, J2), J2, axis, tuple(hat(axis) * arm), two.mass, e)
-    J, coupling, hinge = about
-    M = matrix((*J[:3], coupling[0], *J[3:6], coupling[1], *J[6:], coupling[2], *coupling, hinge), 4)
-    same(tuple_of(M), tuple_of(M.T))
-    rates = column([*pair.omega(), *pair.psi[1]])
-    energy = one.total(lambda m, p: m * mpmath.norm(rate(lambda s: pair.S(s) * p)) ** 2 / 2)
-    energy += two.total(
-        lambda m, p: m * mpmath.norm(rate(lambda s: pair.R2(s) - pair.R(s) + pair.S2(s) * p)) ** 2 / 2
-    )
-    same([(rates.T * M * rates)[0] / 2], [energy])
-    alpha1, psidd = dyn.angular_accelerations(about, vector(142), mpf(2))
-    same([*alpha1, psidd], mpmath.lu_solve(M, column([*vector(142), 2])))
-    L = dyn.pair_angular_momentum(about, vector(143), mpf("0.6"))
-    same(L, M[0:3, 0:4] * column([*vector(143), mpf("0.6")]))
-    same(dyn.omega1_from_momentum(about, L, mpf("0.6")), vector(143))
-
-
 def test_symmetric_systems_are_solved():
     A = matrix(vector(141, 49), 7)
     A = A * A.T + mpmath.eye(7)
     lower = tuple(A[i, j] for i in range(7) for j in range(i + 1))
     same(dyn.solve_symmetric(lower, vector(142, 7))[0], mpmath.lu_solve(A, column(vector(142, 7))))
-
-
-def test_what_body1_does_by_the_common_centre():
-    """R1 = centre - share of levers: its rate where body 1 turns and the hinge pushes."""
-    spin, centre, push = vector(151), vector(152), vector(153)
-    expected = column(vector(154)) - hat(spin) * column(centre) - column(push) * mpf("0.3")
-    same(dyn.reference_point_rate(vector(154), spin, centre, push, mpf("0.3")), expected)
 
 
 def test_cayley_s_map_and_its_rate():

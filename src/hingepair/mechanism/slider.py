@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Any, Final, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,8 +34,23 @@ class _JointOfRobot(Frozen, Shown):
     torque_limit: float | None
     rate_limit: float | None
 
-    def _set(self, *fields: Any) -> None:
-        checked = HingePair(*fields)
+    _default_name: ClassVar[str]
+
+    def __init__(
+        self,
+        u1: ArrayLike,
+        u2: ArrayLike,
+        n: ArrayLike,
+        home: ArrayLike | None = None,
+        name: str | None = None,
+        limits: ArrayLike | None = None,
+        body1: Body | None = None,
+        body2: Body | None = None,
+        torque_limit: float | None = None,
+        rate_limit: float | None = None,
+    ) -> None:
+        own = self._default_name if name is None else name
+        checked = HingePair(u1, u2, n, home, own, limits, body1, body2, torque_limit, rate_limit)
         check_single_pair(checked)
         for field in _FIELDS:
             object.__setattr__(self, field, getattr(checked, field))
@@ -63,33 +78,25 @@ _FIELDS = tuple(field.name for field in fields(_JointOfRobot))  # in the order o
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class Slider(_JointOfRobot):
-    """Two rigid bodies joined by a slider (prismatic joint): R2 = R1 + S1 (u1 + n q) - S2 u2 and S2 = S1 home. The
-    coordinate q is the displacement along n [m]. Optional arguments are the mass properties of the bodies, the
-    `limits` of q, and the largest magnitudes of the force (`torque_limit`) and of the rate (`rate_limit`).
+    """Two rigid bodies joined by a slider (prismatic joint), R2 = R1 + S1 (u1 + n q) - S2 u2 and S2 = S1 home, where
+    q is the displacement along n [m].
 
-    Like a `HingePair`, a Slider can be a joint of a `Mechanism`. The arguments have the same names as the arguments
-    of a `HingePair`. They are stored as attributes of these names; the arrays are copied and read-only. The methods
-    of a `Mechanism` do not enforce `limits`, `torque_limit` and `rate_limit`; reports and exports show them.
+    It is a joint of a `Mechanism`, and its arguments and attributes are those of a `HingePair`. Reports and exports
+    show the limits; methods do not enforce them.
 
     Args:
-        u1: vector from the reference point of body 1 to the position that a point P of body 2 has when q = 0, body-1
-            axes [m]; shape (3,).
+        u1: vector from the reference point of body 1 to where a point P of body 2 is at q = 0, body-1 axes [m]; shape
+            (3,).
         u2: vector from the reference point of body 2 to the point P, body-2 axes [m]; shape (3,).
         n: direction in which body 2 moves, body-1 axes; any non-zero length, stored at unit length; shape (3,).
-        home: constant attitude of body 2 relative to body 1, a rotation matrix from body-2 axes to body-1 axes; shape
-            (3, 3); the identity by default.
-        name: name of the joint; "slider" unless given.
-        limits: lower and upper limit of q [m]; shape (2,); None (default) for no limits.
-        body1: mass properties and shapes of body 1, a `Body`; None (default) if they are unknown.
-        body2: mass properties and shapes of body 2, a `Body`; None (default) if they are unknown.
-        torque_limit: largest magnitude of the force of the slider's motor [N]; None (default) for no limit. URDF
-            calls this limit effort.
-        rate_limit: largest magnitude of the rate q' [m/s]; None (default) for no limit.
-
-    Raises:
-        ArgumentError: a value cannot be used: it is not finite or has the wrong shape, n is zero, home is not a
-            rotation, the lower limit is above the upper limit, or torque_limit or rate_limit is below 0. The
-            message names the argument.
+        home: attitude of body 2 relative to body 1, from body-2 axes to body-1 axes; shape (3, 3); the identity by
+            default.
+        name: name of the joint.
+        limits: lower and upper limit of q [m]; shape (2,).
+        body1: mass properties and shapes of body 1.
+        body2: mass properties and shapes of body 2.
+        torque_limit: largest magnitude of the motor's force [N]; URDF calls it effort.
+        rate_limit: largest magnitude of the rate q' [m/s].
 
     >>> import hingepair as hp
     >>> lift = hp.Slider(u1=(0, 0, 0.5), u2=(0, 0, 0), n=(0, 0, 2), name="lift", limits=(0, 1.5))
@@ -97,45 +104,32 @@ class Slider(_JointOfRobot):
     ([0.0, 0.0, 1.0], (0.0, 1.5))
     """
 
-    def __init__(
-        self,
-        u1: ArrayLike,
-        u2: ArrayLike,
-        n: ArrayLike,
-        home: ArrayLike | None = None,
-        name: str = "slider",
-        limits: ArrayLike | None = None,
-        body1: Body | None = None,
-        body2: Body | None = None,
-        torque_limit: float | None = None,
-        rate_limit: float | None = None,
-    ) -> None:
-        self._set(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
+    _default_name: ClassVar[str] = "slider"
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class Screw(_JointOfRobot):
-    """Two rigid bodies joined by a screw: body 2 turns about the axis n by q and moves along it by `pitch` q,
-    R2 = R1 + S1 (u1 + n pitch q) - S2 u2 and S2 = S1 Sh(n, q) home.
+    """Two rigid bodies joined by a screw: body 2 turns about the axis n by q and moves along it by `pitch` q, R2 = R1
+    + S1 (u1 + n pitch q) - S2 u2 and S2 = S1 Sh(n, q) home.
 
-    It is a joint of a `Mechanism`, and its arguments, but for the pitch, are those of a `HingePair`. The torque of
-    inverse dynamics is that of a motor about the axis. URDF and MJCF have no screws.
+    It is a joint of a `Mechanism`, and its arguments and attributes, but for the pitch, are those of a `HingePair`.
+    The torque of inverse dynamics is that of a motor about the axis. URDF and MJCF have no screws.
 
     Args:
         u1: vector from the reference point of body 1 to a point of the axis, body-1 axes [m]; shape (3,).
-        u2: vector from the reference point of body 2 to the point of body 2 that is there when q = 0, body-2 axes
-            [m]; shape (3,).
+        u2: vector from the reference point of body 2 to the point of body 2 that is there at q = 0, body-2 axes [m];
+            shape (3,).
         n: axis, body-1 axes; any non-zero length, stored at unit length; shape (3,).
-        pitch: displacement along n for one radian [m/rad], not 0. A thread with the lead p per turn has p / (2 pi),
-            a left-handed one -p / (2 pi).
-        home: attitude of body 2 relative to body 1 at q = 0, a rotation matrix from body-2 axes to body-1 axes; shape
-            (3, 3); the identity by default.
+        pitch: displacement along n for one radian [m/rad], not 0. A thread with the lead p per turn has p / (2 pi), a
+            left-handed one -p / (2 pi).
+        home: attitude of body 2 relative to body 1 at q = 0, from body-2 axes to body-1 axes; shape (3, 3); the
+            identity by default.
         name: name of the joint.
-        limits: lower and upper limit of q [rad]; shape (2,); None for no limits.
-        body1: mass properties and shapes of body 1; None if they are unknown.
-        body2: mass properties and shapes of body 2; None if they are unknown.
-        torque_limit: largest magnitude of the motor's torque [N m]; None for no limit.
-        rate_limit: largest magnitude of the rate q' [rad/s]; None for no limit.
+        limits: lower and upper limit of q [rad]; shape (2,).
+        body1: mass properties and shapes of body 1.
+        body2: mass properties and shapes of body 2.
+        torque_limit: largest magnitude of the motor's torque [N m]; URDF calls it effort.
+        rate_limit: largest magnitude of the rate q' [rad/s].
 
     >>> import hingepair as hp, math
     >>> spindle = hp.Screw((0, 0, 0), (0, 0, 0), (0, 0, 1), pitch=0.005 / (2 * math.pi), name="spindle")
@@ -145,6 +139,7 @@ class Screw(_JointOfRobot):
     """
 
     pitch: float
+    _default_name: ClassVar[str] = "screw"
 
     def __init__(
         self,
@@ -153,21 +148,21 @@ class Screw(_JointOfRobot):
         n: ArrayLike,
         pitch: float,
         home: ArrayLike | None = None,
-        name: str = "screw",
+        name: str | None = None,
         limits: ArrayLike | None = None,
         body1: Body | None = None,
         body2: Body | None = None,
         torque_limit: float | None = None,
         rate_limit: float | None = None,
     ) -> None:
-        self._set(u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
+        # super() does not work in a class whose slots are made afterwards.
+        _JointOfRobot.__init__(self, u1, u2, n, home, name, limits, body1, body2, torque_limit, rate_limit)
         checked = finite_number("pitch", pitch)
         if not checked:
             raise ArgumentError("pitch", "a number other than 0 (a HingePair has none)", pitch)
         object.__setattr__(self, "pitch", checked)
 
     def _shown_values(self) -> dict[str, Any]:
-        # super() does not work in a class whose slots are made afterwards.
         return {**_JointOfRobot._shown_values(self), "pitch": self.pitch}
 
 

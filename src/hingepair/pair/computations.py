@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution, execution_of
-from hingepair.engine.calls import Call
 from hingepair.engine.loops import Loop
 from hingepair.engine.outputs import Out
 from hingepair.engine.results import writable_arrays
@@ -31,7 +30,6 @@ from hingepair.plans.plan import (
     PLANAR_MOTION_KIND,
     SPATIAL_MOTION_KIND,
     MotionKind,
-    Plan,
     default_outputs,
     make_plan,
     plan_loop,
@@ -190,21 +188,6 @@ def compute_arrays(
     computation = computation_of(SPATIAL_MOTION_KIND, pair, tuple(outputs), sequence)
     arguments = Arguments(dict(values), dict(shapes), None, {})
     return writable_arrays(computation.run(arguments, Execution("auto", 1), dtype=dtype))
-
-
-def cached_call(pair: Constants, plan: Plan, input_names: tuple[str, ...], backend: str) -> Call:
-    """Return the call that runs a plan with a pair's constants for inputs of these names, which is made once."""
-    key = plan, input_names, backend
-    call: Call | None = pair.cache.others.get(key)
-    if call is None:
-        shapes, loop = plan.kind.shapes, plan_loop(plan)
-        constants = pair.values if pair.single else pair.arrays
-        call = pair.cache.others[key] = Call(
-            loop, {name: shapes[name] for name in input_names},
-            {name: constants[name] for name, _ in loop.inputs if name not in input_names},
-            STATE_CLASS_BY_MOTION_KIND[plan.kind], shape=pair.shape, backend=backend, shared=True,
-        )  # fmt: skip
-    return call
 
 
 def coordinate_rows(q: Any, qd: Any, qdd: Any) -> dict[str, Any]:
