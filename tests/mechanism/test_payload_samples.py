@@ -163,8 +163,10 @@ def lever_arms(k=None):
             hp.HingePair(u1=(0.1, 0.2, 0.3), u2=third, n=(0, 1, 1), home=BASE.S, name="c", body2=bodies[2]),
         ]
     )
-    robot = robot.with_payload("c", hp.Body(0.3, inertia=(0.1, 0.1, 0.1)))
-    return robot.with_payload("a", mass=0.2).with_frame("tool", "b", R=tool).with_frame("tip", "tool", R=(0.1, 0, 0))
+    robot = robot.with_frame("bent", "b", S=BASE.S).with_payload("c", hp.Body(0.3, inertia=(0.1, 0.1, 0.1)))
+    return (
+        robot.with_payload("a", mass=0.2).with_frame("tool", "bent", R=tool).with_frame("tip", "tool", R=(0.1, 0, 0))
+    )
 
 
 def test_every_sample_has_its_lengths():
