@@ -9,7 +9,7 @@ import pytest
 import hingepair as hp
 from support.trees import Robot, base_motion, random_model, record_of
 
-STEPS, H = 12, 2e-3
+STEPS, H = 12, 2e-2
 MODEL = random_model(1, 4)
 ROBOT = Robot(record_of(MODEL))
 DOF = ROBOT.dof
@@ -96,6 +96,14 @@ def test_forms_of_a_call_are_the_same_motions():
     for name, array in whole.arrays().items():
         close(out[name], array, 1e-13)
         assert np.shares_memory(written[name], out[name])
+    grid, places = (
+        ROBOT.rollout(q0[:4].reshape(2, 2, DOF), qd0[0], 0, H, steps=2).q,
+        np.empty((2, 2, 3, DOF)).swapaxes(0, 1),
+    )
+    ROBOT.rollout(
+        q0[:4].reshape(2, 2, DOF), qd0[0], 0, H, steps=2, out={"q": places}
+    )  # whose motions are no one axis
+    np.testing.assert_array_equal(places, grid)
     one = ROBOT.rollout(dict(zip(ROBOT.names, q0[1], strict=True)), tuple(qd0[1]), tau[1], H)
     close(one.q, whole.q[1], 1e-13)
     held = ROBOT.rollout(q0[0], qd0, tau[0, 0], H, steps=3)
