@@ -96,6 +96,23 @@ def test_gradients_are_those_of_central_differences(case, method):
         np.testing.assert_allclose(rate, (ahead - behind) / (2 * e), rtol=1e-6, atol=1e-6, err_msg=name)
 
 
+@pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
+def test_gradients_hold_where_a_base_does_not_turn(method):
+    weights = np.random.default_rng(0).normal(size=(STEPS + 1, 3, 3))
+
+    def rollout(omega):
+        base = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3), v=(0, 0, 0), omega=omega)
+        return FREE.rollout(
+            Q[0], 0 * Q[0], 0, H, steps=STEPS, method=method, base_motion=base, gravity=(0, 0, 0)
+        )  # fmt: skip
+
+    still = rollout((0, 0, 0))
+    gradient = still.vjp({"S1": np.cross(still.S1, weights, axis=-2).sum(axis=-1)}, wrt="omega1")["omega1"]
+    change = 1e-6 * np.eye(3)
+    ahead, behind = ([(rollout(s * x).S1 * weights).sum() for x in change] for s in (1, -1))
+    np.testing.assert_allclose(gradient, (np.array(ahead) - behind) / 2e-6, rtol=1e-6, atol=1e-7)
+
+
 REFUSED = {
     "output": (lambda r: r.vjp({"x": 1}), "^cotangents: expected names out of q, qd"),
     "nothing": (lambda r: r.vjp({}), "^cotangents: expected at least one"),

@@ -149,7 +149,10 @@ def backward_loop(step: Step, wrt: tuple[str, ...], held: tuple[str, ...]) -> Lo
 
 
 class _StepFunctions(Functions):
-    """Outputs of a step, whose accelerations are differentiated as the solution of the equations of motion."""
+    """Outputs of a step, whose accelerations are differentiated as the solution of the equations of motion.
+
+    The trace is cut before and behind forward dynamics, and put together again in `pullback`.
+    """
 
     def __init__(self, step: Step, values: dict[str, Any]) -> None:
         attitude = ("S1", "omega1") if step.request.free else ()
