@@ -10,6 +10,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.identification.mass_fit import JOINT_TERMS
+from support.trees import Robot, random_model, record_of, with_mimics
 
 NOISE = 0.1  # N m
 VISCOUS, COULOMB = np.random.default_rng(2).uniform(0.1, 1.0, (2, 7))
@@ -79,6 +80,30 @@ def test_exact_torques_give_exact_parameters(physical):
     np.testing.assert_allclose(fit.values, exact, rtol=0, atol=1e-12)
     assert fit.ok
     assert np.isnan(fit.rms_test).all()
+
+
+def test_sliders_followers_and_tilted_gravity_are_fitted():
+    """From masses that no rigid body has."""
+    tree = with_mimics(record_of(random_model(1)), {"joint_3": ("joint_6", -0.5, 0.25)})
+    robot, gravity = Robot(tree), (1.0, 2.0, -9.0)
+    p = robot.inertial_parameters.reshape(-1, 10).copy()
+    p[:, 4:] = 0.1 * p[:, :1] * (1, 0, 1, 0, 0, 1)
+    for row in p:
+        c = row[1:4] / row[0]
+        row[4:] += (row[0] * (c @ c * np.eye(3) - np.outer(c, c)))[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
+    real = robot.with_inertial_parameters(p.ravel())
+    rng, t = np.random.default_rng(0), np.arange(0, 8, 0.02)[:, None, None]
+    w, phase = rng.uniform(0.5, 5, (2, robot.dof, 5))
+    q, qd, qdd = np.sin(w * t + phase), w * np.cos(w * t + phase), -(w**2) * np.sin(w * t + phase)
+    motion = [0.5 * part.sum(axis=-1) for part in (q, qd, qdd)]
+    tau = real.inverse_dynamics(*motion, gravity=gravity).tau
+    tau = tau + 0.2 * motion[1] + noise(tau.shape, 0)
+    fit = hp.fit_masses(robot, *motion, tau, gravity=gravity, physical=True)
+    assert fit.ok, fit.findings
+    exact = np.concatenate((fit.base.matrix @ real.inertial_parameters, np.full(6, 0.2), np.zeros(6)))
+    assert (np.abs(fit.values - exact) < 5 * fit.std).all()
+    loaded = fit.robot.inverse_dynamics(*motion, gravity=gravity, joint_loads=True).tau
+    np.testing.assert_allclose(loaded, fit.torques(*motion), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

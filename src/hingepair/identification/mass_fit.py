@@ -438,7 +438,7 @@ def _doubts(recording: _Recording, found: _Found, estimate: Float64Array, count:
             )
             still = not rates[:, k].any()
             findings.append(Finding(f"{joint} does not move: its {which}." if still else f"Of {joint}, the {which}."))
-    below = values + 3 * std < 0
+    below = values + 4 * std < 0
     below[[term == "offset" for term in terms]] = False
     if below.any():
         joints = ", ".join(np.array(robot.names)[below.any(axis=0)])
