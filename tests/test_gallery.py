@@ -24,6 +24,7 @@ PRINTED = {
     "satellite_panel": (r"no damper .* ends at 14\.68 degrees", r"1 N m s/rad .* ends at 14\.68 degrees"),
     "suspension": (r"toe is out of 10 minutes in 1[12] %", r"to first order: toe 6\.3 minutes, camber 6\.1"),
     "talos_lift": (r"largest mass: 1\.7\d kg, limited by joint 4",),
+    "trebuchet": (r"release at -3[0-3] degrees .* (200|201) m", r"friction +-7\d\d"),
     "trailer": (r"at 5\.43 m: passes",),
     "ur5_circle": (r"each by itself: True [1-9]", r"as a path: +True 0 jumps", "8 solutions of the first point"),
     "ur5_shooting": (r"\d iterations", r"effort: (29|30|31)% of that", r"misses by 0\.\d mm"),

@@ -1,14 +1,18 @@
-"""Simulated robots against MuJoCo, the pair, and conservation laws."""
+"""Simulated robots against SciPy with events, MuJoCo, the pair, and conservation laws."""
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import hingepair as hp
 from support.states import generator, rotations
 
 ROD = hp.Body(1.0, centre_of_mass=(0.5, 0, 0), inertia=(0.01, 0.09, 0.09))
+G = 9.81
 
 
 def chain(count, base="fixed"):
@@ -23,6 +27,133 @@ def chain(count, base="fixed"):
         ],
         base=base,
     )
+
+
+class Reference:
+    """Two rods with dry friction and rigid stops, by textbook formulas and SciPy; q counts from the horizontal, down.
+
+    Which joints stick is found by trying all ways.
+    """
+
+    def __init__(self, friction, stops, restitution, motor):
+        self.friction, self.stops, self.restitution, self.motor = friction, stops, restitution, motor
+
+    @staticmethod
+    def M(q):
+        a, c = 0.09 + 0.25, 0.5 * np.cos(q[1])
+        return np.array([[a + 1 + a + 2 * c, a + c], [a + c, a]])
+
+    def free_forces(self, t, q, qd):
+        s = 0.5 * np.sin(q[1])
+        coriolis = np.array([-s * (2 * qd[0] * qd[1] + qd[1] ** 2), s * qd[0] ** 2])
+        lower = 0.5 * G * np.cos(q[0] + q[1])
+        return self.motor(t) - coriolis + np.array([1.5 * G * np.cos(q[0]) + lower, lower])
+
+    def accelerations(self, t, q, qd, mode):
+        """Return q'' and the friction, where mode has -1, 1 (slips down, up) or 0 (sticks) for each joint."""
+        M, f = self.M(q), self.free_forces(t, q, qd) - np.array(mode) * self.friction
+        slips = [k for k in (0, 1) if mode[k]]
+        qdd = np.zeros(2)
+        if slips:
+            qdd[slips] = np.linalg.solve(M[np.ix_(slips, slips)], f[slips])
+        return qdd, M @ qdd - f
+
+    def mode(self, t, q, qd):
+        """Return the only mode that agrees with its own forces."""
+        choices = [(int(np.sign(x)),) if abs(x) > 1e-13 else (-1, 0, 1) for x in qd]
+        for mode in itertools.product(*choices):
+            qdd, holding = self.accelerations(t, q, qd, mode)
+            sticks = all(abs(holding[k]) <= self.friction[k] + 1e-9 for k in (0, 1) if mode[k] == 0)
+            slips = all(abs(qd[k]) > 1e-13 or mode[k] * qdd[k] > 0 for k in (0, 1) if mode[k])
+            if sticks and slips:
+                return mode
+        raise AssertionError("no mode")
+
+    def run(self, t, q, qd):
+        """Return q at the instants."""
+        now, y, found, mode = t[0], np.array([*q, *qd], float), [], None
+        while now < t[-1] - 1e-12:
+            mode = mode or self.mode(now, y[:2], y[2:])
+            events = []
+            for k in (0, 1):
+                if mode[k]:
+                    events.append(
+                        (("rate", k), lambda s, y, k=k, m=mode, late=now + 1e-9: 1.0 if s < late else m[k] * y[2 + k])
+                    )
+                else:
+                    events.append(
+                        (("let go", k), lambda s, y, k=k, m=mode: self.friction[k] - abs(
+                            self.accelerations(s, y[:2], y[2:], m)[1][k]))
+                    )  # fmt: skip
+            for k, ends in self.stops.items():
+                events += [
+                    (("stop", k), lambda _, y, k=k, end=end, sign=sign: sign * (end - y[k]) if sign * y[2 + k] > 0
+                     else 1.0)
+                    for end, sign in zip(ends, (-1, 1), strict=True)
+                ]  # fmt: skip
+            functions = [function for _, function in events]
+            for function in functions:
+                function.terminal, function.direction = True, -1
+
+            def rates(s, y, mode=mode):
+                return np.hstack([y[2:], self.accelerations(s, y[:2], y[2:], mode)[0]])
+
+            part = solve_ivp(rates, (now, t[-1]), y, "DOP853", events=functions, rtol=1e-12, atol=1e-13,
+                             dense_output=True, max_step=0.02)  # fmt: skip
+            inside = t[(t >= now) & (t < part.t[-1])]
+            found += [part.sol(one)[:2] for one in inside]
+            now, y = part.t[-1], part.y[:, -1].copy()
+            if part.status == 1:
+                what, k = events[next(i for i, times in enumerate(part.t_events) if times.size)][0]
+                if what == "let go":
+                    _, holding = self.accelerations(now, y[:2], y[2:], mode)
+                    mode = tuple(int(-np.sign(holding[k])) if i == k else m for i, m in enumerate(mode))
+                    continue
+                mode = None
+                if what == "rate":
+                    y[2 + k] = 0.0
+                elif what == "stop":
+                    column = np.linalg.inv(self.M(y[:2]))[:, k]
+                    y[2:] -= column / column[k] * (1 + self.restitution) * y[2 + k]
+        return np.array([*found, y[:2]])
+
+
+def double_swing(friction, stops, restitution, motor, q0, qd0, span=3.0):
+    t = np.linspace(0, span, 61)
+    expected = Reference(np.array(friction), stops, restitution, motor).run(t, q0, qd0)
+    loads = {
+        name: hp.HingeLoad(
+            friction=friction[k], motor=lambda t, *_, k=k: motor(t)[k] + 0 * t,
+            **({"stops": stops[k], "stop_restitution": restitution} if k in stops else {}),
+        )
+        for k, name in enumerate(("j0", "j1"))
+    }  # fmt: skip
+    found = hp.simulate(chain(2), t, q0, qd0, loads=loads, tol=1e-12)
+    return found, expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", [(0.0, 1.0), (3.0, 0.6), (0.4, 2.5)])
+def test_two_joints_that_stick_and_slip_are_those_of_scipy(friction):
+    found, expected = double_swing(
+        friction, {}, 0.0, lambda t: np.array([4.0 * np.sin(2 * t), 2.0 * np.cos(3 * t)]), [1.2, 0.3], [0.5, -1.0]
+    )
+    np.testing.assert_allclose(found.q, expected, atol=1e-9)
+    assert ((found.qd == 0) & (found.qdd == 0))[1:, 1].any()  # the second joint did stick
+    assert np.abs(found.energy_balance().residual).max() < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("restitution", [1.0, 0.5])
+def test_impacts_are_felt_by_all_joints_as_scipy_has_it(restitution):
+    found, expected = double_swing(
+        (0.0, 0.3), {1: (-0.6, 0.8)}, restitution, lambda _: np.zeros(2), [0.2, 0.1], [0.0, 2.0], span=2.0
+    )
+    np.testing.assert_allclose(found.q, expected, atol=1e-9)
+    assert found.q_range[1, 1] == pytest.approx(0.8, abs=1e-12)
+    balance = found.energy_balance()
+    assert np.abs(balance.residual).max() < 1e-9
+    assert ("impacts" in balance.work and balance.work["impacts"][-1] < -0.01) == (restitution < 1)
 
 
 def test_joints_that_lie_on_their_stops_pass_an_impact_on():
