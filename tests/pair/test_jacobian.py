@@ -9,10 +9,8 @@ import pinocchio as pin
 import pytest
 
 import hingepair as hp
-from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.validation.pinocchio_twin import to_pinocchio
 from support.hinged import made, pair_of
-from support.sparse import sparse
 from support.states import body1 as random_body1
 from support.states import coordinates, generator, hard_states
 
@@ -86,7 +84,7 @@ def test_jacobian_and_bias_are_those_of_pinocchio():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sequence", sparse(SEQUENCE_NAMES, 6))
+@pytest.mark.parametrize("sequence", ["XYZ", "ZXZ", "yzx", "yxy"])
 def test_coordinate_jacobian_gives_velocity_and_acceleration(sequence):
     pair, (q, qd, qdd) = made(4), coordinates(generator(72), COUNT)
     state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)

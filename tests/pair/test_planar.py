@@ -184,9 +184,9 @@ def upright(rng, backend, *, sequence, n, home):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("sequence", sparse(["XYZ", "ZYX", "zyx", "YZX"], 4))
-@pytest.mark.parametrize("n", sparse([1, -2], 2))
-@pytest.mark.parametrize("turn", [0.0, 0.7], ids=["no_home", "home"])
+@pytest.mark.parametrize(
+    ("sequence", "n", "turn"), sparse([("XYZ", 1, 0.7), ("ZYX", -2, 0.0), ("zyx", 1, 0.0), ("YZX", -2, 0.7)], 4)
+)
 def test_motion_proven_flat_is_the_same_motion(backend, sequence, n, turn):
     rng = generator(905)
     home = hp.rodrigues((0, 0, 1), turn) if turn else None

@@ -155,8 +155,7 @@ def vector(parts, frame):
 HOME = "[[0, 0.6, -0.8], [0, 0.8, 0.6], [1, 0, 0]]"
 ORACLE = {
     "reference": {},
-    "home, axis across": {"home": HOME, "n": "[1, -2, 2]"},
-    "ZXZ": {"home": HOME, "n": "[1, 1, 0]", "sequence": '"ZXZ"', "psi": '"t**2 + sin(t)"'},
+    "ZXZ": {"home": HOME, "n": "[1, -2, 2]", "sequence": '"ZXZ"', "psi": '"t**2 + sin(t)"'},
 }
 
 
