@@ -118,7 +118,10 @@ REFUSED = {
     "nothing": (lambda r: r.vjp({}), "^cotangents: expected at least one"),
     "shape": (lambda r: r.vjp({"q": np.zeros(2)}), r"^cotangents\['q'\]: expected shape"),
     "argument": (lambda r: r.vjp({"q": 1}, wrt="K"), "^wrt: expected names out of q0, qd0, tau, got"),
-    "copy": (lambda r: pickle.loads(pickle.dumps(r)).vjp({"q": 1}), "^rollout: expected one that was computed"),
+    "copy": (
+        lambda r: pickle.loads(pickle.dumps(r)).vjp({"q": 1}),
+        "^rollout: expected one of NumPy arrays, from this process",
+    ),
 }
 
 

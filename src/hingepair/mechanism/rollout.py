@@ -84,7 +84,7 @@ class Rollout(Results):
         (50, 6)
         """
         if self._motions is None:
-            raise ArgumentError("rollout", "one that was computed in this process", "a copy from elsewhere")
+            raise ArgumentError("rollout", "one of NumPy arrays, from this process", "a copy, or arrays of a library")
         return gradients(self._motions, self.arrays(), cotangents, wrt)
 
     def __dir__(self) -> list[str]:
