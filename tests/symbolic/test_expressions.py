@@ -82,6 +82,19 @@ def test_derivatives_are_exact(text: str) -> None:
             np.testing.assert_allclose(found[0][::10], expected, rtol=2e-15, atol=2e-14)
 
 
+@pytest.mark.parametrize("name", SMOOTH_FUNCTIONS)
+def test_derivatives_of_every_function(name: str) -> None:
+    text = {"atan2": "atan2(t, 2 - t)", "acosh": "acosh(1 + t)"}.get(name, f"{name}(t)")
+    values = TimeFunctions([parse_expression("x", text)]).derivatives(np.array([0.375]))
+    with mpmath.workdps(40):
+        function = getattr(mpmath, {"log": "ln"}.get(name, name))
+        truth = {"atan2": lambda t: mpmath.atan2(t, 2 - t), "acosh": lambda t: mpmath.acosh(1 + t)}.get(
+            name, function
+        )
+        expected = [float(mpmath.diff(truth, mpmath.mpf(3) / 8, k)) for k in range(3)]
+    np.testing.assert_allclose([float(value[0][0]) for value in values], expected, rtol=16 * U, atol=0)
+
+
 def test_what_does_not_move_is_a_number() -> None:
     q, qd, qdd = TimeFunctions(
         [parse_expression("x", "3*t"), parse_expression("y", "sqrt(2)/2"), parse_expression("z", "t**2")]
@@ -416,6 +429,7 @@ def test_what_a_guard_does_not_know_is_nan() -> None:
         ("mod(t, 0.5)", 7),
         ("abs(t)+sign(t)", 1),
         ("abs(sqrt(t))", 0),
+        ("max(t, 0, 1 - t)", 2),
     ],
 )
 def test_kinks_are_counted(text: str, count: int) -> None:

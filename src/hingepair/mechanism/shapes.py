@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
-from hingepair.urdf.records import DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND, LinkRecord, Visual
+from hingepair.urdf.records import DEFAULT_SIZES, LinkRecord, Visual
 from hingepair.urdf.rigid import FramePose
 
 
@@ -69,7 +69,7 @@ def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
     for tag in tags:
         try:
             visuals = link.visuals(tag)
-            if visuals and all(visual.kind in DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND for visual in visuals):
+            if visuals and all(visual.kind in DEFAULT_SIZES for visual in visuals):
                 return tuple(_shape_of_visual(visual) for visual in visuals if min(visual.sizes) > 0)
         except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
             return None

@@ -33,7 +33,7 @@ SLIDER_JOINT_TYPE_NAMES = ("prismatic",)
 # A number as URDF writes it; possessive, so that the time stays linear.
 _URDF_NUMBER_PATTERN = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
 _ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
-DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[float, ...]]] = {
+DEFAULT_SIZES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
 }  # fmt: skip
 """Attributes that give the sizes of a shape, by its kind, and what they are where they are not given."""
@@ -41,9 +41,9 @@ DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND: Mapping[str, Mapping[str, tuple[f
 # The attributes of URDF's inertia.
 _INERTIA_ATTRIBUTE_NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _HALF_PI_AS_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
-_MAX_SNAPPED_QUARTER_TURN_COUNT = 2**20  # of larger angles every one is near a multiple
+_MAX_QUARTERS = 2**20  # of larger angles every one is near a multiple
 # Sine and cosine of 0, 1, 2, 3 quarter turns.
-_SINE_AND_COSINE_BY_QUARTER_TURN_COUNT = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
+_QUARTERS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 
 
 class PoseRules(NamedTuple):
@@ -111,8 +111,7 @@ class LinkRecord:
             label = f"link {self.name!r}, {tag}"
             pose = _pose(element.find("origin"), label, self.rules)
             groups = [
-                _numbers(shape, key, f"{label}, {kind}", zero)
-                for key, zero in DEFAULT_SIZES_BY_ATTRIBUTE_NAME_BY_SHAPE_KIND.get(kind, {}).items()
+                _numbers(shape, key, f"{label}, {kind}", zero) for key, zero in DEFAULT_SIZES.get(kind, {}).items()
             ]
             visual = Visual(kind, tuple(size for group in groups for size in group), pose)
             if shape is not None and kind == "mesh":
@@ -345,11 +344,7 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
     """
     turns = round(angle / (math.pi / 2))
     near = angle == float(turns * _HALF_PI_AS_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap
-    return (
-        _SINE_AND_COSINE_BY_QUARTER_TURN_COUNT[turns % 4]
-        if near and abs(turns) <= _MAX_SNAPPED_QUARTER_TURN_COUNT
-        else (math.sin(angle), math.cos(angle))
-    )
+    return _QUARTERS[turns % 4] if near and abs(turns) <= _MAX_QUARTERS else (math.sin(angle), math.cos(angle))
 
 
 def _numbers(element: ET.Element | None, key: str, label: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
