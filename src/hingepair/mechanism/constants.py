@@ -16,10 +16,10 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.mechanism.balls import Ball, axes_balls, error_bound, rotation_balls
 from hingepair.mechanism.samples import moved_numbers
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
-from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
 from hingepair.plans.computation import Cache
 from hingepair.plans.trees import Form, constant_place
 
