@@ -1157,7 +1157,7 @@ class MechanismMethods(Shown):
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot", base="free")
         >>> there = robot.integrate(np.zeros(6), np.full(12, 0.1))
-        >>> robot.difference(np.zeros(6), there.q, base_motion_1=there.base_motion).round(12).tolist()
+        >>> robot.difference(np.zeros(6), there.q, base_motion1=there.base_motion).round(12).tolist()
         [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
         """
         free = self.base == "free"
@@ -1166,27 +1166,27 @@ class MechanismMethods(Shown):
 
     def difference(
         self,
-        q_0: Coordinates,
-        q_1: Coordinates,
-        base_motion_0: BodyMotion | None = None,
-        base_motion_1: BodyMotion | None = None,
+        q0: Coordinates,
+        q1: Coordinates,
+        base_motion0: BodyMotion | None = None,
+        base_motion1: BodyMotion | None = None,
     ) -> Float64Array:
         """Return the change for which `integrate` leads from one configuration to the other.
 
         Args:
-            q_0: coordinates, as for `forward_kinematics`.
-            q_1: coordinates to reach.
-            base_motion_0: R and S of a free base; at the origin unless given.
-            base_motion_1: R and S of a free base to reach.
+            q0: coordinates, as for `forward_kinematics`.
+            q1: coordinates to reach.
+            base_motion0: R and S of a free base; at the origin unless given.
+            base_motion1: R and S of a free base to reach.
 
         Returns:
             The change, shape (..., dof), with a free base (..., 6 + dof).
         """
         free, names = self.base == "free", self._constants.names
-        conventions.check_base(base_motion_0, free, "base_motion_0")
-        conventions.check_base(base_motion_1, free, "base_motion_1")
-        rows = conventions.read_rows("q_0", q_0, names), conventions.read_rows("q_1", q_1, names)
-        return conventions.difference(*rows, base_motion_0, base_motion_1, free)
+        conventions.check_base(base_motion0, free, "base_motion0")
+        conventions.check_base(base_motion1, free, "base_motion1")
+        rows = conventions.read_rows("q0", q0, names), conventions.read_rows("q1", q1, names)
+        return conventions.difference(*rows, base_motion0, base_motion1, free)
 
     def _written(
         self,

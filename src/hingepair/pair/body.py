@@ -22,13 +22,13 @@ _DEFAULT_SQUARED_GYRATION_RADIUS_IN_SQUARE_METRES = 0.01  # m^2, of a body whose
 
 
 class DynamicsWarning(UserWarning):
-    """Warns that computed forces or motion may be wrong, for instance because a mass or an inertia was not given
-    or is physically impossible, a mass matrix is singular, or a joint is beyond its limits.
+    """Warns that forces or motion may be wrong: a mass was not given or no rigid body can have it, a mass matrix is
+    singular, a joint is beyond its limits.
     """
 
 
 def warn_of_dynamics(message: str) -> None:
-    """Issue a DynamicsWarning with the given message. The warning shows the line of code that called the package."""
+    """Issue a DynamicsWarning that points at the line which called the package."""
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).startswith("hingepair."):
         frame, level = frame.f_back, level + 1
@@ -37,21 +37,17 @@ def warn_of_dynamics(message: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Box(Frozen):
-    """A solid box, one of the shapes of a body, given by the lengths of its edges (`size`), its `center` and the
-    directions of its edges (`axes`). Viewers draw the shapes of a body. If no inertia is given for a body, its
-    inertia is computed from its shapes.
+    """A solid box, one of the shapes of a body.
 
     Args:
         size: lengths of the three edges [m], each above zero; shape (3,).
-        center: vector from the body's reference point to the centre of the box, body axes [m]; shape (3,). By
-            default, the centre is the reference point.
-        axes: rotation matrix whose columns are the directions of the three edges, body axes; shape (3, 3). By
-            default, the edges lie along the body's x, y and z axes.
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
+        axes: rotation matrix whose columns are the directions of the edges, body axes; shape (3, 3); by default the
+            identity.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape, or a length of an edge is not above zero.
-        RotationError: an element of A A^T, with the matrix A = axes, differs from the same element of the identity by
-            more than 2e-9, or the determinant of A is negative.
+        ArgumentError: a length is not above zero.
+        RotationError: axes is no rotation.
 
     >>> import hingepair as hp
     >>> hp.Box(size=(1, 2, 3))
@@ -78,19 +74,16 @@ class Box(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Cylinder(Frozen):
-    """A solid cylinder, one of the shapes of a body, given by its `radius`, `length`, `center` and `axis`. Viewers
-    draw the shapes of a body. If no inertia is given for a body, its inertia is computed from its shapes.
+    """A solid cylinder, one of the shapes of a body.
 
     Args:
-        radius: radius of the cylinder, above zero [m].
-        length: length of the cylinder along its axis, above zero [m].
-        center: vector from the body's reference point to the centre of the cylinder, body axes [m]; shape (3,). By
-            default, the centre is the reference point.
-        axis: direction of the cylinder's axis, body axes; shape (3,). A vector of any non-zero length is scaled to
-            unit length. By default, the axis is the z axis of the body.
+        radius: radius, above zero [m].
+        length: length along its axis, above zero [m].
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
+        axis: direction of its axis, body axes; any non-zero length; shape (3,).
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape, or the radius or the length is not above zero.
+        ArgumentError: radius or length is not above zero.
         AxisError: axis is zero.
 
     >>> import hingepair as hp
@@ -120,16 +113,14 @@ class Cylinder(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Sphere(Frozen):
-    """A solid sphere, one of the shapes of a body, given by its `radius` and `center`. Viewers draw the shapes of a
-    body. If no inertia is given for a body, its inertia is computed from its shapes.
+    """A solid sphere, one of the shapes of a body.
 
     Args:
-        radius: radius of the sphere, above zero [m].
-        center: vector from the body's reference point to the centre of the sphere, body axes [m]; shape (3,). By
-            default, the centre is the reference point.
+        radius: radius, above zero [m].
+        center: its centre from the body's reference point, body axes [m]; shape (3,).
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape, or the radius is not above zero.
+        ArgumentError: the radius is not above zero.
 
     >>> import hingepair as hp
     >>> hp.Sphere(radius=0.5)
@@ -153,34 +144,28 @@ Shape: TypeAlias = Box | Cylinder | Sphere
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Body(Frozen):
-    """Mass, centre of mass, inertia and shapes of one body. Dynamics and exports use them; kinematics do not depend
-    on them.
+    """Mass, centre of mass, inertia and shapes of one body, for dynamics, exports and pictures.
+
+    `dataclasses.replace(body, mass=3)` computes again what was not given for `body`, such as an inertia from its
+    shapes.
 
     Args:
-        mass: mass of the body, above zero [kg]. If it is not given, 1 kg is assumed, and the methods that compute
-            dynamics issue a `DynamicsWarning`.
-        centre_of_mass: vector from the body's reference point to the centre of mass, body axes [m]; shape (3,). By
-            default, it leads to the centre of mass of the shapes, and it is zero if there are none.
-        inertia: inertia about the centre of mass, body axes [kg m^2]: a symmetric matrix, shape (3, 3), or the three
-            moments about axes through the centre of mass that are parallel to the body's x, y and z axes, shape (3,).
-            All principal moments must be above zero, and none may exceed the sum of the other two. An excess of up to
-            1e-3 of the sum of all three, as from rounded data of a flat body, is accepted with a `DynamicsWarning`,
-            and the inertia is used as given. If no inertia is given, the inertia of the shapes about their own centre
-            of mass is used, scaled to the mass, even if `centre_of_mass` is another point. If there are no shapes
-            either, a radius of gyration of 0.1 m about every axis through the centre of mass is assumed, and the
-            methods that compute dynamics issue a `DynamicsWarning`.
-        shapes: Box, Cylinder and Sphere objects, which viewers draw. The shapes determine the inertia and the centre
-            of mass, each unless it is given. All shapes have the same density, and the mass of a volume that two
-            shapes share counts twice. By default, there are no shapes, and viewers draw the body as an arm that leads
-            to the hinge, with one half of the hinge.
+        mass: mass, above zero [kg]. Without it, 1 kg is assumed, with a `DynamicsWarning` where it matters.
+        centre_of_mass: from the body's reference point, body axes [m]; shape (3,). By default that of the shapes, or
+            zero.
+        inertia: about the centre of mass, body axes [kg m^2]: a symmetric matrix (3, 3), or the moments about axes
+            parallel to x, y and z, (3,). Principal moments are above zero, and none exceeds the sum of the others; an
+            excess of up to 1e-3 of all three, as of rounded data, is accepted with a `DynamicsWarning`. By default
+            that of the shapes about their own centre of mass, scaled to the mass; without shapes, a radius of
+            gyration of 0.1 m, with a `DynamicsWarning` where it matters.
+        shapes: Box, Cylinder and Sphere objects of one density, which viewers draw, and from which the inertia and
+            the centre of mass follow unless given. What two shapes share counts twice. Without shapes, viewers draw
+            an arm to the hinge.
         center_of_mass: the same as `centre_of_mass`, in American spelling.
         _computed: an internal argument that `dataclasses.replace` passes.
 
-    `dataclasses.replace(body, mass=3)` returns a body with another mass. Values that were not given for `body`, such
-    as an inertia that was computed from its shapes, are computed again for the new body. Values that were given stay.
-
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape, or no rigid body can have it.
+        ArgumentError: no rigid body can have a value.
 
     >>> import hingepair as hp
     >>> hp.Body(mass=2, centre_of_mass=(0.1, 0, 0)).inertia.diagonal().round(6).tolist()
@@ -241,10 +226,7 @@ class Body(Frozen):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Sentences about assumed values, as a tuple of str. There is one if the mass was not given, one if neither
-        an inertia nor shapes were given, and one if an inertia was given beside shapes whose centre of mass is not
-        the reference point, without a centre of mass. Each names the value that is used.
-        """
+        """Sentences about values that were assumed: mass, inertia, or the centre of mass beside an inertia."""
         sentences = []
         if "mass" in self._computed:
             sentences.append(

@@ -22,39 +22,32 @@ _SCALAR_MESSAGES = ("truth value of an array", "arrays can be converted to Pytho
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HingeLoad:
-    """Torque about the hinge axis that motor, spring, damper, friction and stops exert on body 2, for the argument
-    `hinge_torque` of `simulate`: a callable of t, psi and psid, numbers or arrays, that returns the torque [N m].
+    """Torque about the hinge axis that motor, spring, damper, friction and stops exert on body 2, for `hinge_torque`
+    of `simulate`: a callable of t, psi and psid, numbers or arrays.
 
-    Without stops, torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). Stops are springs
-    unless `stop_restitution` is given. If psi is beyond such a stop by the angle delta, with the time derivative
-    delta', the stop adds a torque that pushes back. The magnitude of this torque is
-    stop_stiffness delta (1 + stop_damping delta'), or 0 if this value is negative (the contact model of Hunt and
-    Crossley). If psi' = 0, `simulate` keeps the hinge at rest as long as this needs a friction torque of at most
-    `friction`.
+    Without stops, torque = motor - stiffness (psi - rest) - damping psi' - friction sign(psi'). Beyond a stop by the
+    angle delta, a stop that is a spring pushes back with stop_stiffness delta (1 + stop_damping delta'), or 0 if that
+    is negative (Hunt and Crossley). At psi' = 0, `simulate` keeps the hinge at rest as long as `friction` can.
 
     Args:
         stiffness: stiffness of the spring [N m/rad].
         rest: hinge angle at which the spring exerts no torque [rad].
         damping: coefficient of the damper [N m s/rad].
         friction: torque of dry friction [N m].
-        friction_rate: None, or a hinge rate above 0 [rad/s]. With None, the hinge sticks or slips, as described
-            above. With a rate, the friction torque is -friction tanh(psi' / friction_rate). It is a smooth function
-            of psi', but under a load the hinge creeps instead of sticking.
-        stops: smallest and largest hinge angle [rad], such as `pair.limits`; shape (2,). By default, there are no
-            stops.
-        stop_stiffness: stiffness of the stops, if they are springs [N m/rad].
-        stop_damping: damping of the stops, if they are springs [s/rad]. With 0, the hinge leaves a stop as fast as it
-            arrived; for other values, the method `restitution` computes how fast it leaves.
-        stop_restitution: None, or a number from 0 to 1. With None, the stops are springs. With a number, the stops
-            are rigid in `simulate`: the hinge leaves a stop with this fraction of the rate at which it arrived. Rigid
-            stops add nothing to the torque that a call of the HingeLoad returns.
-        motor: torque of the motor [N m]: a number; a callable that takes arrays (t, psi, psid) and returns an array;
-            or another HingeLoad, whose torque is added.
+        friction_rate: with a hinge rate above 0 [rad/s], friction is -friction tanh(psi' / friction_rate), smooth,
+            but the hinge creeps under a load instead of sticking.
+        stops: smallest and largest hinge angle [rad], such as `pair.limits`; shape (2,).
+        stop_stiffness: stiffness of stops that are springs [N m/rad].
+        stop_damping: damping of stops that are springs [s/rad]. With 0, the hinge leaves a stop as fast as it
+            arrived; else `restitution` tells how fast.
+        stop_restitution: makes the stops rigid in `simulate`: the hinge leaves with this fraction, 0 to 1, of the
+            rate at which it arrived. Rigid stops add nothing to the torque that a call returns.
+        motor: torque of the motor [N m]: a number; a callable of arrays (t, psi, psid); or another HingeLoad, whose
+            torque is added.
 
     Raises:
-        ArgumentError: a value is not finite; a value other than rest, stops and motor is negative; friction_rate is
-            0; stop_restitution is above 1; stop_restitution and a stop_damping above 0 are both given; or stops are
-            not in increasing order. The error names the argument.
+        ArgumentError: a value other than rest, stops and motor is negative; friction_rate is 0; stop_restitution is
+            above 1, or given beside stop_damping; or stops are not in increasing order.
 
     >>> import hingepair as hp
     >>> spring = hp.HingeLoad(stiffness=10, damping=0.5)
@@ -99,18 +92,13 @@ class HingeLoad:
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Angles psi [rad] of all stops, rigid or not, of nested loads too, in increasing order. Between them, the
-        torque is a smooth function of psi unless a callable `motor` is not smooth.
-        """
+        """Angles of all stops [rad], of nested loads too, in increasing order."""
         return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
-        """Rates psi' [rad/s], in increasing order, at which the torque has a kink or a jump.
-
-        They are 0 for dry friction without a `friction_rate`, and -1 / stop_damping and 1 / stop_damping, where the
-        torque of a stop is cut off.
-        Those of nested loads are among them.
+        """Rates [rad/s], in increasing order, at which the torque has a kink or a jump: 0 for dry friction, and where
+        the torque of a stop is cut off; of nested loads too.
         """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
@@ -120,8 +108,8 @@ class HingeLoad:
 
     @property
     def sticking_friction(self) -> float:
-        """Largest friction torque [N m] that can keep the hinge at rest, `friction` of this and nested loads, but of
-        those with a `friction_rate` none.
+        """Largest friction torque [N m] that can keep the hinge at rest, of this and nested loads without
+        `friction_rate`.
         """
         return sum(load.friction for load in self._nested() if load.friction_rate is None)
 
@@ -147,24 +135,17 @@ class HingeLoad:
         return lower, upper
 
     def restitution(self, rate: float) -> float:
-        """Return the ratio w / v, from 0 to 1, where v is the magnitude of the hinge rate before an impact on a stop
-        and w is the magnitude of the hinge rate after the impact. It is assumed that no other torque acts during the
-        impact.
+        """Return the ratio w / v of the hinge rates after and before an impact on a stop, if no other torque acts.
 
-        For rigid stops, the ratio is stop_restitution. Other stops are springs: at a deflection delta, the torque is
-        stop_stiffness * delta * (1 + c * delta'), where c is stop_damping [s/rad]. For c = 0, the ratio is 1. For
-        c > 0, it decreases as v grows, and w is the solution of c v - ln(1 + c v) = -c w - ln(1 - c w). The ratio
-        does not depend on the stiffness or the inertia. The result is for the stops of this load only. If the
-        `motor` of this load is another HingeLoad, call the method `restitution` of that load for its stops.
+        Of rigid stops it is stop_restitution. Of springs with c = stop_damping it solves c v - ln(1 + c v) = -c w -
+        ln(1 - c w): 1 for c = 0, else smaller the faster, whatever stiffness and inertia are. It is that of this
+        load's own stops.
 
         Args:
             rate: hinge rate before the impact [rad/s]; its sign does not matter.
 
         Returns:
             The ratio, from 0 to 1.
-
-        Raises:
-            ArgumentError: the rate is not a finite number.
 
         >>> import hingepair as hp
         >>> round(hp.HingeLoad(stops=(0, 1), stop_damping=0.5).restitution(1.0), 4)

@@ -36,9 +36,7 @@ RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None
 
 
 class Result(Shown):
-    """Base class of results that consist of arrays over instants, and that can be converted to tables and saved to
-    files. Subclasses define `t`, `recorded()` and `described`.
-    """
+    """Base class of results that are arrays over instants. Subclasses define `t`, `recorded()` and `described`."""
 
     __slots__ = ()
 
@@ -53,9 +51,7 @@ class Result(Shown):
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files from which this object was computed, a tuple of `pathlib.Path`; () if there are none.
-        `save` refuses to overwrite these files.
-        """
+        """Paths of the files from which this object was computed, which `save` does not overwrite."""
         return ()
 
     def recorded(self) -> dict[str, NDArray[Any]]:
@@ -63,9 +59,8 @@ class Result(Shown):
         raise NotImplementedError
 
     def unit(self, name: str) -> str:
-        """Return the unit of an output, such as "R2", or of one component of an output, such as "R2_x", as a string.
-        For both of these names, the string is "m". For an unknown name, or for a quantity that has no unit, it is
-        "1".
+        """Return the unit of an output, such as "R2", or of one of its components, such as "R2_x"; "1" if it has
+        none.
         """
         return unit_of(name)
 
@@ -78,7 +73,7 @@ class Result(Shown):
         return sorted({*attributes, *self._available_names()})
 
     def _available_names(self) -> Iterable[str]:
-        """Return the names of the attributes that this result has in addition to those of its class, for `dir`."""
+        """Return the names of attributes beside those of the class, for `dir`."""
         raise NotImplementedError
 
     def _axes_and_arrays(self) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
@@ -93,16 +88,11 @@ class Result(Shown):
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each instant, a column t, and a column for each component of the
-        arrays of the motion, such as the position R2 and the hinge angle psi.
-
-        The components of a vector have columns such as R2_x and R2_y. The elements of a matrix, which only motions in
-        space have, are in columns such as S2_xy. An array with one number per instant, such as psi, has one column of
-        its name. `attrs["units"]` of the DataFrame is a dict whose keys are the names of the arrays, such as "R2",
-        and whose values are their units.
+        """Return a pandas DataFrame with a row for each instant: a column t, columns such as R2_x of vectors and
+        S2_xy of matrices, and psi of numbers. `attrs["units"]` holds the units by name.
 
         Raises:
-            ArgumentError: the object is a trajectory that holds many motions or Dask arrays.
+            ArgumentError: the object holds many motions or Dask arrays.
             MissingDependencyError: pandas is not installed.
         """
         pandas = import_data_package("pandas", "to_dataframe")
@@ -112,14 +102,12 @@ class Result(Shown):
         return frame
 
     def to_xarray(self) -> Any:
-        """Return an xarray Dataset with a variable for each array of the motion, such as the position R2 and the
-        hinge angle psi. All variables have the dimension `time`. Each variable has its unit as the attribute `units`;
-        outputs such as R2 also have a description as the attribute `long_name`.
+        """Return an xarray Dataset with a variable for each array, with the dimension `time`, and unit and
+        description as the attributes `units` and `long_name`.
 
-        A vector also has the dimension `xyz`, or `xy` if it has two components. A rotation matrix, which only
-        motions in space have, has `xyz` for its rows (world axes) and `body_xyz` for its columns (body axes). A
-        trajectory that holds many motions has the dimension `motion` before `time`, or motion_0, motion_1, ... if the
-        motions form an array with several axes. Dask arrays stay lazy.
+        A vector has the dimension `xyz`, or `xy` in the plane; a matrix `xyz` for its rows (world axes) and
+        `body_xyz` for its columns (body axes). Many motions have the dimension `motion`, or motion_0, motion_1, ...,
+        before `time`. Dask arrays stay lazy.
 
         Raises:
             MissingDependencyError: xarray is not installed.
@@ -145,24 +133,19 @@ class Result(Shown):
         return xarray.Dataset(variables, {"time": time, **letters}, {"description": self.described})
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write the arrays to a file, completely or not at all, and return its Path. The ending of `path` selects the
-        format. The files that `inputs` names are never overwritten. The file keeps the full precision of every
-        number.
+        """Write the arrays to a file, completely or not at all, with the full precision of every number.
 
         Args:
-            path: file name. Its ending selects the format: .csv (a line of column names as in `to_dataframe`, then
-                one line per instant, with the fewest digits that determine each number), .npz (NumPy arrays with the
-                names t, R2, psi and so on), .parquet, or .nc (NetCDF).
-            inputs: paths of further files that must not be overwritten. The files from which this object was
-                computed, such as a scene file and its log, are protected in any case.
+            path: file name, whose ending selects the format: .csv, with columns as in `to_dataframe` and the fewest
+                digits that determine each number; .npz; .parquet; or .nc (NetCDF).
+            inputs: further files that must not be overwritten, beside those from which this object was computed.
 
         Returns:
             The path of the written file.
 
         Raises:
-            ArgumentError: the ending is unknown, `path` is a file that must not be overwritten, the file cannot be
-                written, or the object is a trajectory that holds many motions or Dask arrays. A file that existed
-                before stays as it was.
+            ArgumentError: the ending is unknown, the file must not or cannot be written, or the object holds many
+                motions or Dask arrays. A file that existed before stays as it was.
             MissingDependencyError: the package that writes this format is not installed.
         """
         with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), self.unit) as add:
@@ -171,15 +154,14 @@ class Result(Shown):
 
 
 class Record(Result):
-    """Result that holds any arrays over instants, with a description and the input files. The arrays are read as
-    attributes or by name: `record.hinge_torque`, `record["hinge_torque"]`.
+    """Result of any arrays over instants, read as `record.hinge_torque` or `record["hinge_torque"]`.
 
     Args:
         t: instants [s]; shape (N,).
         arrays: the arrays by name; shape (N,), (N, 2), (N, 3) or (N, 3, 3).
-        described: description of the arrays in one sentence.
+        described: description in one sentence.
         inputs: files that the arrays were computed from.
-        unit: function that returns the unit of an array or of one of its components by name.
+        unit: function that returns the unit of an array or component by name.
 
     >>> Record(np.zeros(2), {"force1": np.ones((2, 3))}, "a push").force1.shape
     (2, 3)
@@ -236,10 +218,8 @@ def result_file(
     inputs: Iterable[str | os.PathLike[str]] = (),
     unit: Callable[[str], str] = unit_of,
 ) -> Iterator[RowWriter]:
-    """Open a file for results, as a context manager that yields a function `add(t, arrays)`, which appends a block of
-    rows. The file replaces an existing one only if the `with` block ends without an error.
-
-    .csv and .parquet files are written block by block; for .npz and .nc, all blocks are held in memory until the end.
+    """Open a file for results, block by block: yield a function `add(t, arrays)`. The file replaces another only if
+    the block ends without an error; .npz and .nc hold all in memory until then.
 
     Args:
         path: file name that ends in one of `RESULT_FILE_SUFFIXES`.
@@ -249,8 +229,7 @@ def result_file(
         unit: function that returns the unit of an array by its name.
 
     Raises:
-        ArgumentError: the ending is unknown or does not allow so many instants, or the file cannot be written. A file
-            that existed before stays as it was.
+        ArgumentError: the ending is unknown or does not allow so many instants, or the file cannot be written.
         MissingDependencyError: the package for this kind of file is not installed.
     """
     target = Path(path)
@@ -268,18 +247,13 @@ def result_file(
 
 
 def check_ending(path: Path) -> None:
-    """Raise ArgumentError if the ending of the file name `path` is not one of RESULT_FILE_SUFFIXES.
-
-    Raises:
-        ArgumentError: the ending is unknown.
-    """
+    """Refuse a file name whose ending is none of RESULT_FILE_SUFFIXES."""
     if path.suffix.lower() not in _ROW_WRITER_CONTEXT_BY_SUFFIX:
         raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_FILE_SUFFIXES)}", quoted(str(path)))
 
 
 def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Return a list of column names, one for each component of each array in the dict `arrays`: R2_x, S2_xy and so
-    on. An array with one number at each instant keeps its name.
+    """Return the names of columns of the components of arrays: R2_x, S2_xy and so on; of numbers the name itself.
 
     >>> column_names({"d": np.zeros((1, 3))})
     ['d_x', 'd_y', 'd_z']
@@ -387,11 +361,10 @@ def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit:
 
 
 def import_data_package(package: str, caller: str) -> Any:
-    """Import the package `package`, which tables or files need, and return it. If it is not installed, raise
-    MissingDependencyError, which names the method `caller` that needs it.
+    """Import a package that tables or files need.
 
     Raises:
-        MissingDependencyError: the package is not installed.
+        MissingDependencyError: it is not installed; names the method `caller` that needs it.
     """
     try:
         return importlib.import_module(package)

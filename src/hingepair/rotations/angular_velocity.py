@@ -26,28 +26,21 @@ def angular_velocity(S: ArrayLike, S_dot: ArrayLike, with_defect: Literal[True])
 def angular_velocity(
     S: ArrayLike, S_dot: ArrayLike, with_defect: bool = False
 ) -> FloatArray | tuple[FloatArray, FloatArray]:
-    """Return the angular velocity omega (..., 3), in world axes, of rotation matrices S with time derivatives S_dot
-    (equation E3). With `with_defect`, return (omega, defect), where defect says how far S_dot is from the derivative
-    of a rotation. Raise RotationError if a finite S is not a rotation.
-
-    The angular velocity satisfies [omega]x = S' S^T. Here S' is S_dot, and [omega]x is the cross-product matrix of
-    omega. If an element of S or S_dot is not finite, the components of omega that depend on this element are not
-    finite either.
+    """Return the angular velocity of rotation matrices and their time derivatives, [omega]x = S' S^T (E3).
 
     Args:
         S: rotation matrices, body to world; shape (..., 3, 3).
         S_dot: their time derivatives [1/s]; shape (..., 3, 3).
-        with_defect: whether to return the defect too; False by default. The defect is 0 if S_dot is the derivative
-            of a rotation, because S' S^T is then antisymmetric.
+        with_defect: return also how far S_dot is from the derivative of a rotation.
 
     Returns:
-        omega, world axes [rad/s]; shape (..., 3). [omega]x is the antisymmetric part of S' S^T. With `with_defect`,
-        (omega, defect), where the defect is the largest magnitude of an element of the symmetric part of S' S^T
-        [1/s]; shape (...,).
+        omega, world axes [rad/s], of the antisymmetric part of S' S^T; shape (..., 3); not finite where an element on
+        which it depends is not. With `with_defect`, (omega, defect), where the defect is the largest element of the
+        symmetric part [1/s], 0 for a rotation; shape (...,).
 
     Raises:
-        RotationError: S is finite, but an element of S S^T differs from the same element of the identity by more than
-            2e-9 (2e-5 for float32), or det S is negative.
+        RotationError: an element of S S^T of a finite S is off the identity by more than 2e-9 (float32: 2e-5), or det
+            S is negative.
 
     >>> import numpy as np
     >>> import hingepair as hp
