@@ -47,37 +47,31 @@ _JOINT_HEADINGS = (  # of the printed table; columns for some robots follow
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Mechanism(MechanismMethods):
-    """A robot: a tree of hinges and sliders on a base. The base rests, moves as prescribed, or is free.
+    """A robot: a tree of hinges, sliders and screws on a base that rests, moves as prescribed, or is free.
 
-    Links connected by fixed or locked joints form one rigid body. The coordinates q are in rad for hinges and in m
-    for sliders. Their order is the order of `names`: depth-first, with the joints that a link carries sorted by name,
-    as in Pinocchio. Each of the arguments q, qd, qdd and tau of the methods is one of:
+    Links connected by fixed or locked joints form one rigid body. The coordinates q, in rad of hinges and m of
+    sliders, are in the order of `names`: depth-first, with the joints on a link sorted by name, as in Pinocchio. q,
+    qd, qdd and tau are each
 
     - an array of shape (..., dof);
-    - a table (such as a DataFrame) whose columns have the joints' names;
-    - a dict whose keys are the joints' names, with a number or an array (...) for each joint. A number is the same
-      for all samples.
+    - a tuple, or a dict by the joints' names, of numbers, the same for all samples, and arrays that broadcast;
+    - a table (such as a DataFrame) whose columns have the joints' names.
 
-    The argument `base_motion` is a BodyMotion with the pose and the motion of the base. Without this argument, the
-    base rests at the origin of the world. If `base_motion` has only R and S, the base rests in this pose. R1 is the
-    position of the base's reference point, the origin of the base link. Vectors are in world axes, and accelerations
-    are classical (the second derivatives of positions). For a robot `robot`, `robot["elbow"]` is the joint named
-    "elbow" as a HingePair, a Slider or a Screw.
+    `base_motion` is the motion of the base, at rest if it has only R and S, and at the origin of the world unless
+    given. R1 is the base's reference point, the origin of the base link. Vectors are in world axes, and accelerations
+    are classical. `robot["elbow"]` is a joint as a HingePair, a Slider or a Screw.
 
     Args:
         pairs: HingePairs, Sliders and Screws, one for each joint, in the order of q. The name of a pair is that of
-            the joint, and of the link that is body 2 of the pair. The origin of this link's frame is the
-            reference point of body 2. Body 1 of the first pair is the link "base". If two pairs share a body, give
-            its mass properties in one of them, or with equal values in both. u1 and u2 of HingePairs may have leading
-            axes, which broadcast with those of coordinates in every call.
-        parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, 2 for body 2
-            of the second pair, and so on. By default, body 1 of each pair is body 2 of the pair before it.
-        base: "fixed" (default): the base rests, or moves as `base_motion` prescribes; "free": forces move the base.
-        name: name of the robot. By default, it is "mechanism".
+            the joint, and of the link that is its body 2, whose frame has the origin R2. Body 1 of the first pair is
+            the link "base". Of a body that two pairs share, one gives the mass properties, or both give equal ones.
+        parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, and so on.
+            By default, body 1 of each pair is body 2 of the pair before it.
+        base: "fixed": the base rests, or moves as `base_motion` prescribes; "free": forces move it.
+        name: name of the robot; by default "mechanism".
 
     Raises:
-        ArgumentError: the pairs do not form a tree, or they are not in the order of q. For a wrong order, the message
-            gives the right one.
+        ArgumentError: the pairs do not form a tree, or are not in the order of q, which the message then gives.
 
     >>> import hingepair as hp
     >>> upper = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="upper")
@@ -109,7 +103,7 @@ class Mechanism(MechanismMethods):
         self._set(building.tree_of_pairs(pairs, parents, base, name), base)
 
     def _set(self, tree: Tree, base: str) -> None:
-        """Store the Tree and the kind of the base in this frozen object."""
+        """Store tree and base in this frozen object."""
         object.__setattr__(self, "tree", tree)
         object.__setattr__(self, "base", base)
 
@@ -245,53 +239,44 @@ class Mechanism(MechanismMethods):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the joints that have a coordinate, as a tuple in the order of q; mimic joints have none."""
+        """Names of the joints that have a coordinate, in the order of q; mimic joints have none."""
         return tuple(joint.name for joint in self.tree.coordinates)
 
     @property
     def dof(self) -> int:
-        """Number of coordinates in q. The six degrees of freedom of a free base are not counted."""
+        """Number of coordinates in q, without the six of a free base."""
         return len(self.tree.coordinates)
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of the links, as a tuple; the base is first, and each link comes after the link that carries it."""
+        """Names of the links, the base first, and each after the link that carries it."""
         return tuple(self.tree.links)
 
     @property
     def tips(self) -> tuple[str, ...]:
-        """Names of the links that carry no other link, as a tuple; the default `frames` of `forward_kinematics`. A
-        link is left out if fixed or locked joints connect it to a link that carries a moving joint.
-        """
+        """Names of the links that carry no other link, on bodies that carry no further joint; the default `frames`."""
         return self.tree.tips
 
     @property
     def position_limits(self) -> Float64Array:
-        """Lower limits (first column) and upper limits (second column) of q [rad or m]; shape (dof, 2). Joints
-        without limits get -inf and inf.
-        """
+        """Lower and upper limits of q [rad or m], -inf and inf where there are none; shape (dof, 2)."""
         return self._joint_values("position_limits", 2)
 
     @property
     def rate_limits(self) -> Float64Array:
-        """Largest permitted rates of the coordinates [rad/s or m/s]; shape (dof,). Joints without a limit get inf."""
+        """Largest permitted rates [rad/s or m/s], inf where there is no limit; shape (dof,)."""
         return self._joint_values("rate_limit")
 
     @property
     def effort_limits(self) -> Float64Array:
-        """Largest permitted motor torques of hinges [N m] and motor forces of sliders [N]; shape (dof,). Joints
-        without a limit get inf.
-        """
+        """Largest permitted torques [N m] and forces [N] of the motors, inf where there is no limit; shape (dof,)."""
         return self._joint_values("effort_limit")
 
     @property
     def armature(self) -> Float64Array:
-        """Inertias of the motors' rotors, which are added to the diagonal of the mass matrix; shape (dof,).
-
-        The unit is kg m^2 for hinges and kg for sliders. Each value is the inertia of the rotor times the square of
-        the gear ratio. A mimic joint adds its own value, times the square of the mimic multiplier, to the value of
-        the joint that it follows. Only robots from Pinocchio models and from MJCF have such inertias; for all other
-        robots, they are 0.
+        """Inertias of the motors' rotors, times the square of the gear ratio, which are added to the diagonal of the
+        mass matrix [kg m^2 or kg]; shape (dof,). A mimic joint adds its own, times the square of its multiplier, to
+        its leader's. Robots of URDF have none.
         """
         sums = dict.fromkeys((joint.name for joint in self.tree.coordinates), 0.0)
         for joint in self.tree.joints:
@@ -342,15 +327,11 @@ class Mechanism(MechanismMethods):
         return read_only(np.array(values, dtype=np.float64).reshape(self.dof, *tail))
 
     def __getitem__(self, joint: str) -> RobotJoint:
-        """Return a moving joint, by name, as a HingePair, Slider or Screw between the frames of the bodies that it
-        connects.
-
-        The frame of a body is that of the link behind its joint. body1 and body2 of the pair are None if the body has
-        no mass, and with a `DynamicsWarning` if no rigid body can have its mass properties: a robot computes with
-        them as they are written, a pair refuses them. A pair has no armature.
+        """Return a moving joint by name, as a HingePair, Slider or Screw between the frames of the links behind their
+        joints. A body that has no mass, or no possible one, is None.
 
         Raises:
-            ArgumentError: the robot has no such moving joint; the message lists the moving joints.
+            ArgumentError: there is no such moving joint.
         """
         for candidate in self.tree.joints:
             if candidate.name == joint:

@@ -48,42 +48,35 @@ _DASK_SHAPES: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class HingePair(Shown):
-    """Two rigid bodies joined by a hinge: R1 + S1 u1 = R2 + S2 u2 (E1). They turn relative to each other about the
+    """Two rigid bodies joined by a hinge, R1 + S1 u1 = R2 + S2 u2 (E1), which turn relative to each other about the
     hinge axis n only (E2).
 
-    The values are copied, and the attributes are read-only. `dataclasses.replace(pair, u1=...)` returns a pair with
-    another u1. u1, u2, n and home may have leading axes, which broadcast against the axes of the samples; each sample
-    is then computed with its own values. In the methods, the argument `body1` is the motion of body 1, a
-    `BodyMotion`; the attribute `body1`, a `Body`, holds mass properties. All methods raise an ArgumentError, which
-    names the argument, if an argument cannot be used.
+    Values are copied and read-only; `dataclasses.replace(pair, u1=...)` returns a pair with another u1. u1, u2, n and
+    home may have leading axes, which broadcast against those of the samples: each sample has its own pair. The
+    argument `body1` of methods is the motion of body 1, a `BodyMotion`; the attribute `body1` its mass properties, a
+    `Body`.
 
     Args:
-        u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (3,) or (..., 3).
-        u2: vector from body 2's reference point to the hinge point, body-2 axes [m]; shape (3,) or (..., 3).
-        n: hinge axis, body-1 axes; shape (3,) or (..., 3). A vector of any non-zero length is scaled to unit length.
-            The hinge angle psi is positive for a right-handed rotation of body 2 about n.
-        home: attitude of body 2 relative to body 1 at psi = 0: the rotation matrix from body-2 axes to body-1 axes (C
-            in E5); shape (3, 3) or (..., 3, 3). By default, it is the identity: the axes of both bodies are parallel
-            at psi = 0.
+        u1: hinge point from body 1's reference point, body-1 axes [m]; shape (3,) or (..., 3).
+        u2: hinge point from body 2's reference point, body-2 axes [m]; shape (3,) or (..., 3).
+        n: hinge axis, body-1 axes, of any non-zero length, stored at unit length; shape (3,) or (..., 3). The hinge
+            angle psi is that of body 2 about n, right-handed.
+        home: attitude of body 2 relative to body 1 at psi = 0, from body-2 axes to body-1 axes (C in E5); shape (3,
+            3) or (..., 3, 3); by default the identity.
         name: name of the pair in exports and messages.
-        limits: smallest and largest hinge angle [rad], for exports; shape (2,). By default, there are no limits.
-            `forward_kinematics` accepts any angle, and `simulate` does not stop the hinge at the limits unless its
-            `hinge_torque` has stops there: `HingeLoad(stops=pair.limits)`.
-        body1: mass properties and shapes of body 1, a `Body`, for dynamics, exports and pictures. Without it, methods
-            that need the mass of body 1 raise an ArgumentError.
-        body2: mass properties and shapes of body 2, a `Body`, for dynamics, exports and pictures. Without it, methods
-            that need the mass of body 2 raise an ArgumentError.
-        torque_limit: largest torque of the hinge's motor [N m], for exports; by default, no limit. URDF calls it
-            effort.
-        rate_limit: largest hinge rate [rad/s], for exports; by default, no limit. URDF calls it velocity.
-        constants: an internal argument that `dataclasses.replace` passes. With it, values that are not replaced stay
-            the same to the last bit.
+        limits: smallest and largest hinge angle [rad], for exports and `HingeLoad(stops=pair.limits)`; shape (2,). No
+            method enforces them.
+        body1: mass properties and shapes of body 1, for dynamics, exports and pictures.
+        body2: mass properties and shapes of body 2.
+        torque_limit: largest torque of the motor [N m], for exports; URDF calls it effort.
+        rate_limit: largest hinge rate [rad/s], for exports; URDF calls it velocity.
+        constants: an internal argument that `dataclasses.replace` passes, so that what is not replaced stays the same
+            to the last bit.
 
     Raises:
-        ArgumentError: a value is not finite or has the wrong shape.
+        ArgumentError: a value cannot be used, here as in all methods; the error names the argument.
         AxisError: n is zero or not finite.
-        RotationError: home is not a rotation matrix: an element of C C^T, with the matrix C = home, differs from the
-            same element of the identity by more than 2e-9, or the determinant of C is negative.
+        RotationError: an element of C C^T is off the identity by more than 2e-9, or det C is negative.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -39,25 +39,20 @@ Returned = TypeVar("Returned")
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class PlanarPair(Shown):
-    """Two bodies in a plane joined by a hinge: R1 + S1 u1 = R2 + S2 u2, phi2 = phi + psi (E11).
+    """Two bodies in a plane joined by a hinge, R1 + S1 u1 = R2 + S2 u2 and phi2 = phi + psi (E11): a HingePair with n
+    = (0, 0, 1) in the xy plane.
 
-    The pair corresponds to a HingePair with n = (0, 0, 1) that moves in the xy plane. phi and phi2 are the angles of
-    body 1 and body 2 about z, and psi is the hinge angle. S1 and S2 are the rotation matrices (2, 2) of phi and phi2.
-    The values are copied, and the attributes are read-only. `dataclasses.replace(pair, u1=...)` returns a pair with
-    another u1. u1 and u2 may have leading axes, which broadcast against the axes of the samples; each sample is then
-    computed with its own values.
+    phi and phi2 are the angles of the bodies, S1 and S2 their rotation matrices (2, 2). Values are copied and
+    read-only; `dataclasses.replace(pair, u1=...)` returns a pair with another u1. u1 and u2 may have leading axes,
+    which broadcast against those of the samples.
 
     Args:
-        u1: vector from body 1's reference point to the hinge point, body-1 axes [m]; shape (2,) or (..., 2).
-        u2: vector from body 2's reference point to the hinge point, body-2 axes [m]; shape (2,) or (..., 2).
+        u1: hinge point from body 1's reference point, body-1 axes [m]; shape (2,) or (..., 2).
+        u2: hinge point from body 2's reference point, body-2 axes [m]; shape (2,) or (..., 2).
         name: name of the pair in exports and messages.
-        body1: mass properties and shapes of body 1, a `Body` in three dimensions. Dynamics uses only the mass, the
-            moment of inertia about the z axis through the centre of mass, and the x and y coordinates of the centre
-            of mass. Without `body1`, methods that need the mass of body 1 raise an ArgumentError.
-        body2: mass properties and shapes of body 2, as for `body1`.
-
-    Raises:
-        ArgumentError: a value is not finite or has the wrong shape.
+        body1: mass properties and shapes of body 1, a `Body` in space, of which dynamics use the mass, the moment
+            about the z axis through the centre of mass, and its x and y.
+        body2: mass properties and shapes of body 2.
 
     >>> import numpy as np
     >>> import hingepair as hp

@@ -31,13 +31,23 @@ _RESIDUAL_TABLE_HEADINGS = (
 
 
 class ResidualCheck(NamedTuple):
-    """Result of the comparison of one residual with its tolerance at all samples, a row of the printed table. It
-    holds the largest and root-mean-square sizes of the residual, and its size, tolerance and ratio at the worst
-    sample, where the residual is largest relative to the tolerance. The size of a residual is the norm of its array;
-    that of the residual `tilt` is the angle between the hinge axes (`tilt_angle`).
+    """Comparison of one residual with its tolerance at all samples, a row of the printed table. The worst sample is
+    the one with the largest size / tolerance; the size is the norm of the residual's array, of `tilt` the angle
+    between the hinge axes.
 
-    The size of a residual is the norm of its array; that of the residual `tilt` is the angle between the hinge axes
-    (`tilt_angle`). The worst sample is the one with the largest size / tolerance.
+    Attributes:
+        residual: name of the residual, such as "gap".
+        label: label of its equation, with a prime for each time derivative.
+        unit: unit of rms, largest, worst and tolerance.
+        largest: largest size of all samples.
+        rms: root mean square of the sizes.
+        worst: size at the worst sample.
+        tolerance: tolerance at the worst sample.
+        ratio: worst / tolerance; the residual passes if this is at most 1.
+        worst_sample: index of the worst sample; None if no sample was compared.
+        worst_time: instant of the worst sample; None if no instants were given.
+        samples: number of samples that were compared.
+        basis: origin of the tolerance: "given", or the formula for rounding errors.
     """
 
     residual: str  # name of the residual, such as "gap"
@@ -59,7 +69,7 @@ class ResidualCheck(NamedTuple):
         return self.samples > 0 and self.ratio <= 1
 
     def _cells(self) -> tuple[str, ...]:
-        """Return the cells of this residual's row in the printed table, a tuple of strings."""
+        """Return the cells of the row in the printed table."""
         if self.worst_sample is None:
             return self.residual, self.label, "-", "-", "-", self.unit, "-", "-", "-", "-", "0", "nothing compared"
         where = ",".join(map(str, self.worst_sample)) or "-"
@@ -75,28 +85,26 @@ class Residuals(Frozen, Shown):
     """Residuals of the hinge constraints for two motions (E1, E2), compared with tolerances, and the hinge angle
     between the motions.
 
-    The arrays are float64 and read-only. Those that need velocities or accelerations which the motions do not have
-    are None. Rates and accelerations are exact time derivatives of gap, tilt and psi, even if the motions violate the
-    constraints. `HingePair.constraint_jacobian` defines the directions of the two components of the tilt.
+    The arrays are float64 and read-only, None where they need what the motions do not have. Rates and accelerations
+    are exact time derivatives of gap, tilt and psi, even if the motions violate the constraints.
 
     Attributes:
-        gap: vector from the hinge point of body 2 to that of body 1, R1 + S1 u1 - (R2 + S2 u2), world axes [m]; shape
-            (..., 3).
-        tilt: cross product of the hinge axes of both bodies, two components; shape (..., 2). Its norm is the sine of
-            the angle between the axes, which is 0 also for opposite axes. The row "tilt" judges tilt_angle instead.
+        gap: R1 + S1 u1 - (R2 + S2 u2), world axes [m]; shape (..., 3).
+        tilt: cross product of the hinge axes of both bodies, two components as `constraint_jacobian` defines them;
+            shape (..., 2).
         tilt_angle: angle between the hinge axes of both bodies, in [0, pi] [rad]; shape (...,).
-        psi: hinge angle, in [-pi, pi] [rad]; shape (...,). If the hinge axes of the two bodies differ, it
-            is the hinge angle after the smallest rotation of body 2 that aligns them.
+        psi: hinge angle, in [-pi, pi] [rad]; shape (...,); where the axes differ, after the smallest rotation of body
+            2 that aligns them.
         gap_rate: time derivative of gap [m/s]; shape (..., 3).
         tilt_rate: time derivative of tilt [rad/s]; shape (..., 2).
         psid: time derivative of psi [rad/s]; shape (...,).
         gap_acceleration: second time derivative of gap [m/s^2]; shape (..., 3).
         tilt_acceleration: second time derivative of tilt [rad/s^2]; shape (..., 2).
         psidd: second time derivative of psi [rad/s^2]; shape (...,).
-        rows: a `ResidualCheck` for each residual: the result of its comparison with the tolerance.
+        rows: a `ResidualCheck` for each residual.
         name: name of the pair.
         shape: leading shape of the samples.
-        skipped: number of samples at which at least one residual is not finite. Such a residual is not compared.
+        skipped: number of samples at which a residual is not finite, where it is not compared.
         u: unit roundoff of the least precise array of the motions.
         t: instants of the samples; None if they were not given.
     """
@@ -120,16 +128,12 @@ class Residuals(Frozen, Shown):
 
     @property
     def ok(self) -> bool:
-        """Whether every residual was compared at one sample at least and is within its tolerance at every compared
-        sample.
-        """
+        """Whether every residual was compared somewhere, and is within its tolerance wherever it was."""
         return all(row.ok for row in self.rows)
 
     @property
     def verdict(self) -> str:
-        """The result in one line, a string that begins with PASSED, FAILED or NOTHING COMPARED. It names the
-        residuals that failed or could not be compared, and says how many samples, if any, were left out.
-        """
+        """The result in one line, which begins with PASSED, FAILED or NOTHING COMPARED."""
         samples = math.prod(self.shape)
         beside = left_out_remark(self.skipped, samples)
         failed = [row.residual for row in self.rows if row.samples and not row.ok]
@@ -142,10 +146,8 @@ class Residuals(Frozen, Shown):
         return f"PASSED: {len(self.rows)} residuals of {count} within tolerance{beside}"
 
     def unwrapped_psi(self, axis: int = -1) -> Float64Array:
-        """Return the hinge angle without jumps by 2 pi along the time axis [rad]; shape (...,).
-
-        The result is correct if psi changes by less than pi from one finite sample to the next. Samples that are not
-        finite stay as they are.
+        """Return the hinge angle without jumps by 2 pi along the time axis [rad]; right if psi changes by less than
+        pi between finite samples.
 
         Args:
             axis: index of the time axis among the axes of the samples.
@@ -177,7 +179,7 @@ class Residuals(Frozen, Shown):
         return f"Residuals(shape={self.shape}, {self.verdict})"
 
     def _sheet(self) -> Sheet:
-        """Return the report as a Sheet, the table that is printed: a row for each residual, and the verdict."""
+        """Return the printed table."""
         return Sheet(self.name, (_RESIDUAL_TABLE_HEADINGS, *(row._cells() for row in self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
@@ -232,16 +234,13 @@ _RESIDUALS_ARRAY_ATTRIBUTE_NAMES = (
 
 
 class LazyResiduals(Results):
-    """Report on the residuals of motions that hold Dask arrays, which is not computed yet. It has the arrays of
-    `Residuals` as Dask arrays, and `ratio`, the largest residual / tolerance of each sample.
+    """Report on the residuals of motions that hold Dask arrays: the arrays of `Residuals` as Dask arrays.
 
-    `report.compute()`, or `dask.compute(report)`, returns the `Residuals` in memory. `report.compute_summary()`
-    returns `Residuals` whose rows and verdict are computed chunk by chunk and whose arrays stay Dask arrays, for
-    motions larger than memory. Arrays that need velocities or accelerations which the motions do not have are None.
+    `report.compute()`, or `dask.compute(report)`, returns the `Residuals` in memory; `report.compute_summary()`
+    computes rows and verdict chunk by chunk, and leaves the arrays lazy.
 
     Attributes:
-        ratio: largest of the quotients residual / tolerance at each sample, at most 1 if the sample passes. Residuals
-            that are not finite are left out; ratio is NaN if no residual is finite.
+        ratio: largest residual / tolerance of each sample, at most 1 if it passes; NaN if none is finite.
         shape: leading shape of the samples.
         outputs: names of the arrays.
         name: name of the pair.
@@ -258,9 +257,7 @@ class LazyResiduals(Results):
             object.__setattr__(self, key, value)
 
     def compute_summary(self, **options: Any) -> Residuals:
-        """Compute the rows and the verdict, chunk by chunk, and return the `Residuals`, whose arrays stay Dask
-        arrays. Keyword arguments are passed to `dask.compute`.
-        """
+        """Compute rows and verdict, chunk by chunk; the arrays stay lazy. Keyword arguments go to `dask.compute`."""
         import dask
 
         (summary,) = dask.compute(self._summary, **options)
@@ -301,9 +298,7 @@ def lazy_residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> LazyResiduals:
-    """Return the LazyResiduals of two BodyMotions, made of the dict of Dask arrays that `residual_arrays` returns;
-    nothing is computed. `name` is the name of the pair, `tolerances` is a dict by kind of residual or None, and `t`
-    holds the instants in memory or is None.
+    """Return the LazyResiduals of two motions, made of the Dask arrays of `residual_arrays`; nothing is computed.
 
     Raises:
         ArgumentError: t is a Dask array, or does not broadcast to the samples.

@@ -27,16 +27,16 @@ STANDARD_DEVIATION_ARGUMENT_NAMES: Final = ("u1_std", "u2_std", "axis_std", "hom
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
-    """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample.
+    """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample;
+    read-only arrays.
 
-    The pose has six components: R2 [m], and the attitude error [rad], which is the rotation vector, in world axes, of
-    the rotation of body 2 away from its attitude without tolerances. The geometry has twelve: u1, u2, n, and the
-    rotation vector by which home deviates, in body 1's axes. The arrays are read-only.
+    The pose is R2 [m] and the attitude error [rad], the rotation vector away from the attitude without tolerances,
+    world axes. The geometry is u1, u2, n, and the rotation vector by which home deviates, body-1 axes.
 
     Attributes:
-        covariance: covariance of the six components of the pose [m, rad]; shape (..., 6, 6).
-        jacobian: derivatives of the pose with respect to the twelve components of the geometry; shape (..., 6, 12).
-        geometry: covariance of the twelve components of the geometry; shape (12, 12).
+        covariance: covariance of the pose [m, rad]; shape (..., 6, 6).
+        jacobian: derivatives of the pose with respect to the geometry; shape (..., 6, 12).
+        geometry: covariance of the geometry; shape (12, 12).
     """
 
     covariance: Float64Array
@@ -64,15 +64,13 @@ class PoseCovariance(Frozen):
         return self._std()[..., 3:]
 
     def _std(self) -> Float64Array:
-        """Return the standard deviations of the six components of the pose [m, rad]; shape (..., 6)."""
+        """Return the standard deviations of the pose [m, rad]; shape (..., 6)."""
         return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0)))
 
     def contributions(self) -> dict[str, Float64Array]:
-        """Return the variances of the six components of the pose [m^2, rad^2] that the tolerance of each component of
-        the geometry alone causes, as a dict of arrays (..., 6) by the name of the component.
-
-        The names are u1_x to u2_z, "axis" for the three components of n together, and home_x to home_z. If the
-        components of the geometry are independent, the contributions add up to the diagonal of `covariance`.
+        """Return the variances of the pose [m^2, rad^2], (..., 6), that each component of the geometry alone causes,
+        by name: u1_x to u2_z, "axis" for n as a whole, and home_x to home_z. They add up if the components are
+        independent.
         """
         indices = {name: [k] for k, name in enumerate(GEOMETRY_COMPONENT_NAMES) if not name.startswith("n_")}
         columns_by_name = {**dict(list(indices.items())[:6]), "axis": [6, 7, 8], **dict(list(indices.items())[6:])}
@@ -86,10 +84,7 @@ class PoseCovariance(Frozen):
 def propagate_covariance(
     pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **std: ArrayLike
 ) -> PoseCovariance:
-    """Compute the PoseCovariance: the covariance of R2 and of body 2's attitude that tolerances of the geometry
-    cause, to first order. The tolerances are `covariance` (12, 12); if this is None, they are the standard deviations
-    u1_std, u2_std, axis_std and home_std as keyword arguments. `pair` holds the Constants of the pair.
-    """
+    """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from standard deviations."""
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
     geometry = geometry_covariance(pair.arrays["n"], covariance, **std)
@@ -109,36 +104,27 @@ def sample_pairs(
     covariance: ArrayLike | None = None,
     seed: int | np.random.Generator | None = None,
 ) -> Any:
-    """Return a HingePair that holds `samples` pairs, whose u1, u2, n and home deviate at random from those of `pair`.
-    The tolerances are either standard deviations of u1, u2, the hinge axis and home, or a covariance, such as the
-    covariance of a HingeFit. An integer `seed` gives the same pairs in every call.
-
-    The deviations are normally distributed with mean zero. The result is used like a single pair. Its leading shape
-    (samples,) broadcasts against the leading shape of a motion: one state gives a result for each pair, and in a
-    motion of shape (samples,), state i is computed with pair i.
+    """Return a HingePair that holds random pairs within tolerances, normally distributed about a pair, for one call
+    of its methods: one state gives a result for each, and of a motion of shape (samples,), state i is computed with
+    pair i.
 
     Args:
-        pair: the HingePair as designed, or as fitted. For a PlanarPair, give pair.to_spatial().
-        samples: number of pairs; 10000 by default.
-        u1_std: standard deviation of each component of u1, body-1 axes [m]: a number (0 by default), or shape (3,).
-        u2_std: standard deviation of each component of u2, body-2 axes [m]: a number (0 by default), or shape (3,).
-        axis_std: standard deviation of the angle by which the hinge axis is tilted [rad], in each of two
-            perpendicular directions; a number, 0 by default.
-        home_std: standard deviation of each component of the rotation vector (body-1 axes) by which `home`, the
-            attitude of body 2 relative to body 1 at psi = 0, deviates [rad]: a number (0 by default), or shape (3,).
-        covariance: covariance of twelve numbers in this order: the components of u1 (body-1 axes) [m], of u2 (body-2
-            axes) [m], of n (body-1 axes), and of the rotation vector by which home deviates (body-1 axes) [rad];
-            shape (12, 12), such as `HingeFit.covariance`. Give either a covariance or standard deviations, not both.
-        seed: an integer, which gives the same pairs in every call, or a numpy.random.Generator. By default, each call
-            gives different pairs.
+        pair: the HingePair as designed, or as fitted; of a PlanarPair, pair.to_spatial().
+        samples: number of pairs.
+        u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
+        u2_std: the same of u2, body-2 axes.
+        axis_std: standard deviation of each of two tilt angles of the hinge axis, about directions across it [rad].
+        home_std: standard deviation of each component of the rotation vector by which home deviates, body-1 axes
+            [rad]: a number, or shape (3,).
+        covariance: in place of these, the covariance of the components of u1, u2, n and the rotation vector of home,
+            in this order; shape (12, 12), such as `HingeFit.covariance`.
+        seed: an integer, for the same pairs in every call, or a numpy.random.Generator.
 
     Returns:
-        A HingePair. Each of its attributes u1, u2, n and home that deviates has the leading shape (samples,). All
-        other attributes are those of `pair`.
+        A HingePair; what deviates has the leading shape (samples,).
 
     Raises:
-        ArgumentError: an argument cannot be used, no tolerance is given (all standard deviations are 0), or a
-            covariance and standard deviations are both given.
+        ArgumentError: no tolerance is given, or a covariance beside standard deviations.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -178,14 +164,15 @@ def sample_pairs(
 
 def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
     """Return the covariance of u1, u2, n and the rotation vector of home, shape (12, 12): the checked `covariance`,
-    or if this is None, the covariance of independent deviations whose standard deviations are the keyword arguments
-    u1_std, u2_std, axis_std and home_std.
+    or that of independent deviations.
 
     Args:
         n: hinge axis, of unit length; shape (3,).
         covariance: the covariance, or None to use standard deviations.
-        **std: standard deviations by the names of `STANDARD_DEVIATION_ARGUMENT_NAMES`: a number each, or three except
-            for the axis.
+        **std: standard deviations by the names of `STANDARD_DEVIATION_ARGUMENT_NAMES`.
+
+    Raises:
+        ArgumentError: both are given, or neither.
     """
     sizes = {name: _three_deviations(name, value) for name, value in std.items()}
     names = [name for name, deviations in sizes.items() if deviations.any()]
