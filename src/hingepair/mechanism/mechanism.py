@@ -254,7 +254,7 @@ class Mechanism(MechanismMethods):
 
     @property
     def tips(self) -> tuple[str, ...]:
-        """Names of the links that carry no other link, on bodies that carry no further joint; the default `frames`."""
+        """Names of the links that carry no other, on bodies that carry no further joint; the default `frames`."""
         return self.tree.tips
 
     @property
