@@ -226,7 +226,7 @@ class Body(Frozen):
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Sentences about values that were assumed: mass, inertia, or the centre of mass beside an inertia."""
+        """Sentences about values that were assumed, such as the mass or the inertia."""
         sentences = []
         if "mass" in self._computed:
             sentences.append(

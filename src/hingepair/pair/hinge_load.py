@@ -97,8 +97,8 @@ class HingeLoad:
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
-        """Rates [rad/s], in increasing order, at which the torque has a kink or a jump: 0 for dry friction, and where
-        the torque of a stop is cut off; of nested loads too.
+        """Rates [rad/s], in increasing order, at which the torque has a kink or a jump, of nested loads too; 0 is
+        that of dry friction, others are where the torque of a stop is cut off.
         """
         kinks = {0.0} if self.sticking_friction else set()
         for load in self._nested():
