@@ -141,7 +141,7 @@ class MassFit(Frozen, Shown):
         rows = [("parameter", "value", "standard deviation", "as described")]
         for k, name in enumerate(self.names):
             rows.append((name, cell_text(self.values[k]), f"{self.std[k]:.2g}", cell_text(self.described[k])))
-        title = f"{self.robot.name}: {len(self.names)} parameters of {self.samples} samples"
+        title = f"{self.robot.name}: {len(self.names)} parameters of {self.samples} samples, SI units"
         return Sheet(title, rows, self.findings)
 
     def to_json(self) -> str:
