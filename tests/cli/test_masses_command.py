@@ -56,6 +56,8 @@ def test_masses_of_a_urdf_file_are_fitted_and_written(files: tuple[Path, Path], 
     assert report["ok"]
     assert report["samples"] == 500
     assert report["joints"]["post"]["rms_test"] is None
+    upside_down = json.loads(run_command("masses", *files, "--gravity", "0,0,9.81", "--json", code=1).stdout)
+    assert not upside_down["ok"]
 
 
 def test_a_recording_that_does_not_determine_masses_fails(files: tuple[Path, Path], tmp_path: Path) -> None:

@@ -17,12 +17,14 @@ from hingepair.cli.output import (
     save_figure,
     split_names,
 )
+from hingepair.cli.pairs import GravityOption, parse_gravity
 from hingepair.cli.sources import Source
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.robot_recordings import read_robot_recording
 from hingepair.identification.mass_fit import JOINT_TERMS, fit_masses
 from hingepair.numeric.whole_file import whole_file
+from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
 
 
 def masses_command(
@@ -47,6 +49,7 @@ def masses_command(
         float | None,
         typer.Option(metavar="HZ", help="Frequency up to which rates are derived from q; default: it is estimated."),
     ] = None,
+    gravity: GravityOption = None,
     urdf: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the robot with the fitted masses and friction (.urdf).")
     ] = None,
@@ -80,6 +83,7 @@ def masses_command(
         joint_terms=tuple(split_names("joint_terms", joint_terms) or ()),
         physical=physical,
         test=test,
+        gravity=DEFAULT_GRAVITY_VECTOR if gravity is None else parse_gravity(gravity, 3),
     )
     written = []
     if urdf is not None:
