@@ -40,6 +40,15 @@ def test_a_pendulum_swings_and_fades_as_textbooks_say(damping):
     assert "natural frequency" in str(small)
 
 
+def test_loads_are_those_of_the_instant_which_is_0_unless_given():
+    def torque(t, psi, _psid):
+        return -(1 + t) * psi
+
+    for given, stiffness in (({}, 1), ({"t": 0.5}, 1.5)):
+        small = hp.linearize(rod(), STILL, 0.0, hinge_torque=torque, gravity=WEIGHTLESS, base="fixed", **given)
+        assert small.A[1, 0] == pytest.approx(-stiffness / 3, rel=1e-6)
+
+
 def test_a_state_that_is_no_equilibrium_says_so():
     small = hp.linearize(rod(), STILL, 0.4, base="fixed")
     assert not small.equilibrium

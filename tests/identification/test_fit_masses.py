@@ -110,8 +110,9 @@ def test_sliders_followers_and_tilted_gravity_are_fitted():
     ("seconds", "runs", "correlation"),
     [
         (5, 12, 0.0),
-        pytest.param(60, 100, 0.0, marks=pytest.mark.slow(20)),
-        pytest.param(60, 40, 0.9, marks=pytest.mark.slow(10)),
+        pytest.param(60, 12, 0.9, marks=pytest.mark.slow),
+        pytest.param(60, 100, 0.0, marks=pytest.mark.proof(20)),
+        pytest.param(60, 40, 0.9, marks=pytest.mark.proof(10)),
     ],
 )
 def test_intervals_cover_the_parameters(seconds, runs, correlation):

@@ -109,6 +109,7 @@ def test_forms_of_a_call_are_the_same_motions():
     held = ROBOT.rollout(q0[0], qd0, tau[0, 0], H, steps=3)
     close(held.q[2], ROBOT.rollout(q0[0], qd0[2], tau[0, :1], H, steps=3).q, 1e-13)
     close(ROBOT.rollout(q0[0], qd0[2], tau[0, :1], H).q, held.q[2, :2], 1e-13)  # one step
+    close(ROBOT.rollout(q0[0], qd0[0], tau[0, :2], H).q, whole.q[0, :3], 1e-13)  # efforts of two steps
     assert ROBOT.rollout(q0[:0], qd0[:0], 0, H, steps=3).q.shape == (0, 4, DOF)
     assert ROBOT.rollout(q0[:0], qd0[:0], tau[:0], H).q.shape == (0, STEPS + 1, DOF)
     assert ROBOT.rollout(q0, qd0, 0, H, steps=0).q.shape == (5, 1, DOF)
