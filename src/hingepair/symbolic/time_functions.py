@@ -288,18 +288,22 @@ def _negated(condition: _SideJet) -> _SideJet:
     return -condition[0], -condition[1]
 
 
+def _joined(function: Callable[[Any, Any], Any]) -> Callable[..., _SideJet]:
+    """Return the rule of a condition that joins others by the smallest or the largest of their sides."""
+
+    def rule(*parts: _SideJet) -> _SideJet:
+        now, after = (functools.reduce(function, sides) for sides in zip(*parts, strict=True))
+        return now, after
+
+    return rule
+
+
 _CONDITIONS: Final[dict[str, Callable[..., _SideJet]]] = {
     "<=": _at_least_0,
     "<": lambda x: _negated(_at_least_0(x)),
     "not": _negated,
-    "and": lambda *parts: (
-        functools.reduce(np.minimum, [now for now, _ in parts]),
-        functools.reduce(np.minimum, [after for _, after in parts]),
-    ),
-    "or": lambda *parts: (
-        functools.reduce(np.maximum, [now for now, _ in parts]),
-        functools.reduce(np.maximum, [after for _, after in parts]),
-    ),
+    "and": _joined(np.minimum),
+    "or": _joined(np.maximum),
 }
 
 
