@@ -334,6 +334,14 @@ def test_what_cannot_be_used_is_named(message, change):
         hp.simulate(chain(2), [0.0, 1.0], **arguments)
 
 
+def test_masses_that_resist_no_motion_are_named():
+    point = hp.Body(1.0, inertia=(1, 1e-20, 1))
+    bodies = {"a": point, "b": ROD}
+    hinges = [hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=body, name=n) for n, body in bodies.items()]
+    with pytest.raises(hp.ArgumentError, match=r"^robot: expected masses that resist .* resists [ab]$"):
+        hp.simulate(hp.Mechanism(hinges), [0.0, 1.0], [0.0, 0.0])
+
+
 @pytest.mark.slow
 def test_a_load_that_jumps_is_named():
     jump = {"j1": hp.HingeLoad(motor=lambda _t, _psi, psid: -np.sign(psid) * 2.0)}

@@ -179,12 +179,21 @@ class RobotMotion:
         """Refuse a robot some motion of which no mass resists at the start."""
         if self._known.all():
             return
-        M = self._moment(np.zeros(1), self.state[None]).M[0][np.ix_(~self._known, ~self._known)]
+        if doubt := self.mass_doubt(0.0, self.state, 1e-14):
+            raise ArgumentError("robot", "masses that resist every motion", doubt)
+
+    def mass_doubt(self, t: float, state: Array, least: float) -> str:
+        """Return what nothing resists in a state, where the smallest eigenvalue of the scaled mass matrix is below
+        `least`; "" elsewhere.
+        """
+        M = self._moment(np.array([t]), state[None]).M[0][np.ix_(~self._known, ~self._known)]
         scale = np.sqrt(np.abs(np.diag(M)))
-        if not (scale > 0).all() or np.linalg.eigvalsh(M / scale / scale[:, None])[0] <= 1e-14:
-            names = np.array([*["the base"] * 6 * self.has_momenta, *self.robot.names])[~self._known]
-            least = f"a singular mass matrix; the least inertia is that of {names[int(np.argmin(scale))]}"
-            raise ArgumentError("robot", "masses that resist every motion", least)
+        names = np.array([*["the base"] * 6 * self.has_momenta, *self.robot.names])[~self._known]
+        if not (scale > 0).all():
+            return f"nothing resists {names[int(np.argmin(scale))]}"
+        sizes, motions = np.linalg.eigh(M / scale / scale[:, None])
+        worst = names[int(np.argmax(np.abs(motions[:, 0])))]
+        return f"a singular mass matrix: hardly anything resists {worst}" if sizes[0] <= least else ""
 
     def first_step_length(self, t: float, span: float) -> float:
         """Return a length for the first step [s], in which nothing turns by more than a tenth of a radian at the

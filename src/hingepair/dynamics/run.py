@@ -220,7 +220,9 @@ def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list
             try:
                 polynomial = stepper.step(end)
             except TooStiffError as error:
-                reason = _explain_failure(motion, start, stepper) or "the loads change too fast there to be followed"
+                reason = _explain_failure(motion, start, stepper)
+                reason = reason or motion.mass_doubt(start + error.t, stepper.state, 1e-6)
+                reason = reason or "the loads change too fast there to be followed"
                 raise SimulationError(start + error.t, f"steps became too short; {reason}") from None
             if polynomial is not None:
                 records.append(StepRecord(polynomial, *attitude, motion.side, motion.held.copy()))
