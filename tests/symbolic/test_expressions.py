@@ -223,6 +223,21 @@ def test_refused_in_one_line_and_with_little_work(text: str) -> None:
     assert len(str(caught.value)) < 400
 
 
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("sin t", "a function is called as sin(t)"),
+        ("atan2 t", "a function is called as atan2(y, x)"),
+        ("where t", "a function is called as where(t < 1, x, y)"),
+        ("2 t", "a product is written 2*t"),
+        ("90 deg", "degrees are written deg(90)"),
+    ],
+)
+def test_a_missing_operator_is_hinted_at(text: str, hint: str) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(f"expected an expression in t; {hint}, got")):
+        parse_expression("x", text)
+
+
 @pytest.mark.parametrize("text", ONLY_TOO_LARGE_FOR_SYMPY.values(), ids=ONLY_TOO_LARGE_FOR_SYMPY)
 def test_what_is_too_large_for_sympy_is_evaluated_all_the_same(text: str) -> None:
     with bounded_calls(MOST_CALLS):

@@ -415,7 +415,7 @@ class _Builder:
         """Return a hint, such as on a missing *, as a text that begins with "; ", or an empty text."""
         match = _MISSING_OPERATOR.search(self.text)
         if match and match[1] in CALLS:
-            call = f"{match[1]}({match[2]})" if match[1] in SMOOTH_FUNCTIONS else CALLS[match[1]]
+            call = CALLS[match[1]].replace("(x)", f"({match[2]})")
             return f"; a function is called as {call}"
         if match and match[2].startswith("deg"):
             return f"; degrees are written deg({match[1][:_MAX_SHOWN]})"
