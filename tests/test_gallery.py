@@ -20,7 +20,7 @@ PRINTED = {
     "knee": (r"\nok\n", r"axis off by 0\.[01]", r"in the plane off by 0\.\d mm"),
     "landing_gear": (r"40 m/s, 1 g +down after 1\.0", r"65 m/s, 1 g +down after 0\.8"),
     "panda_hand_down": (r"hand down: 7[45]% of", r"hand level, to the front: 8[01]% of"),
-    "panda_masses": (r"\nok", r"as described: 6\.\d N m", r"fitted: 0\.(19|2\d) N m"),
+    "panda_masses": (r"\nok\n", r"as described: 6\.\d+ N m", r"fitted: 0\.(19|2\d) N m"),
     "satellite_panel": (r"no damper .* ends at 14\.68 degrees", r"1 N m s/rad .* ends at 14\.68 degrees"),
     "suspension": (r"toe is out of 10 minutes in 1[12] %", r"to first order: toe 6\.3 minutes, camber 6\.1"),
     "talos_lift": (r"largest mass: 1\.7\d kg, limited by joint 4",),
