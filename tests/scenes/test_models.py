@@ -50,7 +50,7 @@ def test_every_export_has_its_scene_and_every_scene_its_line():
     for ending in EXPORTS:
         of_mechanisms = {"excavator"} if ending == ".urdf" else set()
         assert {path.stem for path in MODELS.glob(f"*{ending}")} == stems | of_mechanisms
-    assert {path.stem for path in OF_MECHANISMS} == {"excavator", "talos_lift"}
+    assert {path.stem for path in OF_MECHANISMS} == {"excavator", "falling_rods", "talos_lift"}
     for scene in EVERY_SCENE:
         assert f"| `{scene.stem}` |" in README
 
