@@ -254,6 +254,8 @@ def test_the_error_estimate_is_the_error():
     coarse, fine = (hp.simulate(chain(4), t, np.zeros(4), tol=tol) for tol in (1e-5, 1e-14))
     errors = np.abs(coarse.q - fine.q).max(axis=0)
     np.testing.assert_allclose(coarse.q_error_estimate, errors, rtol=0.3)
+    assert coarse.error_estimate == coarse.q_error_estimate.max() > 0
+    assert {"q", "tau", "energy_balance", "error_estimate"} <= {*dir(coarse)}
 
 
 def test_a_driven_joint_moves_as_given_and_says_what_drives_it():

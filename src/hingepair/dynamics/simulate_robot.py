@@ -100,9 +100,14 @@ class SimulatedRobotMotion(Frozen, Result):
         return np.asarray(self._errors()[1:])
 
     @property
-    def error_estimate(self) -> float:
+    def attitude_error_estimate(self) -> float:
         """Estimated error of the base's attitude at the worst instant [rad]; 0 if the base is fixed or moving."""
         return float(self._errors()[0])
+
+    @property
+    def error_estimate(self) -> float:
+        """Largest of the estimated errors of all coordinates and of the base's attitude [rad, m]."""
+        return float(np.max(self._errors()))
 
     def state(self, frames: str | Iterable[str] | None = None) -> MechanismState:
         """Compute the motion of frames at the instants, with accelerations; by default those that `simulate` was
@@ -160,6 +165,9 @@ class SimulatedRobotMotion(Frozen, Result):
             if name == f"tau_{joint.name}":
                 return joint.effort_unit
         return super().unit(name)
+
+    def _available_names(self) -> Iterable[str]:
+        return ()  # besides those of the class
 
     def __repr__(self) -> str:
         ended = ", ended by until" if self.ended_by_event else ""
@@ -230,8 +238,8 @@ def simulate_robot(
 
     Returns:
         A `SimulatedRobotMotion` with `.t`, `.q`, `.qd`, `.qdd`, `.tau`, `.loads`, `.base_motion`, `.state()`,
-        `["frame"]`, `.energy()`, `.momentum()`, `.energy_balance()`, `.reactions()`, and the error estimates
-        `.q_error_estimate` and `.error_estimate` (of the base's attitude).
+        `["frame"]`, `.energy()`, `.momentum()`, `.energy_balance()`, `.reactions()`, and `.error_estimate`, the
+        largest of `.q_error_estimate` and `.attitude_error_estimate`.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.

@@ -116,7 +116,7 @@ def _motion(found: SimulatedRobotMotion, t: Float64Array, loads: Mapping[str, Hi
             partial(lambda columns: float(found.q_error_estimate[columns].max()), columns)
         )
     if found.base in {"free", "pinned"}:
-        errors["rad of the base"] = estimate_or_nan(lambda: found.error_estimate)
+        errors["rad of the base"] = estimate_or_nan(lambda: found.attitude_error_estimate)
     moves = found.base != "fixed" or any(np.any(x) for x in (found.base_motion.R, found.base_motion.S - np.eye(3)))
     return JointMotion(
         t=t,
