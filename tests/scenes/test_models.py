@@ -93,7 +93,7 @@ def test_scenes_of_mechanisms_stay_within_their_limits_and_pass_the_check(scene)
     loaded = hp.load_scene(scene)
     assert loaded.notes() == ()
     forces = loaded.forces()
-    assert forces.notes == ()
+    assert all(note.startswith("left out are damping and dry friction of 18 joints") for note in forces.notes)
     assert loaded.cross_validate(5).ok
 
 
@@ -107,12 +107,27 @@ def test_the_excavator_digs_below_ground_and_dumps_beside():
     assert np.abs(teeth[-1] - teeth[0]).max() < 1e-12
 
 
+def test_loads_of_joints_count_among_the_forces_of_a_scene(tmp_path):
+    text = (MODELS / "talos_lift.toml").read_text()
+    (tmp_path / "loaded.toml").write_text(text.replace("[mechanism]", "[mechanism]\njoint_loads = true"))
+    with_loads, without = (hp.load_scene(path) for path in (tmp_path / "loaded.toml", MODELS / "talos_lift.toml"))
+    forces, robot = with_loads.forces(), with_loads.mechanism
+    assert forces.notes[0].startswith("arm_left_4_joint takes up to 17.91 N m, more than its limit of 17.86")
+    elbow = robot.joint_loads["arm_left_4_joint"]
+    qd = with_loads.coordinates().qd[:, robot.names.index("arm_left_4_joint")]
+    added = forces.tau_arm_left_4_joint - without.forces().tau_arm_left_4_joint
+    expected = elbow.damping * qd + elbow.friction * np.sign(qd)
+    assert np.abs(added - expected).max() <= 64 * 2.0**-53 * np.abs(forces.tau_arm_left_4_joint).max()
+    assert np.abs(expected).max() > 0.1
+
+
 @pytest.mark.slow
 def test_two_kilograms_are_too_much_for_the_elbow_of_talos(tmp_path):
     text = (MODELS / "talos_lift.toml").read_text()
     (tmp_path / "heavy.toml").write_text(text.replace("mass = 1.5", "mass = 2"))
     forces = hp.load_scene(tmp_path / "heavy.toml").forces()
-    (note,) = forces.notes
+    note, left_out = forces.notes
+    assert left_out.endswith("joint_loads = true in [mechanism] counts them")
     assert note.startswith("arm_left_4_joint takes up to 19.1 N m, more than its limit of 17.86, at ")
     (elbow,) = (load for load in forces.loads if load.joint == "arm_left_4_joint")
     assert elbow.use == elbow.largest / 17.86 > 1

@@ -15,7 +15,7 @@ from hingepair.equations.quantities import ACCELERATION, unit_of
 from hingepair.errors import ArgumentError
 from hingepair.mechanism.kinds import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.tree import Joint
+from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.numeric.arrays import Float64Array, one_constant
 from hingepair.numeric.tables import Sheet, cell_text, instant_text, number_texts
 from hingepair.pair.hinge_load import TORQUE_PARTS
@@ -336,18 +336,24 @@ def _two_digits(number: float) -> str:
 
 
 def robot_forces(
-    robot: Mechanism, motion: JointMotion, t: Float64Array, gravity: tuple[float, ...], record: Mapping[str, Any]
+    robot: Mechanism,
+    motion: JointMotion,
+    t: Float64Array,
+    gravity: tuple[float, ...],
+    record: Mapping[str, Any],
+    joint_loads: bool,
 ) -> SceneForces:
     """Return the forces that the motion of a robot requires at its instants t, as `Scene.forces` describes them."""
     _check_accelerations(motion)
     known = motion.part(slice(len(t)), ACCELERATION)
-    acting = robot.inverse_dynamics(*known.arguments(), gravity=gravity, base_motion=known.base, joint_loads=False)
+    options: dict[str, Any] = {"gravity": gravity, "joint_loads": joint_loads}
+    acting = robot.inverse_dynamics(*known.arguments(), base_motion=known.base, **options)
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
     deviations, notes = np.full(robot.dof, math.nan), [*non_finite_sentences(arrays)]
     if motion.derived is not None and len(t) > DIFFERENCE_ORDER:
-        deviations, sentence = _effort_noise(robot, motion, t, gravity, tau)
+        deviations, sentence = _effort_noise(robot, motion, t, tau, options)
         notes.append(sentence)
     loads = tuple(
         _summarize_joint(joint, i, t, known, tau[:, i], float(deviations[i]))
@@ -355,11 +361,13 @@ def robot_forces(
     )
     for load in loads:
         notes += _effort_limit_sentences(load, len(t))
+    if not joint_loads and (left_out := loads_note(robot.tree)):
+        notes.append(f"{left_out}; joint_loads = true in [mechanism] counts them")
     return SceneForces(t, arrays, record, gravity=gravity, notes=tuple(notes), tau=tau, loads=loads)
 
 
 def _effort_noise(
-    robot: Mechanism, motion: JointMotion, t: Float64Array, gravity: tuple[float, ...], tau: Float64Array
+    robot: Mechanism, motion: JointMotion, t: Float64Array, tau: Float64Array, options: Mapping[str, Any]
 ) -> tuple[Float64Array, str]:
     """Return the standard deviation that noise of the log causes in each joint effort, shape (dof,) [N m or N], and a
     sentence on the noise.
@@ -378,9 +386,7 @@ def _effort_noise(
             for order, noisy in enumerate(log.column_with_noise_added(names, values)):
                 derivatives[order][column] = noisy
     arguments = replace(middle, derivatives=tuple(map(tuple, derivatives))).arguments()
-    acting = robot.inverse_dynamics(
-        *arguments, gravity=gravity, base_motion=middle.base, outputs=("tau",), joint_loads=False
-    )
+    acting = robot.inverse_dynamics(*arguments, base_motion=middle.base, outputs=("tau",), **options)
     half = DIFFERENCE_ORDER // 2  # what the differences at the ends reach
     noise = finite_rms((np.asarray(acting.tau, np.float64) - tau[rows])[half:-half])
     sizes = ", ".join(f"{size:.2g} {units[name]} of {name}" for name, size in log.sizes.items())

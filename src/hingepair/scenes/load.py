@@ -80,7 +80,7 @@ def _pair_scene(tables: Table, common: dict[str, Any]) -> PairScene:
 def _robot_scene(tables: Table, common: dict[str, Any]) -> RobotScene:
     from hingepair.scenes.motions.joints import read_joint_motion
     from hingepair.scenes.robot_scene import RobotScene
-    from hingepair.scenes.robot_table import is_stray_joint, read_gravity, read_mechanism
+    from hingepair.scenes.robot_table import is_stray_joint, read_gravity, read_joint_loads, read_mechanism
 
     folder = common["path"].parent
     try:
@@ -102,6 +102,7 @@ def _robot_scene(tables: Table, common: dict[str, Any]) -> RobotScene:
         mechanism=robot,
         motion=motion,
         gravity=read_gravity(tables) or DEFAULT_GRAVITY_VECTOR,
+        joint_loads=read_joint_loads(tables),
         frames=frames or robot.tips,
         **common,
     )

@@ -164,6 +164,8 @@ class RobotScene(Scene):
     mechanism: Mechanism
     #: acceleration of free fall, world axes [m/s^2]; shape (3,)
     gravity: tuple[float, ...]
+    #: whether springs, dampers and dry friction of the joints count among the forces
+    joint_loads: bool
     #: frames that are computed by default, those of [mechanism.frames] or else the last links of the branches
     frames: tuple[str, ...]
     max_check_instants: ClassVar[int] = 501  # of a humanoid, some seconds
@@ -253,7 +255,7 @@ class RobotScene(Scene):
         if acting:
             arguments = known.arguments()
             forces = self.mechanism.inverse_dynamics(
-                *arguments, gravity=self.gravity, outputs=acting, joint_loads=False, **options
+                *arguments, gravity=self.gravity, outputs=acting, joint_loads=self.joint_loads, **options
             )
         first = (rows.start or 0) if isinstance(rows, slice) else 0
         t = np.asarray(read_only(self.instants[rows]))
@@ -307,7 +309,7 @@ class RobotScene(Scene):
 
     def _forces(self, t: Float64Array, gravity: ArrayLike | None, record: dict[str, Any]) -> SceneForces:
         fall = self.gravity if gravity is None else tuple(one_constant("gravity", gravity, 3).tolist())
-        return robot_forces(self.mechanism, self.motion, t, fall, record)
+        return robot_forces(self.mechanism, self.motion, t, fall, record, self.joint_loads)
 
     def watches(self) -> list[LimitCounter]:
         """Return counters of the joints' positions and, where they are limited, rates."""

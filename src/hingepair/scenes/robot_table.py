@@ -25,7 +25,7 @@ from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 
 _SOURCES: Final = ("robot", "urdf")
 """Keys of [mechanism] that name a robot or its file; one of them stands there, unless there are [[joint]] tables."""
-MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "frames", "payload")
+MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "joint_loads", "frames", "payload")
 """Keys that the table [mechanism] may have."""
 JOINT_TABLE_KEYS: Final = (
     "name",
@@ -74,6 +74,12 @@ def read_gravity(tables: Table) -> tuple[float, ...] | None:
     """
     table = tables.table("mechanism", required=False)
     return tuple(table.numbers("gravity", 3)) if "gravity" in table.values else None
+
+
+def read_joint_loads(tables: Table) -> bool:
+    """Return whether springs, dampers and dry friction of the joints count among the forces of a scene."""
+    dynamics = tables.table("dynamics", required=False)
+    return tables.table("mechanism", required=False).flag("joint_loads") or dynamics.flag("joint_loads")
 
 
 def _read_robot(table: Table, folder: Path, base: str) -> Mechanism:

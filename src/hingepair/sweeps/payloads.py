@@ -122,7 +122,8 @@ class PayloadVariantComputer:
             robot = robot.with_payload(link, mass=mass, centre_of_mass=centre, inertia=inertia)
         # By name, since "auto" would choose by the number of variants in a chunk, on which no bit may hang.
         return robot.inverse_dynamics(
-            *known.arguments(), base_motion=known.base, gravity=self._scene.gravity, joint_loads=False,
+            *known.arguments(), base_motion=known.base, gravity=self._scene.gravity,
+            joint_loads=self._scene.joint_loads,
             outputs=outputs, backend="compiled",
         )  # fmt: skip
 
