@@ -12,7 +12,7 @@ from support.robot_proof import MODES, ratios_of
 BOUND = 16.0
 """Largest difference in units of u * scale: both sides round.
 
-It equals `pair.accuracy.MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE`.
+It equals `pair.accuracy.PINOCCHIO_ROUNDOFFS`.
 """
 KINDS = {
     "panda": "fixed",  # an arm with sliders, of which one follows the other

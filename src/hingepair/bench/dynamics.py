@@ -33,7 +33,7 @@ from hingepair.bench.harness import (
 from hingepair.dynamics.simulate import simulate
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Forces
+from hingepair.pair.dynamics import DEFAULT_GRAVITY, Forces
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.matrices import rotation_exp
@@ -234,7 +234,7 @@ def newton_euler_rates(pair: HingePair, hinge_torque: Callable[[float], float]) 
     body1: Any = pair.body1
     body2: Any = pair.body2
     K = _skew(pair.n)
-    g = np.array(DEFAULT_GRAVITY_VECTOR)
+    g = np.array(DEFAULT_GRAVITY)
 
     def rates(_: float, y: Array) -> Array:
         w, x, z, u = y[3:7] / np.sqrt(y[3:7] @ y[3:7])

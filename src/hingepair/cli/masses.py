@@ -24,7 +24,7 @@ from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.robot_recordings import read_robot_recording
 from hingepair.identification.mass_fit import JOINT_TERMS, fit_masses
 from hingepair.numeric.whole_file import whole_file
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 
 
 def masses_command(
@@ -83,7 +83,7 @@ def masses_command(
         joint_terms=tuple(split_names("joint_terms", joint_terms) or ()),
         physical=physical,
         test=test,
-        gravity=DEFAULT_GRAVITY_VECTOR if gravity is None else parse_gravity(gravity, 3),
+        gravity=DEFAULT_GRAVITY if gravity is None else parse_gravity(gravity, 3),
     )
     written = []
     if urdf is not None:

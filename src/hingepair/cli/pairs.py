@@ -17,10 +17,10 @@ from hingepair.errors import ArgumentError, HingePairError
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.xml_text import commented
 from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.scenes.load import (
     load_mechanism,
 )
@@ -101,7 +101,7 @@ def mjcf_command(
     robot = load_mechanism(source) if named.is_scene else None
     if robot is not None:
         chosen = "fixed" if fixed_base else "free" if free_base else None
-        fall = DEFAULT_GRAVITY_VECTOR if gravity is None else parse_gravity(gravity, 3)
+        fall = DEFAULT_GRAVITY if gravity is None else parse_gravity(gravity, 3)
         return write_text(to_mjcf(robot, base=chosen, gravity=fall), out, named.files)
     pair, setup = named.pair(), named.dynamics()
     assumed = []
@@ -116,7 +116,7 @@ def mjcf_command(
     if gravity is not None:
         vector: tuple[float, ...] = parse_gravity(gravity, len(pair.u1))
     else:
-        vector = DEFAULT_PLANAR_GRAVITY_VECTOR if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY_VECTOR
+        vector = PLANAR_GRAVITY if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY
         if setup is not None and "gravity" in setup.keys:
             vector = setup.others["gravity"]
         else:

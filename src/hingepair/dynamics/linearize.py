@@ -20,10 +20,10 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only
 from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_plain_hinge_load
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 
 _STEP: Final = 1e-5  # of differences of order 4, in sizes of the state's components
 _DRIFT: Final = 1e-5  # of the largest pole: smaller ones are drifts of the whole pair, without restoring load
@@ -157,7 +157,7 @@ def linearize(
     space = to_spatial_pair(pair)
     is_planar = space is not pair
     if gravity is None:
-        gravity = DEFAULT_PLANAR_GRAVITY_VECTOR if is_planar else DEFAULT_GRAVITY_VECTOR
+        gravity = PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
     if not callable(hinge_torque):
         hinge_torque = finite_number("hinge_torque", hinge_torque)

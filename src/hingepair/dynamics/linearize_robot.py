@@ -14,7 +14,7 @@ from hingepair.mechanism.methods import Wrenches
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import read_only, vectors
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 
 _DRIFT = 1e-7  # of the largest pole: double poles at 0 come out as the root of rounding errors
 
@@ -65,7 +65,7 @@ def linearize_robot(
     qd: ArrayLike | None = None,
     tau: ArrayLike | None = None,
     *,
-    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
     wrenches: Wrenches = None,
     joint_loads: bool | None = None,
     force1: ArrayLike = 0,

@@ -39,10 +39,10 @@ from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_pair, check_single_pair
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum, check_masses, tree_constants
+from hingepair.pair.dynamics import DEFAULT_GRAVITY, Energy, Momentum, check_masses, tree_constants
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.plans.arguments import Outputs
 
 BASES: Final = ("free", "pinned", "fixed")
@@ -268,7 +268,7 @@ def simulate(
     instants = instants_of("t", t)
     options = read_options(tol, breaks, until, max_steps)
     is_planar = space is not pair
-    gravity = (DEFAULT_PLANAR_GRAVITY_VECTOR if is_planar else DEFAULT_GRAVITY_VECTOR) if gravity is None else gravity
+    gravity = (PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
     driven = {} if isinstance(hinge, str) else {0: hinge}
     loads = PairLoads(forces, HingeLoad() if driven else hinge_torque, gravity, is_planar=is_planar)

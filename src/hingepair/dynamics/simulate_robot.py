@@ -38,7 +38,7 @@ from hingepair.numeric.instants import instants_of
 from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
+from hingepair.pair.dynamics import DEFAULT_GRAVITY, Energy, Momentum
 from hingepair.pair.hinge_load import HingeTorque, check_callable
 from hingepair.pair.results import Result
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
@@ -187,7 +187,7 @@ def simulate_robot(
     wrenches: Mapping[str, tuple[RobotLoadArgument, RobotLoadArgument]] | None = None,
     force1: RobotLoadArgument = 0,
     torque1: RobotLoadArgument = 0,
-    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
     base: str | None = None,
     base_motion: BaseArgument = None,
     breaks: ArrayLike = (),

@@ -37,7 +37,7 @@ from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
 from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import check_pair, check_single_pair
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.rotations.euler import matrix_to_euler
@@ -160,7 +160,7 @@ def to_mjcf(
     base: str | None = None,
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
-    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
 ) -> str:
     """Return a HingePair or a Mechanism as text in MJCF, the model format of MuJoCo; equal pairs give equal texts.
 

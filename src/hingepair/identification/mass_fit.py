@@ -18,7 +18,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only
 from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.tables import Sheet, Shown, align_columns, cell_text, percent
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.plans.arguments import CoordinateNames, Coordinates, read_arguments
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def fit_masses(
     joint_terms: Iterable[str] = ("viscous", "coulomb"),
     physical: bool = False,
     test: float = 0.25,
-    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
 ) -> MassFit:
     """Fit the masses of a robot, and the friction of its joints, to a recorded motion and its torques.
 

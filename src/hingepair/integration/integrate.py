@@ -36,7 +36,7 @@ from hingepair.numeric.arrays import (
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_lazy_xarray
 from hingepair.numeric.instants import instants_of, warn_of_measurements
 from hingepair.numeric.suspicions import suspicions
-from hingepair.pair.computations import STATE_CLASS_BY_MOTION_KIND, computation_of
+from hingepair.pair.computations import STATES, computation_of
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -413,7 +413,7 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
     """Return the requested outputs at all instants of all motions as a `PairState` or `PlanarState`."""
     options, plan = request.options, request.plan
     if not plan.outputs:
-        return STATE_CLASS_BY_MOTION_KIND[plan.kind]({}, psi.shape)
+        return STATES[plan.kind]({}, psi.shape)
     S1 = None if request.is_planar else quaternions_to_matrices(orientations)
     inputs: dict[str, Any] = {**request.points, "psi": psi, **({"phi1": orientations} if S1 is None else {"S1": S1})}
     for name in plan.inputs & _RATE_OF_INPUT.keys():
@@ -456,7 +456,7 @@ def _integrate_lazily(
     arrays |= {"_error": errors["error_estimate"], "_psi_error": errors["psi_error_estimate"]}
     values = {"t": read_only(t), "method": other_arguments["method"]} | ({} if is_planar else {"pair": pair})
     make_state = functools.partial(
-        STATE_CLASS_BY_MOTION_KIND[PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND],
+        STATES[PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND],
         shape=arrays["psi"].shape,
     )
     return trajectory_from_arrays(PlanarTrajectory if is_planar else Trajectory, values, make_state, arrays)

@@ -29,7 +29,7 @@ Exact: TypeAlias = list[Any]
 _ROUNDING_OF_PIVOTS: Final = 64 * 2.0**-53  # a pivot below this share of all inertia beyond the joint is rounding
 _FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
 # The axes x, y and z of a program in the body's axes, by the components' sizes of a joint axis along x, y or z.
-_PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS: Final = {
+_AXES_ALONG: Final = {
     (1.0, 0.0, 0.0): ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
     (0.0, 1.0, 0.0): ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
     (0.0, 0.0, 1.0): ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -230,8 +230,8 @@ def _poses_in_program_axes(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> l
 def _axes_along(n: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a rotation whose third column is n, an exact permutation where n is along x, y or z."""
     size = tuple(np.abs(n).tolist())
-    if size in _PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS:
-        columns = np.array(_PROGRAM_AXES_COLUMNS_BY_ABSOLUTE_JOINT_AXIS[size], float).T
+    if size in _AXES_ALONG:
+        columns = np.array(_AXES_ALONG[size], float).T
         if n.sum() < 0:  # turned by pi about the new x axis
             columns = columns * (1.0, -1.0, -1.0)
         return columns + 0.0

@@ -26,7 +26,7 @@ from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one
 from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.urdf import records
@@ -494,7 +494,7 @@ class Mechanism(MechanismMethods):
         tree = tree_with_parameters(self.tree, self.base == "free", checked, rotors)
         return _new_mechanism(type(self), tree, self.base)
 
-    def base_parameters(self, *, gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR) -> BaseParameters:
+    def base_parameters(self, *, gravity: ArrayLike = DEFAULT_GRAVITY) -> BaseParameters:
         """Find the base parameters: the fewest combinations of `inertial_parameters` on which the torques of
         `torque_regressor` depend. Only they can be identified from motions and torques. A fixed base is at rest.
 

@@ -47,8 +47,8 @@ from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, is_
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
-from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Energy, Momentum
+from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion
+from hingepair.pair.dynamics import DEFAULT_GRAVITY, Energy, Momentum
 from hingepair.plans.arguments import CoordinateNames, Coordinates, check_outputs, renamed_out, requested_outputs
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
@@ -390,7 +390,7 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
         base_motion: BodyMotion | None = None,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         tau: Coordinates | None = None,
         force1: ArrayLike = 0,
         torque1: ArrayLike = 0,
@@ -437,7 +437,7 @@ class MechanismMethods(Shown):
             tails = {
                 **dict.fromkeys(coordinates, dof),
                 **dict.fromkeys(labelled_loads, (3,)),
-                "base_motion": SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE,
+                "base_motion": MOTION_SHAPES,
             }
             options = {"frames": frames, "outputs": outputs, "gravity": gravity}
             loads = {name: value for name, (value, _) in labelled_loads.items()}
@@ -475,7 +475,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         qdd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         wrenches: Wrenches = None,
         joint_loads: bool | None = None,
         base_motion: BodyMotion | None = None,
@@ -525,7 +525,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         tau: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         wrenches: Wrenches = None,
         joint_loads: bool | None = None,
         force1: ArrayLike = 0,
@@ -582,7 +582,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         qdd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         wrenches: Wrenches = None,
         base_motion: BodyMotion | None = None,
         outputs: Iterable[str] | None = None,
@@ -619,7 +619,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         qdd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
@@ -651,7 +651,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         qdd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         wrenches: Wrenches = None,
         joint_loads: bool | None = None,
         base_motion: BodyMotion | None = None,
@@ -704,7 +704,7 @@ class MechanismMethods(Shown):
         qd: Coordinates,
         tau: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         wrenches: Wrenches = None,
         joint_loads: bool | None = None,
         force1: ArrayLike = 0,
@@ -756,7 +756,7 @@ class MechanismMethods(Shown):
         steps: int | None = None,
         every: int = 1,
         effort_limits: bool | ArrayLike = False,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         wrenches: Wrenches = None,
         joint_loads: bool | None = None,
         base_motion: BodyMotion | None = None,
@@ -853,7 +853,7 @@ class MechanismMethods(Shown):
         q: Coordinates,
         qd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
@@ -879,7 +879,7 @@ class MechanismMethods(Shown):
         self,
         q: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         base_motion: BodyMotion | None = None,
         out: FloatArray | None = None,
         workers: int = 1,
@@ -1021,7 +1021,7 @@ class MechanismMethods(Shown):
         q: Coordinates,
         qd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         base_motion: BodyMotion | None = None,
         out: Out = None,
         workers: int = 1,
@@ -1210,7 +1210,7 @@ class MechanismMethods(Shown):
         *,
         frames: str | Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         joint_loads: bool | None = None,
         workers: int = 1,
         backend: str = "auto",
@@ -1310,7 +1310,7 @@ class MechanismMethods(Shown):
         computation = self._computation(names, () if {*names}.isdisjoint(FRAME_OUTPUTS) else self._frames(frames))
         self._check_needed_inputs(computation, named, names)
         values = computation.read(named, base_motion, {})
-        return computation.count_operations(values.values, DEFAULT_GRAVITY_VECTOR)
+        return computation.count_operations(values.values, DEFAULT_GRAVITY)
 
     # ---- how methods compute
 
@@ -1323,7 +1323,7 @@ class MechanismMethods(Shown):
         workers: int,
         backend: str,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         outputs: Iterable[str] | None = None,
         frames: str | Iterable[str] | None = None,
         wrenches: Wrenches = None,
@@ -1332,7 +1332,7 @@ class MechanismMethods(Shown):
     ) -> Any:
         """Return what a row of TASKS asks for; `given` are its arguments, `loads` forces on a free base."""
         key = None
-        if base_motion is None and gravity is DEFAULT_GRAVITY_VECTOR and wrenches is None and not loads:
+        if base_motion is None and gravity is DEFAULT_GRAVITY and wrenches is None and not loads:
             key = task, outputs, frames, backend, joint_loads
             found = self._again(key, given, out, workers)
             if found is not None:
@@ -1372,7 +1372,7 @@ class MechanismMethods(Shown):
     ) -> MechanismDerivatives:
         """Return derivatives of the first output of a row of TASKS, with those of a free base, by its arguments."""
         key = None
-        if base_motion is None and gravity is DEFAULT_GRAVITY_VECTOR and wrenches is None and not loads:
+        if base_motion is None and gravity is DEFAULT_GRAVITY and wrenches is None and not loads:
             key = "derivatives", task, outputs, backend, joint_loads
             found: MechanismDerivatives | None = self._again(key, given, out, workers)
             if found is not None:
@@ -1422,7 +1422,7 @@ class MechanismMethods(Shown):
         out: Out | FloatArray,
         workers: int,
         backend: str,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         loads: Loads = MappingProxyType({}),
         key: tuple[Any, ...] | None = None,
     ) -> Any:
@@ -1449,7 +1449,7 @@ class MechanismMethods(Shown):
         out: Out | FloatArray,
         workers: int,
         backend: str,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         loads: Loads = MappingProxyType({}),
         derivative: Derivative | None = None,
         key: tuple[Any, ...] | None = None,
@@ -1634,6 +1634,6 @@ class MechanismMethods(Shown):
 
 def _checked_gravity(gravity: ArrayLike) -> tuple[float, ...]:
     """Return the argument `gravity` as three numbers."""
-    if gravity is DEFAULT_GRAVITY_VECTOR:
-        return DEFAULT_GRAVITY_VECTOR
+    if gravity is DEFAULT_GRAVITY:
+        return DEFAULT_GRAVITY
     return tuple(one_constant("gravity", gravity, 3).tolist())

@@ -18,7 +18,7 @@ from hingepair.mechanism.kinds import JointKind
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import warn_of_dynamics
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.urdf.records import MimicRecord
@@ -182,7 +182,7 @@ class _Reader:
             left_out.append("the medium (density, viscosity, wind)")
         if left_out:
             warn_of_dynamics(f"{self._title()}: not read from MJCF are {', '.join(left_out)}")
-        if not np.array_equal(model.opt.gravity, DEFAULT_GRAVITY_VECTOR):
+        if not np.array_equal(model.opt.gravity, DEFAULT_GRAVITY):
             gravity = model.opt.gravity.tolist()
             warn_of_dynamics(f"the model's gravity {gravity} is not the robot's: methods take gravity=")
 

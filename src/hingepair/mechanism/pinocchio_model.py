@@ -12,20 +12,20 @@ from hingepair.mechanism.folding import JointPart, limit_or_infinity
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, exact_quarter_turns
 
 # Names of the joint types that are hinges.
-_PINOCCHIO_HINGE_TYPE_NAMES = {
+_HINGES = {
     *(f"JointModelR{axis}" for axis in "XYZ"),
     *(f"JointModelRUB{axis}" for axis in "XYZ"),
     "JointModelRevoluteUnaligned",
     "JointModelRevoluteUnboundedUnaligned",
 }
 # Names of the joint types that are sliders.
-_PINOCCHIO_SLIDER_TYPE_NAMES = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
+_SLIDERS = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
 
 
 def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
@@ -47,7 +47,7 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Joint
     if free and np.any(model.armature[:6]):
         expected = "0: the base has no motor (model.armature[:6] = 0 leaves it out)"
         raise ArgumentError(f"joint {model.names[root]!r}, armature", expected, model.armature[:6].tolist())
-    if not np.array_equal(model.gravity.linear, DEFAULT_GRAVITY_VECTOR):
+    if not np.array_equal(model.gravity.linear, DEFAULT_GRAVITY):
         message = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
         warnings.warn(message, DynamicsWarning, stacklevel=4)
     bodies = _BodyContents(model, root)
@@ -122,7 +122,7 @@ def _part_of_joint(
 ) -> JointPart:
     """Return a joint, or one of a composite joint, as a part that another carries."""
     kind = joint.shortname()
-    if kind not in {*_PINOCCHIO_HINGE_TYPE_NAMES, *_PINOCCHIO_SLIDER_TYPE_NAMES, "JointModelMimic"}:
+    if kind not in {*_HINGES, *_SLIDERS, "JointModelMimic"}:
         raise _unsupported_joint_error(
             model, joint_number, "a revolute, continuous, prismatic or mimic joint, or a free-flyer at the root"
         )
@@ -148,7 +148,7 @@ def _part_of_joint(
         raise ArgumentError(f"joint {name!r}, armature", "a finite number that is not below 0", armature)
     return JointPart(
         name,
-        "hinge" if kind in _PINOCCHIO_HINGE_TYPE_NAMES else "slider",
+        "hinge" if kind in _HINGES else "slider",
         parent_part,
         pose,
         _unit_axis(motion),

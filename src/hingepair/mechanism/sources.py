@@ -21,13 +21,13 @@ from hingepair.urdf import records
 from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
 
 # Kinds of parts, by the type of a URDF joint.
-_PART_KIND_BY_URDF_JOINT_TYPE: Mapping[str, JointKind] = {
+_KIND_OF_TYPE: Mapping[str, JointKind] = {
     "revolute": "hinge",
     "continuous": "hinge",
     "prismatic": "slider",
     "fixed": "fixed",
 }
-BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS = "base"
+BASE_LINK = "base"
 """Name of the base link of a robot that is built from pairs."""
 
 
@@ -49,12 +49,12 @@ def parts_of_urdf(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"],
     numbers = {root: 0}
     parts = [JointPart("", "fixed", -1, **_link_content(robot, root, root not in parents))]
     for joint in joints:
-        if joint.type not in _PART_KIND_BY_URDF_JOINT_TYPE:
-            expected = f"a type out of {', '.join(_PART_KIND_BY_URDF_JOINT_TYPE)}"
+        if joint.type not in _KIND_OF_TYPE:
+            expected = f"a type out of {', '.join(_KIND_OF_TYPE)}"
             raise URDFError(f"joint {joint.name!r}", expected, quoted(joint.type) if joint.type else "none")
         numbers[joint.child] = len(parts)
         link = _link_content(robot, joint.child, joint.child not in parents)
-        kind = _PART_KIND_BY_URDF_JOINT_TYPE[joint.type]
+        kind = _KIND_OF_TYPE[joint.type]
         if kind == "fixed":
             parts.append(JointPart(joint.name, kind, numbers[joint.parent], joint.pose, **link))
             continue
@@ -118,7 +118,7 @@ def parts_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -
         ]
         bodies.append(_shared_body([("body2", pair), *carried]))
     seats = [IDENTITY_POSE, *(FramePose(np.eye(3), 0.0 - pair.u2) for pair in checked)]
-    base_content = _body_content(BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS, bodies[0], IDENTITY_POSE, is_leaf=False)
+    base_content = _body_content(BASE_LINK, bodies[0], IDENTITY_POSE, is_leaf=False)
     parts = [JointPart("", "fixed", -1, **base_content)]
     for number, (pair, parent) in enumerate(zip(checked, parent_numbers, strict=True), 1):
         leaf = number not in parent_numbers
@@ -168,10 +168,10 @@ def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
             raise ArgumentError("pairs", f"HingePairs, Sliders and Screws{hint}", quoted(pair))
         if pair.name in names:
             raise ArgumentError("pairs", "a different name for each, by name=", f"{pair.name!r} twice")
-        if pair.name == BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS:
+        if pair.name == BASE_LINK:
             raise ArgumentError(
                 "pairs",
-                f"names other than {BASE_LINK_NAME_OF_ROBOT_FROM_PAIRS!r}, which is that of the base",
+                f"names other than {BASE_LINK!r}, which is that of the base",
                 quoted(pair.name),
             )
         names.add(pair.name)

@@ -53,14 +53,14 @@ PROMISED_BOUND_BY_OUTPUT: Mapping[str, PromisedBound] = MappingProxyType(
 """The bounds hold if all inputs, results and scales are 0 or in the normal range of floating-point numbers. If
 u * scale is below the smallest normal number, this number takes its place."""
 
-MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE = 16
+PINOCCHIO_ROUNDOFFS = 16
 """Largest difference from Pinocchio that passes, in units of u * scale. The results of both sides contain rounding
 errors."""
 
-SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
+PLANAR_SCALES: Mapping[str, str] = MappingProxyType({"phi2": "1 + abs(phi2) + abs(psi)"})
 """The scales of the outputs that only planar pairs have: the rounding error of an angle grows with the angle."""
 
-PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT: Mapping[str, str] = MappingProxyType(
+PINOCCHIO_EXTRA_SCALES: Mapping[str, str] = MappingProxyType(
     {"alpha2": "psi'^2", "a2": "(W1 + W2) max abs(v1) + W1 W2 abs(u1)"}
 )
 """Terms that are added to the scale of an output for a comparison with Pinocchio, whose terms are larger before they
@@ -130,7 +130,7 @@ def output_scales(
         A1: size of body 1's angular acceleration [rad/s^2]; shape (...,).
         psid: hinge rate [rad/s]; shape (...,).
         psidd: hinge acceleration [rad/s^2]; shape (...,).
-        pinocchio: add `PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT` (a2 then needs v1).
+        pinocchio: add `PINOCCHIO_EXTRA_SCALES` (a2 then needs v1).
 
     >>> found = output_scales(u1=(3, 4, 0), u2=(0, 0, 1), R1=(-10, 1, 2))
     >>> {name: float(value) for name, value in found.items()}
@@ -226,7 +226,7 @@ def largest(vector: ArrayLike) -> Float64Array:
 Bounds = dict[str, NDArray[np.float64]]
 
 # The inputs that each constant of a pair was computed from; the error of the constant is relative to their size.
-_SOURCE_NAMES_BY_DERIVED_CONSTANT = {
+_SOURCES = {
     "n": ("n",),
     "lever_fixed": ("u1", "u2"),
     "lever_cos": ("u2",),
@@ -277,9 +277,7 @@ def _plan_error_bounds(
     dtype = result_dtype(c for group in values.values() for c in (group if isinstance(group, tuple) else (group,)))
     kind = bounded_class(dtype)
     aligned = pair.axis is not None and pair.single and np.count_nonzero(pair.axis) == 1  # and so exactly 1 or -1
-    source_names = {
-        name: parts for name, parts in _SOURCE_NAMES_BY_DERIVED_CONSTANT.items() if name != "n" or not aligned
-    }
+    source_names = {name: parts for name, parts in _SOURCES.items() if name != "n" or not aligned}
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
         """Run the plan on `numbers`, a dict of its inputs as components, after error bounds have been attached to

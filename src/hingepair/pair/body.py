@@ -17,8 +17,8 @@ from hingepair.numeric.tables import percent
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation
 
-_DEFAULT_BODY_MASS_IN_KILOGRAMS: Final = 1.0  # kg, of a body whose mass is not given
-_DEFAULT_SQUARED_GYRATION_RADIUS_IN_SQUARE_METRES = 0.01  # m^2, of a body whose inertia is not given
+_ASSUMED_MASS: Final = 1.0  # kg, of a body whose mass is not given
+_ASSUMED_GYRATION = 0.01  # m^2, of a body whose inertia is not given
 
 
 class DynamicsWarning(UserWarning):
@@ -200,7 +200,7 @@ class Body(Frozen):
         mass = None if mass is earlier.get("mass") else mass
         centre_of_mass = None if centre_of_mass is earlier.get("centre_of_mass") else centre_of_mass
         inertia = None if inertia is earlier.get("inertia") else inertia
-        mass_value = _DEFAULT_BODY_MASS_IN_KILOGRAMS if mass is None else _positive_number("mass", mass)
+        mass_value = _ASSUMED_MASS if mass is None else _positive_number("mass", mass)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
         shape_tuple = tuple(shapes)
@@ -252,7 +252,7 @@ class Body(Frozen):
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the centre of mass [m] of shapes of one density, and their inertia about it per mass [m^2]."""
     if not shapes:
-        return read_only(np.zeros(3)), _DEFAULT_SQUARED_GYRATION_RADIUS_IN_SQUARE_METRES * np.eye(3)
+        return read_only(np.zeros(3)), _ASSUMED_GYRATION * np.eye(3)
     with np.errstate(all="ignore"):
         volumes, moments = zip(*map(_volume_and_moments, shapes), strict=True)
         weights, centers = np.array(volumes) / sum(volumes), np.array([shape.center for shape in shapes])

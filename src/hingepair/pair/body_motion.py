@@ -15,7 +15,7 @@ from hingepair.numeric.arrays import Frozen, broadcast_shape, own_copy, read_onl
 from hingepair.numeric.dask_arrays import holds_dask, unwrap_lazy_xarray
 from hingepair.rotations.matrices import check_rotation, quaternion_to_matrix, rotation_exp
 
-SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE: Final[Mapping[str, tuple[int, ...]]] = {
+MOTION_SHAPES: Final[Mapping[str, tuple[int, ...]]] = {
     **dict.fromkeys(("R", "S", "v", "omega", "a", "alpha"), (3,)),
     "S": (3, 3),
 }
@@ -179,7 +179,7 @@ def _motion_with_attitude(S: Any, **users_arrays: Any) -> BodyMotion:
 def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[str] = ()) -> None:
     """Set the arrays of a BodyMotion, read-only, and copied where named, and the shape that they share."""
     shapes = {}
-    for name, tail in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE.items():
+    for name, tail in MOTION_SHAPES.items():
         value = arrays.get(name)
         array = None if value is None and name != "R" else _read_motion_array(name, value, *tail)
         if name in copied and isinstance(array, np.ndarray):

@@ -14,7 +14,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.outputs import Out
 from hingepair.engine.results import writable_arrays
 from hingepair.errors import ArgumentError
-from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_inputs
+from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
 from hingepair.pair.constants import Constants
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import (
@@ -35,23 +35,21 @@ from hingepair.plans.plan import (
     plan_loop,
 )
 from hingepair.plans.steps import (
-    LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES,
+    LOG_COLUMNS_OF,
 )
 from hingepair.rotations.sequences import find_sequence
 
-STATE_CLASS_BY_MOTION_KIND: Mapping[Any, type[PairState | PlanarState]] = {
+STATES: Mapping[Any, type[PairState | PlanarState]] = {
     SPATIAL_MOTION_KIND: PairState,
     PLANAR_MOTION_KIND: PlanarState,
 }
 """The class of the results, by the kind of motion of a plan."""
 
-INPUT_LABELS: Final = {
-    f"{letter}{k}": f"body{k}.{letter}" for k in "12" for letter in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE
-}
+INPUT_LABELS: Final = {f"{letter}{k}": f"body{k}.{letter}" for k in "12" for letter in MOTION_SHAPES}
 """Names of the arrays of bodies in messages, by input."""
 
 COORDINATES: Mapping[Any, CoordinateNames] = {
-    kind: CoordinateNames(kind.coordinates, LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[kind.coordinates])
+    kind: CoordinateNames(kind.coordinates, LOG_COLUMNS_OF[kind.coordinates])
     for kind in (SPATIAL_MOTION_KIND, PLANAR_MOTION_KIND)
 }
 """Names of the coordinates, by the kind of motion."""
@@ -133,7 +131,7 @@ def computation_of(
 
         found = pair.cache.computations[key] = Computation(
             loop, outputs, kind.shapes, pair.values if pair.single else pair.arrays,
-            None if bare else STATE_CLASS_BY_MOTION_KIND[kind], COORDINATES[kind], shape=pair.shape, shared=True,
+            None if bare else STATES[kind], COORDINATES[kind], shape=pair.shape, shared=True,
         )  # fmt: skip
     return found
 

@@ -117,7 +117,7 @@ def _stack_components(components: Components) -> NDArray[np.float64]:
     return np.stack(np.broadcast_arrays(*components), axis=-1)
 
 
-ADDED_HINGE_FRAME_VECTOR_NAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
+HINGE_FRAMES = frozenset({"e1", "e2", "e1_in_2", "e2_in_2", "n_in_2"})
 """Names of the vectors that `with_hinge_frames` adds."""
 
 
@@ -129,11 +129,11 @@ def with_hinge_frames(pair: Constants) -> Constants:
     are C^-1 times the vectors of body 1. With C^T instead, a home that is a rotation to only nine digits would appear
     as a tilt.
     """
-    constants: Constants | None = pair.cache.others.get(ADDED_HINGE_FRAME_VECTOR_NAMES)
+    constants: Constants | None = pair.cache.others.get(HINGE_FRAMES)
     if constants is None:
         frames = _hinge_frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
         constants = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
-        pair.cache.others[ADDED_HINGE_FRAME_VECTOR_NAMES] = constants
+        pair.cache.others[HINGE_FRAMES] = constants
     return constants
 
 

@@ -18,7 +18,7 @@ from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.plans.dynamics_steps import LOADS
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
-DEFAULT_GRAVITY_VECTOR = SPATIAL_MOTION_KIND.gravity
+DEFAULT_GRAVITY = SPATIAL_MOTION_KIND.gravity
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 _BODIES: Final = ("body1", "body2")

@@ -19,11 +19,11 @@ from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair import accuracy, dynamics, residuals, tolerances
 from hingepair.pair import computations as kinematics
 from hingepair.pair.body import Body
-from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_inputs
+from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
 from hingepair.pair.computations import COORDINATES, POSE_SENSITIVITIES, VELOCITY_SENSITIVITIES
 from hingepair.pair.constants import Constants, check_single_pair, pair_constants
 from hingepair.pair.derivatives import Sensitivities
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR, Accelerations, Energy, Forces, HingeWrench, Momentum
+from hingepair.pair.dynamics import DEFAULT_GRAVITY, Accelerations, Energy, Forces, HingeWrench, Momentum
 from hingepair.pair.prepare import prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import PairState
@@ -41,7 +41,7 @@ WRENCH_OUTPUTS: Final = {"force": "hinge_force", "torque": "hinge_moment"}
 """Outputs by the attributes of a HingeWrench."""
 _DASK_SHAPES: Final = {
     **SPATIAL_MOTION_KIND.shapes,
-    **dict.fromkeys(("body1", "body2"), SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE),
+    **dict.fromkeys(("body1", "body2"), MOTION_SHAPES),
 }
 """Shape of one sample of each argument that may be a Dask array."""
 
@@ -218,7 +218,7 @@ class HingePair(Shown):
         *,
         outputs: Iterable[str] | None = None,
         sequence: str = "XYZ",
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
@@ -425,7 +425,7 @@ class HingePair(Shown):
         psid: ArrayLike,
         psidd: ArrayLike,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         out: Out = None,
         workers: int = 1,
         backend: str = "auto",
@@ -475,7 +475,7 @@ class HingePair(Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         out: Out = None,
         workers: int = 1,
         backend: str = "auto",
@@ -528,7 +528,7 @@ class HingePair(Shown):
         psid: ArrayLike,
         psidd: ArrayLike,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         out: Out = None,
         workers: int = 1,
         backend: str = "auto",
@@ -575,7 +575,7 @@ class HingePair(Shown):
         psi: ArrayLike,
         psid: ArrayLike,
         *,
-        gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+        gravity: ArrayLike = DEFAULT_GRAVITY,
         out: Out = None,
         workers: int = 1,
         backend: str = "auto",

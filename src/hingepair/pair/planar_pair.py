@@ -32,7 +32,7 @@ from hingepair.plans.plan import PLANAR_MOTION_KIND
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
 
-DEFAULT_PLANAR_GRAVITY_VECTOR = PLANAR_MOTION_KIND.gravity
+PLANAR_GRAVITY = PLANAR_MOTION_KIND.gravity
 
 Returned = TypeVar("Returned")
 
@@ -150,7 +150,7 @@ class PlanarPair(Shown):
         given: str | Iterable[str],
         *,
         outputs: Iterable[str] | None = None,
-        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        gravity: ArrayLike = PLANAR_GRAVITY,
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
@@ -278,7 +278,7 @@ class PlanarPair(Shown):
         qd: Coordinates,
         qdd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        gravity: ArrayLike = PLANAR_GRAVITY,
         out: Out = None,
         workers: int = 1,
         backend: str = "auto",
@@ -316,7 +316,7 @@ class PlanarPair(Shown):
         qd: Coordinates,
         qdd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        gravity: ArrayLike = PLANAR_GRAVITY,
         out: Out = None,
         workers: int = 1,
         backend: str = "auto",
@@ -360,7 +360,7 @@ class PlanarPair(Shown):
         hinge_torque: ArrayLike = 0.0,
         force2: ArrayLike = 0,
         torque2: ArrayLike = 0.0,
-        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        gravity: ArrayLike = PLANAR_GRAVITY,
         out: FloatArray | None = None,
         workers: int = 1,
         backend: str = "auto",
@@ -407,7 +407,7 @@ class PlanarPair(Shown):
         q: Coordinates,
         qd: Coordinates,
         *,
-        gravity: ArrayLike = DEFAULT_PLANAR_GRAVITY_VECTOR,
+        gravity: ArrayLike = PLANAR_GRAVITY,
         out: Out = None,
         workers: int = 1,
         backend: str = "auto",

@@ -13,13 +13,13 @@ from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import one_constant
 from hingepair.pair import dynamics
 from hingepair.pair.computations import TASKS, computation_of
-from hingepair.pair.constants import ADDED_HINGE_FRAME_VECTOR_NAMES, with_hinge_frames
+from hingepair.pair.constants import HINGE_FRAMES, with_hinge_frames
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.computation import QUATERNIONS
 from hingepair.plans.dynamics_steps import LOADS, MASS_NUMBERS
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, default_outputs, make_plan
 from hingepair.plans.prepared import Prepared
-from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
+from hingepair.plans.steps import ATTITUDE_STEPS
 from hingepair.rotations.sequences import find_sequence
 
 _ROWS: Final = ("q", "qd", "qdd")
@@ -78,7 +78,7 @@ def prepare(
     known_names = {*names, *constants.values, "gravity"}
     for name in output_names:
         of_both = names if forward or name not in _OF_BOTH_BODIES or "S2" in names else (*names, "S2")
-        missing = sorted(plan_of((name,), given_names=of_both).inputs - known_names - ADDED_HINGE_FRAME_VECTOR_NAMES)
+        missing = sorted(plan_of((name,), given_names=of_both).inputs - known_names - HINGE_FRAMES)
         if missing:  # a plan without q takes the results of coordinates as inputs
             needed = ", ".join("q" if one == name else one for one in missing)
             raise ArgumentError("given", f"names with {needed}, which output {name} needs", ", ".join(names))
@@ -114,7 +114,7 @@ def _checked_names(kind: Any, given: str | Iterable[str]) -> tuple[str, ...]:
     for name in names:
         if name not in allowed:
             raise ArgumentError("given", choices(allowed), quoted(name))
-    attitudes = [name for name in names if name in {"q", *ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME}]
+    attitudes = [name for name in names if name in {"q", *ATTITUDE_STEPS}]
     if len(attitudes) != 1 or len({*names}) != len(names):
         expected = "q" if kind is PLANAR_MOTION_KIND else "one attitude of body 1: q, S1, quat_xyzw or quat_wxyz"
         raise ArgumentError("given", expected, quoted(names))

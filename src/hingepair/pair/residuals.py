@@ -18,7 +18,7 @@ from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, fini
 from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.numeric.tables import Sheet, Shown, align_columns, instant_text, json_text, left_out_remark
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
-from hingepair.pair.body_motion import SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE, BodyMotion, motion_arrays
+from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_arrays
 from hingepair.pair.computations import compute_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.plans.plan import make_plan
@@ -189,7 +189,7 @@ class Residuals(Frozen, Shown):
         return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})
 
 
-DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE = 32
+RESIDUAL_ROUNDOFFS = 32
 """Size up to which round-off explains a residual, in units of u * scale: of motion that the library computed, 6 was
 the largest seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm
 sqrt(3) times that.
@@ -227,7 +227,7 @@ components of both bodies.
 """
 
 # The attributes of a report that are arrays over the samples.
-_RESIDUALS_ARRAY_ATTRIBUTE_NAMES = (
+_ARRAYS = (
     *("gap", "tilt", "tilt_angle", "psi"),
     *("gap_rate", "tilt_rate", "psid", "gap_acceleration", "tilt_acceleration", "psidd"),
 )
@@ -247,7 +247,7 @@ class LazyResiduals(Results):
         t: instants of the samples; None if they were not given.
     """
 
-    __slots__ = (*_RESIDUALS_ARRAY_ATTRIBUTE_NAMES, "_summary", "_u", "name", "ratio", "t")
+    __slots__ = (*_ARRAYS, "_summary", "_u", "name", "ratio", "t")
 
     def __init__(
         self, arrays: Mapping[str, Any], shape: tuple[int, ...], name: str, t: Any, u: float, summary: Any
@@ -269,7 +269,7 @@ class LazyResiduals(Results):
         return lazy, functools.partial(_report_from_parts, self.name, self.t, self._u)
 
     def __getattr__(self, name: str) -> Any:
-        if name in _ATTRIBUTE_NAMES_ABSENT_FROM_LAZY_RESIDUALS:
+        if name in _ABSENT_WHEN_LAZY:
             expected = f"LazyResiduals has no {name!r} before it is computed: report.compute(), or of motions larger"
             raise AttributeError(f"{expected} than memory report.compute_summary()", name=name, obj=self)
         return super().__getattr__(name)  # type: ignore[misc]
@@ -287,7 +287,7 @@ class LazyResiduals(Results):
 
 
 # Attributes of `Residuals` that a LazyResiduals does not have.
-_ATTRIBUTE_NAMES_ABSENT_FROM_LAZY_RESIDUALS = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
+_ABSENT_WHEN_LAZY = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
 
 
 def lazy_residuals(
@@ -310,23 +310,18 @@ def lazy_residuals(
     shape = arrays["psi"].shape
     if t is not None and not any(math.isnan(size) for size in shape):
         t = _broadcast_instants(t, shape)
-    blocks = {
-        key: array.to_delayed(optimize_graph=False)
-        for key, array in arrays.items()
-        if key in _SIZE_AND_TOLERANCE_ARRAY_NAMES
-    }
-    kinds = [kind for kind in RESIDUAL_KIND_BY_NAME if _SIZE_ARRAY_NAME_PREFIX + kind in blocks]
+    blocks = {key: array.to_delayed(optimize_graph=False) for key, array in arrays.items() if key in _COMPARED}
+    kinds = [kind for kind in RESIDUAL_KIND_BY_NAME if _SIZE_PREFIX + kind in blocks]
     basis_by_kind = {kind: _tolerance_basis(kind, _check_tolerances(tolerances)) for kind in kinds}
-    grid = blocks[_SIZE_ARRAY_NAME_PREFIX + kinds[0]].shape
+    grid = blocks[_SIZE_PREFIX + kinds[0]].shape
     summaries = []
     for index in np.ndindex(grid):
         delayed_arrays = {
-            kind: (blocks[_SIZE_ARRAY_NAME_PREFIX + kind][index], blocks[_TOLERANCE_ARRAY_NAME_PREFIX + kind][index])
-            for kind in kinds
+            kind: (blocks[_SIZE_PREFIX + kind][index], blocks[_TOLERANCE_PREFIX + kind][index]) for kind in kinds
         }
         summaries.append(delayed(_summarize_chunk, pure=True)(delayed_arrays, basis_by_kind))
     summary = delayed(_merge_summaries, pure=True)(summaries, grid)
-    report_arrays = {key: array for key, array in arrays.items() if key not in _SIZE_AND_TOLERANCE_ARRAY_NAMES}
+    report_arrays = {key: array for key, array in arrays.items() if key not in _COMPARED}
     return LazyResiduals(
         report_arrays, shape, name, t, _largest_unit_roundoff(_dtypes_of_motions(body1, body2)), summary
     )
@@ -412,7 +407,7 @@ def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays:
     """Return the Residuals of a summary and arrays; each row gets the instant of its worst sample."""
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
-    values: dict[str, Any] = {key: arrays.get(key) for key in _RESIDUALS_ARRAY_ATTRIBUTE_NAMES}
+    values: dict[str, Any] = {key: arrays.get(key) for key in _ARRAYS}
     for key, array in values.items():
         if array is not None and not holds_dask(array):
             values[key] = read_only(np.asarray(array))
@@ -427,14 +422,10 @@ def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float
     return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
 
 
-_SIZE_ARRAY_NAME_PREFIX = "size of "  # before the name of the residual
-_TOLERANCE_ARRAY_NAME_PREFIX = "tolerance of "  # before the name of the residual
+_SIZE_PREFIX = "size of "  # before the name of the residual
+_TOLERANCE_PREFIX = "tolerance of "  # before the name of the residual
 # Names of the arrays of sizes and tolerances, which reports do not show.
-_SIZE_AND_TOLERANCE_ARRAY_NAMES = {
-    prefix + kind
-    for prefix in (_SIZE_ARRAY_NAME_PREFIX, _TOLERANCE_ARRAY_NAME_PREFIX)
-    for kind in RESIDUAL_KIND_BY_NAME
-}
+_COMPARED = {prefix + kind for prefix in (_SIZE_PREFIX, _TOLERANCE_PREFIX) for kind in RESIDUAL_KIND_BY_NAME}
 
 
 def residual_arrays(
@@ -451,8 +442,8 @@ def residual_arrays(
     arrays_to_compare = {}
     for kind, comparison in computed.comparison_by_kind.items():
         ratio = np.maximum(ratio, comparison.ratio)
-        arrays_to_compare[_SIZE_ARRAY_NAME_PREFIX + kind] = comparison.sizes
-        arrays_to_compare[_TOLERANCE_ARRAY_NAME_PREFIX + kind] = comparison.tolerance
+        arrays_to_compare[_SIZE_PREFIX + kind] = comparison.sizes
+        arrays_to_compare[_TOLERANCE_PREFIX + kind] = comparison.tolerance
     return {**computed.arrays, "ratio": np.where(ratio == -np.inf, np.nan, ratio), **arrays_to_compare}
 
 
@@ -519,7 +510,7 @@ def _compare_residual(
         if kind in tolerance_by_kind:
             tolerance = np.broadcast_to(tolerance_by_kind[kind], size.shape)
         else:
-            tolerance = DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE * np.maximum(
+            tolerance = RESIDUAL_ROUNDOFFS * np.maximum(
                 np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny
             )
         sizes = np.where(is_finite, np.where(np.isfinite(size), size, np.inf), -np.inf)
@@ -528,7 +519,7 @@ def _compare_residual(
 
 def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
     """Return where the tolerance of a kind of residual comes from: "given", or a formula."""
-    formula = f"{DEFAULT_RESIDUAL_TOLERANCE_IN_ROUNDOFFS_OF_SCALE} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
+    formula = f"{RESIDUAL_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
     return "given" if kind in tolerance_by_kind else formula
 
 
@@ -547,7 +538,7 @@ def _largest_unit_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
 
 def _dtypes_of_motions(*bodies: BodyMotion) -> list[np.dtype[Any]]:
     """Return a list of the dtypes of all arrays of the BodyMotions that are passed as arguments."""
-    arrays = (getattr(body, letter) for body in bodies for letter in SAMPLE_SHAPE_BY_MOTION_ATTRIBUTE)
+    arrays = (getattr(body, letter) for body in bodies for letter in MOTION_SHAPES)
     return [array.dtype for array in arrays if array is not None]
 
 
@@ -567,9 +558,7 @@ def _computable_arrays(
     """Compute those residuals and hinge angles for which the motions suffice; float64 arrays by name."""
     home, known_names = "home" in pair.values, {*motions, *pair.values}
     names = [
-        name
-        for name in _RESIDUALS_ARRAY_ATTRIBUTE_NAMES
-        if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= known_names
+        name for name in _ARRAYS if make_plan((name,), None, home, given_names=tuple(motions)).inputs <= known_names
     ]
     return compute_arrays(pair, names, motions, shapes, np.dtype(np.float64))
 

@@ -24,7 +24,7 @@ from hingepair.numeric.whole_file import whole_file
 RESULT_ROWS_PER_BLOCK: Final = 131072
 """Rows that are computed and written at a time. A row group of a .parquet file has at most this number of
 rows."""
-MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY: Final = 10_000_000
+MAX_HELD_INSTANTS: Final = 10_000_000
 """Largest number of instants of a result that is held in memory; more instants are computed
 block by block, or refused."""
 
@@ -235,20 +235,20 @@ def result_file(
     target = Path(path)
     check_ending(target)
     kind = target.suffix.lower()
-    if samples > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY and kind in _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX:
-        limit = f"more than {MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY} instants, which go block by block"
+    if samples > MAX_HELD_INSTANTS and kind in _WHOLE_WRITERS:
+        limit = f"more than {MAX_HELD_INSTANTS} instants, which go block by block"
         expected = f"a name that ends in .csv or .parquet for {limit}"
         raise ArgumentError("path", expected, quoted(str(target)))
     with (
         whole_file(target, inputs) as file,
-        _ROW_WRITER_CONTEXT_BY_SUFFIX[kind](file, samples, described, unit) as add,
+        _WRITERS[kind](file, samples, described, unit) as add,
     ):
         yield add
 
 
 def check_ending(path: Path) -> None:
     """Refuse a file name whose ending is none of RESULT_FILE_SUFFIXES."""
-    if path.suffix.lower() not in _ROW_WRITER_CONTEXT_BY_SUFFIX:
+    if path.suffix.lower() not in _WRITERS:
         raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_FILE_SUFFIXES)}", quoted(str(path)))
 
 
@@ -374,18 +374,15 @@ def import_data_package(package: str, caller: str) -> Any:
 
 
 # Functions that write all arrays at once, by the ending of the file.
-_WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX: Final[dict[str, Callable[..., None]]] = {
+_WHOLE_WRITERS: Final[dict[str, Callable[..., None]]] = {
     ".npz": _write_npz,
     ".nc": _write_netcdf,
 }
 # Context managers that take blocks of rows, by the ending of the file.
-_ROW_WRITER_CONTEXT_BY_SUFFIX: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
+_WRITERS: Final[dict[str, Callable[..., contextlib.AbstractContextManager[RowWriter]]]] = {
     ".csv": _csv_writer,
     ".parquet": _parquet_writer,
-    **{
-        kind: functools.partial(_collecting_writer, write=write)
-        for kind, write in _WHOLE_FILE_WRITE_FUNCTION_BY_SUFFIX.items()
-    },
+    **{kind: functools.partial(_collecting_writer, write=write) for kind, write in _WHOLE_WRITERS.items()},
 }
-RESULT_FILE_SUFFIXES: Final = tuple(_ROW_WRITER_CONTEXT_BY_SUFFIX)
+RESULT_FILE_SUFFIXES: Final = tuple(_WRITERS)
 """Endings of files that results are written to."""

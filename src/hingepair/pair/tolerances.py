@@ -21,7 +21,7 @@ GEOMETRY_COMPONENT_NAMES: Final = tuple(
 """The twelve numbers of a pair's geometry, in the order of its covariance: u1 and u2 [m], n, and the rotation vector
 that turns home [rad], both in body 1's axes. `HingeFit.covariance` has the same order."""
 
-STANDARD_DEVIATION_ARGUMENT_NAMES: Final = ("u1_std", "u2_std", "axis_std", "home_std")
+DEVIATIONS: Final = ("u1_std", "u2_std", "axis_std", "home_std")
 """The arguments that are standard deviations of the geometry."""
 
 
@@ -169,7 +169,7 @@ def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: Ar
     Args:
         n: hinge axis, of unit length; shape (3,).
         covariance: the covariance, or None to use standard deviations.
-        **std: standard deviations by the names of `STANDARD_DEVIATION_ARGUMENT_NAMES`.
+        **std: standard deviations by the names of `DEVIATIONS`.
 
     Raises:
         ArgumentError: both are given, or neither.

@@ -76,7 +76,7 @@ def _hinge_torque(c: Computation) -> Scalar:
     return c.efforts()[0]
 
 
-KNOWN_MOTION_DYNAMICS_STEPS = (
+DYNAMICS_STEPS = (
     _computed("tree_at_rest", _PAIR, _UNLOADED, "tree", "S1", "psi"),
     _output("mass_matrix", Computation.mass_matrix, "tree_at_rest"),
     *(
@@ -128,7 +128,7 @@ def _in_space(step: Step, results: Collection[str]) -> Step:
 
 PLANAR_DYNAMICS_STEPS = (
     Step("gravity_in_space", in_space, ("gravity",)),
-    *(_in_space(step, _TO_PLANE) for step in KNOWN_MOTION_DYNAMICS_STEPS),
+    *(_in_space(step, _TO_PLANE) for step in DYNAMICS_STEPS),
     *(Step(name, function, (f"{name}_in_space",)) for name, function in _TO_PLANE.items()),
 )
 """Steps from a known motion of a planar pair."""

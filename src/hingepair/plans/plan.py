@@ -18,30 +18,30 @@ from hingepair.equations import spatial as eq
 from hingepair.equations.quantities import QUANTITIES, sample_shape
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
 from hingepair.plans.dynamics_steps import (
-    KNOWN_MOTION_DYNAMICS_STEPS,
+    DYNAMICS_STEPS,
     LOADS,
     PLANAR_DYNAMICS_STEPS,
     PLANAR_FORWARD_STEPS,
     forward_dynamics_steps,
 )
 from hingepair.plans.steps import (
-    ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME,
+    ARM_STEPS,
     ATTITUDE2_CHECK_STEPS,
-    ATTITUDE2_STEP_WITHOUT_HOME,
-    BODIES_TO_HINGE_POINT_VECTOR_STEPS,
+    ATTITUDE_STEPS,
     BODY2_KINEMATICS_STEPS,
-    CONSTRAINT_AND_HINGE_ANGLE_STEPS,
-    GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT_NAME,
-    JACOBIAN_AND_ACCELERATION_BIAS_STEPS,
+    CONSTRAINT_STEPS,
+    GIVEN_ATTITUDE_STEPS,
+    JACOBIAN_STEPS,
     LEVER_CONSTANT_STEPS,
     PLANAR_COORDINATE_NAMES,
-    PLANAR_COORDINATE_SPLIT_STEPS,
     PLANAR_KINEMATICS_STEPS,
-    PLANAR_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
-    SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS,
+    PLANAR_PARTS,
+    PLANAR_SPLIT_STEPS,
+    SENSITIVITY_STEPS,
     SPATIAL_COORDINATE_NAMES,
-    SPATIAL_COORDINATE_SPLIT_STEPS,
-    SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
+    SPATIAL_PARTS,
+    SPATIAL_SPLIT_STEPS,
+    WITHOUT_HOME,
     Step,
     coordinate_jacobian_steps,
     same,
@@ -93,7 +93,7 @@ def _levels(*of_body2: str) -> dict[str, int | None]:
 
 SPATIAL_MOTION_KIND: Final = MotionKind(
     SPATIAL_COORDINATE_NAMES,
-    SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
+    SPATIAL_PARTS,
     _sample_shapes(7),
     {**_levels("R2", "S2", "d", "v2", "omega2", "a2", "alpha2"), **dict.fromkeys(_BODY1)},
     (0.0, 0.0, -9.81),
@@ -101,7 +101,7 @@ SPATIAL_MOTION_KIND: Final = MotionKind(
 """Motion in space."""
 PLANAR_MOTION_KIND: Final = MotionKind(
     PLANAR_COORDINATE_NAMES,
-    PLANAR_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
+    PLANAR_PARTS,
     {
         **_sample_shapes(4),
         **dict.fromkeys(("R1", "v1", "a1", "u1", "u2", "R2", "d", "v2", "a2"), (2,)),
@@ -115,7 +115,7 @@ PLANAR_MOTION_KIND: Final = MotionKind(
 )
 """Motion in two coordinates (E11)."""
 
-_COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT_NAME = {
+_COMPONENT_NAMES = {
     "hinge": ("sin_psi", "versine_psi", "cos_psi"),
     "trig": ("sin_x", "cos_x", "sin_y", "cos_y", "sin_z", "cos_z"),
     "turn1": ("sin_phi", "cos_phi"),
@@ -139,11 +139,11 @@ class Plan:
         """
         for result, function, arguments in self.steps:
             value = values[result] = function(*[values[name] for name in arguments])
-            name_components(result, value, _COMPONENT_NAMES_IN_GENERATED_CODE_BY_STEP_RESULT_NAME.get(result))
+            name_components(result, value, _COMPONENT_NAMES.get(result))
         return values
 
 
-NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI: Final[TrigFunctions] = (angle_terms, hinge_terms)
+NUMERIC_TRIG: Final[TrigFunctions] = (angle_terms, hinge_terms)
 """Functions by which floats and arrays make the sines and cosines of phi and of psi."""
 
 
@@ -152,7 +152,7 @@ def make_plan(
     outputs: tuple[str, ...],
     sequence: str | None = "XYZ",
     has_home: bool = True,
-    trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI,
+    trig_functions: TrigFunctions = NUMERIC_TRIG,
     kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
 ) -> Plan:
@@ -164,7 +164,7 @@ def make_plan(
         sequence: of the Euler angles; None where S1, omega1 and alpha1 are given.
         has_home: whether C differs from the identity.
         trig_functions: functions that return (sin, cos) of the three angles, and (sin, 1 - cos) of psi. Exact
-            numbers, which have other functions than NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI, go through
+            numbers, which have other functions than NUMERIC_TRIG, go through
             LEVER_CONSTANT_STEPS as well; for doubles, the pair has taken these steps already.
         kind: SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND; the latter takes phi1 for the three angles.
         given_names: names of the inputs beside the pair's constants, out of the kind's shapes; empty for the parts of
@@ -219,7 +219,7 @@ def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION_KIND) -> tuple
 def all_steps(
     sequence: str | None,
     has_home: bool,
-    trig_functions: TrigFunctions = NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI,
+    trig_functions: TrigFunctions = NUMERIC_TRIG,
     kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
 ) -> tuple[Step, ...]:
@@ -229,13 +229,13 @@ def all_steps(
     is motion in space or in a plane. `given_names` are the names of the inputs other than the constants of the pair.
     """
     if kind is PLANAR_MOTION_KIND:
-        split = PLANAR_COORDINATE_SPLIT_STEPS if "q" in given_names else ()
+        split = PLANAR_SPLIT_STEPS if "q" in given_names else ()
         dynamic = PLANAR_FORWARD_STEPS if any(name in LOADS for name in given_names) else PLANAR_DYNAMICS_STEPS
         return (*split, *_planar_steps(trig_functions), *(dynamic if given_names else ()))
-    steps = [step for name in given_names for step in ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME.get(name, ())]
+    steps = [step for name in given_names for step in ATTITUDE_STEPS.get(name, ())]
     steps += ATTITUDE2_CHECK_STEPS if "S2" in given_names else ()
     steps += [
-        *(SPATIAL_COORDINATE_SPLIT_STEPS if "q" in given_names else ()),
+        *(SPATIAL_SPLIT_STEPS if "q" in given_names else ()),
         *_spatial_steps(sequence, has_home, trig_functions),
     ]
     if not given_names:
@@ -243,10 +243,10 @@ def all_steps(
     if any(name in LOADS for name in given_names):
         return forward_dynamics_steps(tuple(steps))
     if "S2" in given_names:
-        steps += CONSTRAINT_AND_HINGE_ANGLE_STEPS
+        steps += CONSTRAINT_STEPS
     else:
-        steps += [*BODIES_TO_HINGE_POINT_VECTOR_STEPS, *KNOWN_MOTION_DYNAMICS_STEPS]
-    steps += [*JACOBIAN_AND_ACCELERATION_BIAS_STEPS, *SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS]
+        steps += [*ARM_STEPS, *DYNAMICS_STEPS]
+    steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
     if sequence is not None:
         steps += coordinate_jacobian_steps(sequence)
     return tuple(step for step in steps if step.result not in given_names)
@@ -255,7 +255,7 @@ def all_steps(
 def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFunctions) -> tuple[Step, ...]:
     """Return the steps of the motion of both bodies in space."""
     angle_terms, hinge_terms = trig_functions
-    if trig_functions is NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:
+    if trig_functions is NUMERIC_TRIG:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
     else:
         arm = LEVER_CONSTANT_STEPS[0] if has_home else Step("arm", same, ("u2",))
@@ -278,17 +278,15 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
             Step("omega1", order.angular_velocity, ("axes", "phid")),
             Step("alpha1", order.angular_acceleration, ("axes", "phid", "phidd")),
         )
-    replaced_steps = GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT_NAME if sequence is None else {}
+    replaced_steps = GIVEN_ATTITUDE_STEPS if sequence is None else {}
     for step in BODY2_KINEMATICS_STEPS:
         steps += replaced_steps.get(step.result, (step,))
-    return tuple(
-        steps if has_home else [ATTITUDE2_STEP_WITHOUT_HOME if step.result == "S2" else step for step in steps]
-    )
+    return tuple(steps if has_home else [WITHOUT_HOME if step.result == "S2" else step for step in steps])
 
 
 def _planar_steps(trig_functions: TrigFunctions) -> tuple[Step, ...]:
     """Return the steps of the motion of both bodies in the plane."""
-    if trig_functions == NUMERIC_TRIG_FUNCTIONS_OF_PHI_AND_PSI:
+    if trig_functions == NUMERIC_TRIG:
         return PLANAR_KINEMATICS_STEPS
     angle_terms, hinge_terms = trig_functions
     replaced_functions: dict[str, Callable[..., Any]] = {

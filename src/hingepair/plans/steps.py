@@ -29,19 +29,19 @@ class Step(NamedTuple):
 # Names of the components of q in space.
 SPATIAL_COORDINATE_NAMES = ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi")
 # Names of the parts of the coordinates and their derivatives in space.
-SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME = {
+SPATIAL_PARTS = {
     "q": ("R1", "phi", "psi"),
     "qd": ("v1", "phid", "psid"),
     "qdd": ("a1", "phidd", "psidd"),
 }
 PLANAR_COORDINATE_NAMES = ("x", "y", "phi", "psi")  # names of the components of q in the plane
-PLANAR_PART_NAMES_BY_COORDINATE_ARRAY_NAME = {
+PLANAR_PARTS = {
     "q": ("R1", "phi1", "psi"),
     "qd": ("v1", "phi1d", "psid"),
     "qdd": ("a1", "phi1dd", "psidd"),
 }
 """Names of the parts of the coordinates and their derivatives in the plane."""
-LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
+LOG_COLUMNS_OF: dict[tuple[str, ...], dict[str, tuple[str, ...]]] = {
     SPATIAL_COORDINATE_NAMES: {
         "q": SPATIAL_COORDINATE_NAMES,
         "qd": ("v1_x", "v1_y", "v1_z", "phid_x", "phid_y", "phid_z", "psid"),
@@ -56,14 +56,14 @@ LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES: dict[tuple[str, ...], dict[str
 """Names of the columns, in files and data frames, that hold q, qd and qdd, by the names of the coordinates."""
 
 # Steps to the parts of q, qd, qdd in space.
-SPATIAL_COORDINATE_SPLIT_STEPS = tuple(
+SPATIAL_SPLIT_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))
-    for name, parts in SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME.items()
+    for name, parts in SPATIAL_PARTS.items()
     for part, place in zip(parts, (slice(0, 3), slice(3, 6), 6), strict=True)
 )
-PLANAR_COORDINATE_SPLIT_STEPS = tuple(
+PLANAR_SPLIT_STEPS = tuple(
     Step(part, operator.itemgetter(place), (name,))
-    for name, parts in PLANAR_PART_NAMES_BY_COORDINATE_ARRAY_NAME.items()
+    for name, parts in PLANAR_PARTS.items()
     for part, place in zip(parts, (slice(0, 2), 2, 3), strict=True)
 )
 """Steps to the parts of q, qd, qdd in the plane."""
@@ -94,7 +94,7 @@ def _zero_quaternion_check(quat: tuple[Any, ...]) -> Any:
     return where_less(0.0, size, 0.0, where_less(size, 1.0, 2.0, 0.0))
 
 
-ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME = {
+ATTITUDE_STEPS = {
     "S1": (Step("S1_check", _rotation_defect, ("S1",)),),
     "quat_xyzw": (
         Step("quat", lambda q: (q[3], *q[:3]), ("quat_xyzw",)),
@@ -129,7 +129,7 @@ BODY2_KINEMATICS_STEPS = (
 )
 """Steps to body 2 from body 1 and the hinge (E1, E2, E5-E9)."""
 
-BODIES_TO_HINGE_POINT_VECTOR_STEPS = (
+ARM_STEPS = (
     Step("r1", eq.rotate, ("S1", "u1")),
     Step("r2", eq.rotate, ("S2", "u2")),
 )
@@ -145,9 +145,9 @@ LEVER_CONSTANT_STEPS = (
 A pair takes these steps once, in twice the precision, so that a plan in doubles starts from constants that are right
 to the last bit."""
 
-ATTITUDE2_STEP_WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
+WITHOUT_HOME = Step("S2", eq.compose, ("S1", "Sh"))  # E5 where C is the identity
 
-GIVEN_S1_REPLACEMENT_STEPS_BY_RESULT_NAME = {
+GIVEN_ATTITUDE_STEPS = {
     "lever_by_psi": (
         Step("lever_in_world", eq.rotate, ("S1", "lever_moving")),
         Step("lever_by_psi", eq.cross, ("axis", "lever_in_world")),
@@ -257,7 +257,7 @@ PLANAR_KINEMATICS_STEPS = (
 """A planar pair: the equations of space with n = e_z, of which folding leaves what the plane needs (E11)."""
 
 
-JACOBIAN_AND_ACCELERATION_BIAS_STEPS = (
+JACOBIAN_STEPS = (
     Step("turns", lambda: by.WORLD_UNIT_VECTORS, ()),
     Step("jacobian", by.jacobian, ("turns", "d", "r2", "axis")),
     Step(
@@ -301,7 +301,7 @@ def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
     )
 
 
-SENSITIVITY_TO_CONSTANTS_AND_PSI_STEPS = (
+SENSITIVITY_STEPS = (
     Step("turned_by_n", by.turns_by_n, ("S1", "n", "hinge")),
     Step("d_by_u1", same, ("S1",)),
     Step("d_by_u2", by.negative, ("S2",)),
@@ -335,8 +335,8 @@ def _component_quotient(parts: Components) -> Any:
     return parts[0] / parts[1]
 
 
-CONSTRAINT_AND_HINGE_ANGLE_STEPS = (
-    *BODIES_TO_HINGE_POINT_VECTOR_STEPS,
+CONSTRAINT_STEPS = (
+    *ARM_STEPS,
     Step("h1", eq.rotate, ("S1", "n")),
     Step("e1_in_world", eq.rotate, ("S1", "e1")),
     Step("e2_in_world", eq.rotate, ("S1", "e2")),

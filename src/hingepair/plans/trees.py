@@ -33,23 +33,23 @@ from hingepair.equations.spatial import (
 )
 from hingepair.numeric.blocks import cosine, sine
 from hingepair.numeric.caching import lock_free_cached_property
-from hingepair.plans.steps import ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME
+from hingepair.plans.steps import ATTITUDE_STEPS
 
 # Shapes of the constants of the base.
-SHAPE_BY_BASE_CONSTANT_NAME: Final = {"mass": (), "first": (3,), "second": (6,)}
+BASE_SHAPES: Final = {"mass": (), "first": (3,), "second": (6,)}
 # Shapes of the constants of each joint.
-SHAPE_BY_JOINT_CONSTANT_NAME: Final = {
+JOINT_SHAPES: Final = {
     "S": (9,),
     "u": (3,),
-    **SHAPE_BY_BASE_CONSTANT_NAME,
+    **BASE_SHAPES,
     "armature": (),
     "multiplier": (),
     "offset": (),
     "min_pivot": (),
 }
-SHAPE_BY_BASE_PIVOT_NAME: Final = {"min_force_pivot": (), "min_torque_pivot": ()}
-SHAPE_BY_FRAME_CONSTANT_NAME: Final = {"R": (3,), "S": (9,)}
-SHAPE_BY_LOAD_CONSTANT_NAME: Final = {"stiffness": (), "rest": (), "damping": (), "friction": ()}
+PIVOT_SHAPES: Final = {"min_force_pivot": (), "min_torque_pivot": ()}
+FRAME_SHAPES: Final = {"R": (3,), "S": (9,)}
+LOAD_SHAPES: Final = {"stiffness": (), "rest": (), "damping": (), "friction": ()}
 """Shapes of the constants of the load of each joint. The vector of constants holds those of the base, then those of
 each joint, then the smallest pivots of the base, then those of each frame, then those of loads where they are asked
 for, in the order of these five dictionaries."""
@@ -123,19 +123,19 @@ class Computation:
     def __init__(self, form: Form, request: Request, values: Mapping[str, Any]) -> None:
         self.form, self.request, self.values = form, request, values
         parts = iter(values.get("numbers") or complete_numbers(form, request, values))
-        self.base = eq.Base(**_take_numbers(parts, SHAPE_BY_BASE_CONSTANT_NAME))
-        joints = [_take_numbers(parts, SHAPE_BY_JOINT_CONSTANT_NAME) for _ in form.parents]
+        self.base = eq.Base(**_take_numbers(parts, BASE_SHAPES))
+        joints = [_take_numbers(parts, JOINT_SHAPES) for _ in form.parents]
         self.ratios = [(joint.pop("multiplier"), joint.pop("offset")) for joint in joints]
         self.min_pivots = [joint.pop("min_pivot") for joint in joints]
         self.links = [
             eq.Link(parent, axis, **joint)
             for parent, axis, joint in zip(form.parents, form.axes, joints, strict=True)
         ]
-        lowest = _take_numbers(parts, SHAPE_BY_BASE_PIVOT_NAME)
+        lowest = _take_numbers(parts, PIVOT_SHAPES)
         self.base_min_pivots = [lowest["min_force_pivot"]] * 3 + [lowest["min_torque_pivot"]] * 3
-        self.frames = [(body, _take_numbers(parts, SHAPE_BY_FRAME_CONSTANT_NAME)) for body in request.frames]
+        self.frames = [(body, _take_numbers(parts, FRAME_SHAPES)) for body in request.frames]
         loaded = form.parents if request.joint_loads else ()
-        self.loads = [eq.JointLoad(**_take_numbers(parts, SHAPE_BY_LOAD_CONSTANT_NAME)) for _ in loaded]
+        self.loads = [eq.JointLoad(**_take_numbers(parts, LOAD_SHAPES)) for _ in loaded]
         if self.loads and "implicit_step" in values:
             # A damper of the rate at the end of the step, d (q' + h q''), resists like a rotor of the inertia h d.
             self.links = [
@@ -733,9 +733,9 @@ def constant_place(body: int, name: str) -> int:
     >>> constant_place(0, "first"), constant_place(1, "S")
     (1, 10)
     """
-    sizes = {name: math.prod(tail) for name, tail in SHAPE_BY_JOINT_CONSTANT_NAME.items()}
-    names = [*(SHAPE_BY_JOINT_CONSTANT_NAME if body else SHAPE_BY_BASE_CONSTANT_NAME)]
-    base = sum(sizes[one] for one in SHAPE_BY_BASE_CONSTANT_NAME)
+    sizes = {name: math.prod(tail) for name, tail in JOINT_SHAPES.items()}
+    names = [*(JOINT_SHAPES if body else BASE_SHAPES)]
+    base = sum(sizes[one] for one in BASE_SHAPES)
     start = base + (body - 1) * sum(sizes.values()) if body else 0
     return start + sum(sizes[one] for one in names[: names.index(name)])
 
@@ -814,7 +814,7 @@ OUTPUTS: Final[Mapping[str, Output]] = {
     "angular_about_centre": Output(
         (*_MOVING, "v1"), lambda c: c.angular_momentum_about(scale(c.centre_from_base, -1.0))
     ),
-    "S1_check": Output(("S1",), lambda c: ATTITUDE1_AND_CHECK_STEPS_BY_INPUT_NAME["S1"][0].function(c.values["S1"])),
+    "S1_check": Output(("S1",), lambda c: ATTITUDE_STEPS["S1"][0].function(c.values["S1"])),
 }
 """All that can be computed of a tree, by name."""
 

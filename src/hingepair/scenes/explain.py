@@ -12,7 +12,7 @@ from hingepair.pair.computations import computation_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, all_steps, default_outputs, make_plan
-from hingepair.plans.steps import ATTITUDE2_STEP_WITHOUT_HOME, SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME
+from hingepair.plans.steps import SPATIAL_PARTS, WITHOUT_HOME
 from hingepair.scenes.motions.known import KnownMotion
 
 # What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
@@ -86,7 +86,7 @@ def explain(
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()
     form = motion.sequence, "home" in pair.constants.values
     plan, others = make_plan(names, *form, kind=kind), [step.result for step in all_steps(*form, kind=kind)]
-    rows = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME, motion.derivatives, strict=False))
+    rows = dict(zip(SPATIAL_PARTS, motion.derivatives, strict=False))
     varying = {
         name: tuple(np.empty(2) if isinstance(c, np.ndarray) else c for c in row) for name, row in rows.items()
     }
@@ -111,7 +111,7 @@ def explain(
     skipped += [(_STEPS[name], "no output needs it") for name in others if name in _STEPS and name not in made]
     if motion.sequence is None and kind is SPATIAL_MOTION_KIND:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
-    if ATTITUDE2_STEP_WITHOUT_HOME in plan.steps:
+    if WITHOUT_HOME in plan.steps:
         skipped.append(("the product with C", "home is the identity"))
     for name in ("phi_x", "phi_y", "phi_z", "psi"):
         if name in constant and any(step.result in {"trig", "hinge"} for step in plan.steps):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY
+from hingepair.pair.results import MAX_HELD_INSTANTS
 from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
@@ -72,10 +72,10 @@ def read_instants(time: Table) -> UniformInstants:
 def read_instants_array(time: Table) -> Float64Array:
     """Return the instants of the Table [time] as a read-only array; shape (samples,) s."""
     t = read_instants(time)
-    if len(t) > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY:
+    if len(t) > MAX_HELD_INSTANTS:
         time.fail(
             "samples",
-            f"at most {MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY} where a motion is integrated, which is done in memory",
+            f"at most {MAX_HELD_INSTANTS} where a motion is integrated, which is done in memory",
         )
     return np.asarray(read_only(t[:]))
 

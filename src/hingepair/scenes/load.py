@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hingepair.errors import SceneError, quoted
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.scenes.motions.motion import PairMotion
@@ -101,7 +101,7 @@ def _robot_scene(tables: Table, common: dict[str, Any]) -> RobotScene:
         title=tables.text("title", default=robot.name),
         mechanism=robot,
         motion=motion,
-        gravity=read_gravity(tables) or DEFAULT_GRAVITY_VECTOR,
+        gravity=read_gravity(tables) or DEFAULT_GRAVITY,
         joint_loads=read_joint_loads(tables),
         frames=frames or robot.tips,
         **common,

@@ -20,7 +20,7 @@ from hingepair.errors import ArgumentError
 from hingepair.integration.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.numeric.tables import Sheet, Shown, cell_text, instant_text
-from hingepair.pair.results import MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY, RESULT_ROWS_PER_BLOCK, Result
+from hingepair.pair.results import MAX_HELD_INSTANTS, RESULT_ROWS_PER_BLOCK, Result
 from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.instants import Instants, Rows
@@ -166,11 +166,11 @@ class Scene(Shown, abc.ABC):
 
     def times(self) -> NDArray[np.float64]:
         """Return all instants as a read-only array; shape (samples,) s."""
-        if self.samples > MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY:
+        if self.samples > MAX_HELD_INSTANTS:
             way = (
                 "hingepair run SCENE --out FILE.parquet (or .csv) computes any number, scene.blocks() piece by piece"
             )
-            most = f"at most {MAX_INSTANTS_OF_RESULT_HELD_IN_MEMORY} instants to be held in memory; {way}"
+            most = f"at most {MAX_HELD_INSTANTS} instants to be held in memory; {way}"
             raise ArgumentError("samples", most, self.samples)
         return np.asarray(read_only(self.instants[:]))
 

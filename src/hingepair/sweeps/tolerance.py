@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.numeric.suspicions import DEGREES_IN_SCENES, suspicions
 from hingepair.numeric.tables import Sheet, Shown, instant_text, json_text
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.tolerances import STANDARD_DEVIATION_ARGUMENT_NAMES, sample_pairs
+from hingepair.pair.tolerances import DEVIATIONS, sample_pairs
 from hingepair.rotations.matrices import rotation_log
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.scene import Scene
@@ -198,7 +198,7 @@ def read_tolerances(scene: PairScene) -> dict[str, Any]:
     `sample_pairs`, such as u1_std; each value is a float or three floats. The dict is empty if there is no table.
     """
     table = scene.tables.table("tolerances", required=False)
-    table.check_keys(STANDARD_DEVIATION_ARGUMENT_NAMES)
+    table.check_keys(DEVIATIONS)
     return {
         name: table.numbers(name, 3) if isinstance(value, list) and name != "axis_std" else table.number(name)
         for name, value in table.values.items()

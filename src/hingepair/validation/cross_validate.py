@@ -12,9 +12,9 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import (
-    PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT,
+    PINOCCHIO_EXTRA_SCALES,
+    PLANAR_SCALES,
     PROMISED_BOUND_BY_OUTPUT,
-    SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT,
     angular_rate_sizes,
     euler_rate_sizes,
     output_scales,
@@ -22,7 +22,7 @@ from hingepair.pair.accuracy import (
 )
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.computations import read_rows
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import Coordinates
@@ -56,7 +56,7 @@ def cross_validate(
     *,
     frames: str | Iterable[str] | None = None,
     base_motion: BodyMotion | None = None,
-    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
 ) -> CrossValidation: ...
 
 
@@ -69,7 +69,7 @@ def cross_validate(
     sequence: str = "XYZ",
     frames: str | Iterable[str] | None = None,
     base_motion: BodyMotion | None = None,
-    gravity: ArrayLike = DEFAULT_GRAVITY_VECTOR,
+    gravity: ArrayLike = DEFAULT_GRAVITY,
 ) -> CrossValidation:
     """Compare the outputs that hingepair computes for a pair or a robot with those that Pinocchio computes.
 
@@ -134,7 +134,7 @@ def cross_validate(
     is_robot = isinstance(pair, Mechanism)
     if (is_robot or isinstance(pair, PlanarPair)) and sequence != "XYZ":
         raise ArgumentError("sequence", "nothing, since there are no Euler angles", quoted(sequence))
-    given_gravity = None if gravity is DEFAULT_GRAVITY_VECTOR else gravity
+    given_gravity = None if gravity is DEFAULT_GRAVITY else gravity
     of_robots: dict[str, Any] = {"frames": frames, "base_motion": base_motion, "gravity": given_gravity}
     for name, value in of_robots.items():
         if value is not None and not is_robot:
@@ -237,8 +237,8 @@ def _compare(given: _Given, state: PairState | PlanarState, subject: str, sequen
 
 
 def _scale_formula(output: str) -> str:
-    formula = SCALE_FORMULA_BY_PLANAR_ONLY_OUTPUT.get(output) or PROMISED_BOUND_BY_OUTPUT[output].scale
-    added = PINOCCHIO_EXTRA_SCALE_FORMULA_BY_OUTPUT.get(output)
+    formula = PLANAR_SCALES.get(output) or PROMISED_BOUND_BY_OUTPUT[output].scale
+    added = PINOCCHIO_EXTRA_SCALES.get(output)
     return f"{formula} + {added}" if added else formula
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.errors import printable
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
-from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE as MAX_RATIO
+from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 
 # A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations:
 # the largest difference in 1,000 motions was 11.

@@ -18,12 +18,12 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.planar_pair import motion_in_space
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.steps import (
-    LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES,
+    LOG_COLUMNS_OF,
     PLANAR_COORDINATE_NAMES,
-    PLANAR_COORDINATE_SPLIT_STEPS,
+    PLANAR_SPLIT_STEPS,
     SPATIAL_COORDINATE_NAMES,
-    SPATIAL_COORDINATE_SPLIT_STEPS,
-    SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME,
+    SPATIAL_PARTS,
+    SPATIAL_SPLIT_STEPS,
 )
 from hingepair.rotations.matrices import matrix_to_quaternion, rotation_exp
 from hingepair.scenes.instants import Rows
@@ -79,7 +79,7 @@ class MotionByCoordinates:
         """Return the coordinates (`order` 0) or their known derivatives of the given order as a dict of arrays, shape
         (count,) each, by the column names of a log.
         """
-        names = tuple(LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[self._names].values())[order]
+        names = tuple(LOG_COLUMNS_OF[self._names].values())[order]
         return {name: self._column(order, i) for i, name in enumerate(names)}
 
     def part(self, rows: Rows, order: int) -> MotionByCoordinates:
@@ -116,9 +116,9 @@ class MotionByCoordinates:
         """Return a frozenset of the names of the coordinates, and of groups of coordinates such as phi, that do not
         change. Only values stored as floats count as constant.
         """
-        derivative_by_part = dict(zip(SPATIAL_PART_NAMES_BY_COORDINATE_ARRAY_NAME, self.derivatives, strict=False))
+        derivative_by_part = dict(zip(SPATIAL_PARTS, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
-        for part, take, (name,) in SPATIAL_COORDINATE_SPLIT_STEPS if self.sequence else PLANAR_COORDINATE_SPLIT_STEPS:
+        for part, take, (name,) in SPATIAL_SPLIT_STEPS if self.sequence else PLANAR_SPLIT_STEPS:
             if name in derivative_by_part:
                 values[part] = take(derivative_by_part[name])
         return frozenset(name for name, value in values.items() if not _varies(value))

@@ -35,7 +35,7 @@ from hingepair.numeric.tables import percent
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
-from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
+from hingepair.plans.steps import LOG_COLUMNS_OF, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.angular_velocity import angular_velocity_from_samples
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
@@ -54,7 +54,7 @@ LOG_ARRAYS: Final[dict[str, tuple[str, ...]]] = {
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
     "quat_wxyz": ("qw", "qx", "qy", "qz"),
     **{v: (f"{v}_x", f"{v}_y", f"{v}_z") for v in ("phi", "phid", "phidd", "v1", "a1", "omega1", "alpha1")},
-    **LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[SPATIAL_COORDINATE_NAMES],
+    **LOG_COLUMNS_OF[SPATIAL_COORDINATE_NAMES],
 }
 """Names of the columns of each array that a log may have."""
 LOG_COLUMNS: Final = tuple(dict.fromkeys(("t", *(column for own in LOG_ARRAYS.values() for column in own))))

@@ -15,10 +15,10 @@ from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.tables import instant_text
-from hingepair.pair.accuracy import MAX_PINOCCHIO_DIFFERENCE_IN_ROUNDOFFS_OF_SCALE as MAX_RATIO
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.pair.planar_pair import DEFAULT_PLANAR_GRAVITY_VECTOR, PlanarPair
+from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.motions.known import KnownMotion
 
@@ -143,7 +143,7 @@ class PairMotion(Motion):
         """Return the gravity in space [m/s^2]: that of a simulated motion, otherwise the pair's default."""
         if self.simulated:
             return self.simulated.gravity
-        return (*DEFAULT_PLANAR_GRAVITY_VECTOR, 0.0) if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY_VECTOR
+        return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY
 
 
 class LimitCounter:

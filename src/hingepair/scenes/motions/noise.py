@@ -14,7 +14,7 @@ import numpy as np
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.finite_differences import differentiate, local_fit_residuals, stencils
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.steps import LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES, SPATIAL_COORDINATE_NAMES
+from hingepair.plans.steps import LOG_COLUMNS_OF, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
 from hingepair.scenes.motions.known import KnownMotion, MotionByBody1, MotionByCoordinates
 
@@ -96,7 +96,7 @@ class LogNoise:
         """
         columns = []
         for names, *derivatives in zip(
-            zip(*LOG_COLUMN_NAMES_OF_Q_QD_QDD_BY_COORDINATE_NAMES[SPATIAL_COORDINATE_NAMES].values(), strict=True),
+            zip(*LOG_COLUMNS_OF[SPATIAL_COORDINATE_NAMES].values(), strict=True),
             *motion.derivatives,
             strict=True,
         ):

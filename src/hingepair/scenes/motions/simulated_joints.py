@@ -15,7 +15,7 @@ from hingepair.equations.quantities import ACCELERATION
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY_VECTOR
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.joints import (
@@ -98,7 +98,7 @@ def read_simulated_joints(tables: Table, robot: Mechanism, gravity: tuple[float,
                 )
             )  # fmt: skip
             found = simulate_robot(
-                robot, t, q0, qd0, loads=loads, gravity=gravity or DEFAULT_GRAVITY_VECTOR, base_motion=base_motion,
+                robot, t, q0, qd0, loads=loads, gravity=gravity or DEFAULT_GRAVITY, base_motion=base_motion,
                 base="moving" if prescribed else base, **options,
             )  # fmt: skip
     except SimulationError as error:
