@@ -82,8 +82,8 @@ class Derivation(WrittenForms):
     """
 
     __slots__ = ("_display_forms", "_home", "_planar", "_sequence", "_working_forms")
-    writers = to_text, str, to_latex
-    abbreviated = False
+    _writers = to_text, str, to_latex
+    _abbreviated = False
 
     def __init__(
         self,

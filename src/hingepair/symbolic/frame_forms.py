@@ -75,8 +75,8 @@ class FrameForms(WrittenForms):
     __slots__ = ("_notes", "_program", "_title")
 
     names: Final = FRAME_OUTPUTS
-    writers = to_decimal_text, lambda label: to_decimal_text(sympy.Symbol(label)), to_decimal_latex
-    abbreviated = True
+    _writers = to_decimal_text, lambda label: to_decimal_text(sympy.Symbol(label)), to_decimal_latex
+    _abbreviated = True
 
     def __init__(
         self,

@@ -35,9 +35,9 @@ class WrittenForms(ABC):
 
     __slots__ = ()
     #: writers of text, of the names of components in text, and of LaTeX
-    writers: tuple[Writer, Callable[[str], str], Writer]
+    _writers: tuple[Writer, Callable[[str], str], Writer]
     #: whether repeated terms are abbreviated unless `short` says otherwise
-    abbreviated: bool
+    _abbreviated: bool
 
     @abstractmethod
     def _equations(self, names: Iterable[str] | None, short: bool) -> Equations:
@@ -64,8 +64,8 @@ class WrittenForms(ABC):
         Raises:
             ArgumentError: an unknown output, or one whose closed form is too long.
         """
-        write, write_name, _ = self.writers
-        sheet = self._equations(names, self.abbreviated if short is None else short)
+        write, write_name, _ = self._writers
+        sheet = self._equations(names, self._abbreviated if short is None else short)
         lines = [*sheet.notes]
         lines += ["; ".join(f"{name} = {write(expr)}" for name, expr in group.items()) for group in sheet.definitions]
         for labels, terms in sheet.rows:
@@ -74,8 +74,8 @@ class WrittenForms(ABC):
 
     def to_latex(self, names: Iterable[str] | None = None, *, short: bool | None = None) -> str:
         r"""Return the equations as a LaTeX align* environment (amsmath); the arguments are those of `to_text`."""
-        write = self.writers[2]
-        sheet = self._equations(names, self.abbreviated if short is None else short)
+        write = self._writers[2]
+        sheet = self._equations(names, self._abbreviated if short is None else short)
         meanings = [item for group in sheet.definitions for item in group.items()]
         lines = [f"{latex_name(name)} &= {write(expr)}" for name, expr in meanings]
         for labels, terms in sheet.rows:
