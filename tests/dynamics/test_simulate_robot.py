@@ -303,6 +303,12 @@ def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
     assert 12 < errors[0] / errors[1] < 20  # order 4
 
 
+def test_a_simulated_robot_is_drawn(tmp_path):
+    found = hp.simulate(chain(2), np.linspace(0, 1, 21), [0.0, 0.0])
+    assert len(hp.plot(found).axes) >= 3
+    assert hp.view(found, path=tmp_path / "swing.html").frames == 21
+
+
 def test_an_event_ends_the_motion_of_a_robot():
     found = hp.simulate(chain(2), np.linspace(0, 5, 51), [0.0, 0.0], until=lambda _, now: now.q[:, 0] - 0.5)
     assert found.ended_by_event

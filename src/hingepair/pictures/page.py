@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import ACCELERATION, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.mechanism.mechanism import Mechanism
@@ -37,11 +38,11 @@ from hingepair.pictures.motion_samples import (
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
 from hingepair.plans.arguments import CoordinateNames
 from hingepair.scenes.pair_scene import PairResult, PairScene
-from hingepair.scenes.robot_scene import RobotResult, RobotScene
+from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
 
 
 def view(
-    source: MotionSource | Mechanism | RobotScene | RobotResult,
+    source: MotionSource | Mechanism | RobotScene | RobotResult | SimulatedRobotMotion,
     path: str | os.PathLike[str] | None = None,
     q: ArrayLike | None = None,
     t: ArrayLike | None = None,
@@ -94,6 +95,7 @@ def view(
             if value is not None:
                 raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
         source = source.scene if isinstance(source, PairResult | RobotResult) else source
+        source = scene_of_simulation(source) if isinstance(source, SimulatedRobotMotion) else source
         if isinstance(source, RobotScene):
             model, motion = _robot_content(source, number_not_below_0("meshes", meshes))
         else:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import unit_of
 from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.pictures.curves import (
@@ -23,7 +24,7 @@ from hingepair.pictures.curves import (
 from hingepair.pictures.mechanism_plot import plot_mechanism
 from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, sample_pieces
 from hingepair.pictures.smoothed_plot import plot_smoothed
-from hingepair.scenes.robot_scene import RobotResult, RobotScene
+from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +49,7 @@ _TITLES: Final = {
 
 
 def plot(
-    source: MotionSource | RobotScene | RobotResult | SmoothedMotion | SmoothedAngle,
+    source: MotionSource | RobotScene | RobotResult | SimulatedRobotMotion | SmoothedMotion | SmoothedAngle,
     outputs: Iterable[str] | None = None,
 ) -> Figure:
     """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`).
@@ -89,6 +90,8 @@ def plot(
     """
     if isinstance(source, SmoothedMotion | SmoothedAngle):
         return plot_smoothed(source, outputs)
+    if isinstance(source, SimulatedRobotMotion):
+        source = scene_of_simulation(source)
     if isinstance(source, RobotScene | RobotResult):
         return plot_mechanism(source, outputs)
     title, curves = _collect_curves(source, outputs)

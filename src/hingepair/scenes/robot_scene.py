@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.run import stop_overrun
+from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.engine.results import missing_attribute_error
 from hingepair.equations.quantities import QUANTITIES, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
@@ -27,6 +29,7 @@ from hingepair.scenes.instants import Rows
 from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointCoordinates, JointMotion, KnownJointMotion
 from hingepair.scenes.motions.motion import LimitCounter
 from hingepair.scenes.scene import Scene, SceneResult
+from hingepair.scenes.tables import Table
 
 if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
@@ -326,7 +329,7 @@ class RobotScene(Scene):
     def last_notes(self, _watches: Sequence[LimitCounter]) -> Iterable[str]:
         """Return sentences on soft stops and on the motion itself."""
         motion = self.motion
-        if motion.simulated is not None:
+        if motion.simulated is not None and motion.stops:
             joints = zip(self.mechanism.tree.coordinates, motion.stops, motion.simulated.q_range, strict=True)
             for joint, stops, (least, most) in joints:
                 if soft := stop_overrun(joint.name, joint.unit, stops, float(least), float(most)):
@@ -378,6 +381,18 @@ class RobotScene(Scene):
             ("frames", ", ".join(self.frames)),
             ("outputs", ", ".join(self.outputs or ("the motion of frames and joints",))),
         ]
+
+
+def scene_of_simulation(found: SimulatedRobotMotion) -> RobotScene:
+    """Return the result of `simulate` of a robot as a scene, for pictures."""
+    from hingepair.scenes.motions.simulated_joints import joint_motion
+
+    robot = found.robot
+    return RobotScene(
+        path=Path(robot.name), title=found.described, motion=joint_motion(found, found.t, {}), outputs=None,
+        constants={}, files=(), tables=Table(robot.name, "", {}, {}), mechanism=robot, gravity=found.gravity,
+        frames=found.state().frames, joint_loads=False,
+    )  # fmt: skip
 
 
 def _column(order: int, joint: int) -> Any:

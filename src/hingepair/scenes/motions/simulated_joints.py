@@ -103,10 +103,11 @@ def read_simulated_joints(tables: Table, robot: Mechanism, gravity: tuple[float,
             )  # fmt: skip
     except SimulationError as error:
         table.refuse("", "a motion that can be followed", f"none past t = {error.t:.6g}: {error.why}")
-    return _motion(found, t, loads)
+    return joint_motion(found, t, loads)
 
 
-def _motion(found: SimulatedRobotMotion, t: Float64Array, loads: Mapping[str, HingeLoad]) -> JointMotion:
+def joint_motion(found: SimulatedRobotMotion, t: Float64Array, loads: Mapping[str, HingeLoad]) -> JointMotion:
+    """Return a simulated motion at the instants t as the motion of a scene; `loads` have the stops."""
     robot = found.robot
     units = {joint.name: joint.unit for joint in robot.tree.coordinates}
     errors = {}
