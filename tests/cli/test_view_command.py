@@ -46,6 +46,7 @@ def test_what_is_no_robot_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert not list(tmp_path.glob("*.html"))
 
 
+@pytest.mark.slow
 def test_a_scene_of_a_mechanism_is_viewed(tmp_path: Path) -> None:
     scene = tmp_path / "wave.toml"
     scene.write_text(

@@ -97,6 +97,7 @@ def test_gradients_are_those_of_central_differences(case, method):
 
 
 @pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
+@pytest.mark.slow
 def test_gradients_hold_where_a_base_does_not_turn(method):
     weights = np.random.default_rng(0).normal(size=(STEPS + 1, 3, 3))
 

@@ -29,6 +29,7 @@ def close(found, expected, rtol=1e-12):
     np.testing.assert_allclose(np.asarray(found), expected, rtol=rtol, atol=rtol * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_jax_differentiates_rollouts(jax):
     """All motions at once, where what they share is summed; each by itself; and Jacobians."""
     q, tau = jax.numpy.asarray(Q), jax.numpy.asarray(TAU)
@@ -63,6 +64,7 @@ def test_jax_in_float32_and_with_efforts_that_hold(jax):
     close(gradient, held.vjp({"q": weights})["tau"], 1e-5)
 
 
+@pytest.mark.slow
 def test_jax_turns_a_free_base(jax):
     robot = Robot(record_of(random_model(1, 3)), "free")
     W = np.random.default_rng(5).normal(size=(STEPS + 1, 3, 3))

@@ -76,6 +76,7 @@ def test_the_accelerations_are_those_of_pinocchio_s_aba():
         np.testing.assert_allclose(motion.qdd[k], a, rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_the_commands_take_it():
     checked = run_command("check", MODEL).stdout
     assert "PASSED" in checked
@@ -95,6 +96,7 @@ BASES = {
 
 
 @pytest.mark.parametrize("base", BASES)
+@pytest.mark.slow
 def test_all_bases_are_compared_with_pinocchio(tmp_path, base):
     mechanism, text, body1 = BASES[base]
     load = '[dynamics.arm]\nq_0 = 0.3\ntau = "0.5*sin(4*t) - 0.1*qd"\n[dynamics.lift]\nstiffness = 300\n'
