@@ -36,6 +36,7 @@ from hingepair.scenes.motions.simulated import (
     read_stops,
     warnings_of_scenes,
 )
+from hingepair.scenes.robot_table import read_joint_loads
 from hingepair.scenes.tables import Key, Table, numbers_key
 
 _BASES: Final = ("fixed", "free", "pinned", PRESCRIBED)
@@ -78,7 +79,8 @@ def read_simulated_joints(tables: Table, robot: Mechanism, gravity: tuple[float,
     start = {key: options.pop(key) for key in _START_KEYS if key in options}
     for key in start if prescribed else ():
         table.fail(key, "no such key together with [base], which moves the base")
-    described = robot.joint_loads if options.pop("joint_loads", False) else {}
+    options.pop("joint_loads", None)
+    described = robot.joint_loads if read_joint_loads(tables) else {}
     rows = {
         name: _read_joint(table.table(name), robot, name, described) for name in robot.names if name in table.values
     }
