@@ -10,6 +10,9 @@ import tempfile
 
 import pytest
 
+# Tests run side by side: threads of linear algebra would wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import hingepair
 from hingepair.engine.llvm import native
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT

@@ -92,7 +92,7 @@ if TYPE_CHECKING:
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
     from hingepair.validation.pinocchio_twin import to_pinocchio
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "AnchorFit",

@@ -52,6 +52,8 @@ def test_examples_run(number, tmp_path):
     example = EXAMPLES[number]
     for log in MODELS.glob("*.csv"):
         shutil.copy(log, tmp_path)
+    drive = (f"{0.1 * k:.1f};{1e-3 * k:.3f};{k};{20 + k};{2 * k}".replace(".", ",") for k in range(12))
+    (tmp_path / "fahrt.csv").write_text("\n".join(("Zeit;Ost;Nord;Kurs;Knick", *drive)))
     (tmp_path / "scene.toml").write_text(completed(example), encoding="utf-8")
     scene = hp.load_scene(tmp_path / "scene.toml")
     result = scene.evaluate(("R",)) if is_of_a_mechanism(example) else scene.evaluate()
