@@ -288,5 +288,5 @@ def test_a_file_that_nobody_named_is_not_overwritten(tmp_path, monkeypatch):
         Path(name).write_text("mine")
         message = refusal(command, MODELS / f"{scene}.toml")
         assert message.startswith("--out: ")
-        assert f"(--out {name} overwrites it)" in message
+        assert f"or --out {name}, which overwrites it" in message
         assert Path(name).read_text() == "mine"

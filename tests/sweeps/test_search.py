@@ -93,6 +93,15 @@ def test_a_condition_that_cannot_hold_is_not_found(arm: Path) -> None:
     np.testing.assert_allclose(found.results["R2_z_last"], 3, atol=0.05)  # the most that it can be
 
 
+def test_what_no_number_reaches_says_why(arm: Path) -> None:
+    late = hp.search(arm, "constants.a", "R2_z_t_at(2) = 2.5")
+    assert late.notes == ("R2_z_t_at(2) = 2.5 is not within the motion, which ends at t = 2 s (time.stop)",)
+    jump = hp.search(arm, {"constants.a": (0.7, 0.9)}, "R2_z_t_min = 1")  # from the start to the end at pi/4
+    assert not jump.ok
+    assert jump.notes == ("R2_z_t_min jumps past 1 at constants.a = 0.785398",)
+    assert jump.notes[0] in str(jump)
+
+
 def test_the_damping_of_a_door_is_that_of_the_closed_form(tmp_path: Path) -> None:
     """Critically damped, psi = (1 + w t) exp(-w t), which is 0.01 at t = 4 where w t = -1 - W(-0.01/e)."""
     inertia = 1 + 0.45**2

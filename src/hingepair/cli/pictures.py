@@ -95,5 +95,7 @@ def _check_new_file(name: str) -> Path:
     """Return a file name as a Path in the current folder."""
     path = Path(name)
     if path.exists() or path.is_symlink():
-        raise ArgumentError("--out", f"a file name, since {name} exists (--out {name} overwrites it)", "none")
+        raise ArgumentError(
+            "--out", f"another file name, or --out {name}, which overwrites it", f"{name!r}, which exists"
+        )
     return path

@@ -45,7 +45,7 @@ def search_command(
     if as_json:
         facts = {
             field: getattr(found, field)
-            for field in ("values", "start", "results", "conditions", "ok", "evaluations")
+            for field in ("values", "start", "results", "conditions", "notes", "ok", "evaluations")
         }
         print(json_text(facts))
     else:

@@ -19,6 +19,12 @@ _ERRORS = {
 _STEPS = "Number of steps that were taken; (...,)."
 
 
+def _with_verdict(text: str, ok: NDArray[np.bool_]) -> str:
+    """Return the text of a result with how many targets are reached."""
+    verdict = str(bool(ok)) if np.ndim(ok) == 0 else f"{int(np.sum(ok))} of {np.size(ok)}"
+    return f"{text[:-1]}, ok={verdict})"
+
+
 class InverseKinematics(Results):
     """Coordinates at which frames of a robot have the wanted poses, or come as close as was found. Only hingepair
     calls the constructor.
@@ -41,6 +47,9 @@ class InverseKinematics(Results):
     steps: NDArray[np.int64]
     starts: NDArray[np.int64]
 
+    def __repr__(self) -> str:
+        return _with_verdict(super().__repr__(), self.ok)
+
 
 class InverseKinematicsPath(Results):
     """Coordinates along a path of targets, sample after sample. Only hingepair calls the constructor."""
@@ -58,3 +67,6 @@ class InverseKinematicsPath(Results):
     angle_error: FloatArray | None
     jumps: NDArray[np.bool_]
     steps: NDArray[np.int64]
+
+    def __repr__(self) -> str:
+        return _with_verdict(super().__repr__(), self.ok)

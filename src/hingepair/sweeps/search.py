@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,6 +61,8 @@ class Search:
     conditions: tuple[str, ...]
     #: whether all conditions hold, and a smallest or largest result is not at the end of a range
     ok: bool
+    #: sentences on why a condition does not hold
+    notes: tuple[str, ...]
     #: number of variants of the scene that were computed
     evaluations: int
     #: the scene with these numbers
@@ -72,7 +74,8 @@ class Search:
         results = [("result", "value"), *((name, cell_text(value)) for name, value in self.results.items())]
         wanted = [f"wanted: {', '.join(self.conditions)}"] if self.conditions else []
         verdict = f"{'found' if self.ok else 'NOT FOUND'} after {self.evaluations} variants"
-        return "\n".join((*align_columns(rows, {1, 2}), "", *align_columns(results, {1}), *wanted, verdict))
+        lines = (*align_columns(rows, {1, 2}), "", *align_columns(results, {1}), *wanted, *self.notes, verdict)
+        return "\n".join(lines)
 
 
 def search(
@@ -105,9 +108,9 @@ def search(
         MissingDependencyError: SciPy is not installed; the extra `measured` has it.
 
     >>> import hingepair as hp
-    >>> found = hp.search("models/thrown_flail.toml", {"dynamics.psid_0": (-6, 0)}, "psi_last = -1")
-    >>> found.ok, abs(found.results["psi_last"] + 1) < 1e-6
-    (True, True)
+    >>> found = hp.search("models/landing_gear.toml", "pair.body2.mass", "hinge_torque_absmax = 700")
+    >>> found.ok, round(found.values["pair.body2.mass"], 2)  # kg
+    (True, 95.85)
     """
     try:
         import scipy.optimize as scipy
@@ -141,6 +144,7 @@ def search(
         start=dict(zip(variants.keys, variants.start.tolist(), strict=True)),
         results=results,
         conditions=tuple(map(str, conditions)),
+        notes=() if held else tuple(variants.doubts(x, conditions)),
         ok=held and inside and all(map(math.isfinite, results.values())),
         evaluations=len(variants.known),
         scene=variants.computer.scene(x),
@@ -241,6 +245,19 @@ class _Variants:
                 known = [column for column in columns if column.endswith(f"_{reduction}")]
                 raise ArgumentError("until", choices(known), quoted(name))
         return [float(columns[name][0]) for name in self._names]
+
+    def doubts(self, x: Float64Array, conditions: Sequence[Condition]) -> Iterator[str]:
+        """Yield sentences on why conditions do not hold: an instant behind the motion, or a result that jumps."""
+        stop = self.computer.scene(x).stop
+        for place, one in enumerate(conditions):
+            if self._columns[place][1].startswith("t_") and one.value >= stop:
+                yield f"{one} is not within the motion, which ends at t = {stop:.6g} s (time.stop)"
+            sides = {np.sign(one.miss(got[place])) for key, got in self.known.items() if self._is_beside(key, x)}
+            if len(self.keys) == 1 and {-1.0, 1.0} <= sides:
+                yield f"{one.result} jumps past {one.value:.6g} at {self.keys[0]} = {x[0]:.6g}"
+
+    def _is_beside(self, key: bytes, x: Float64Array) -> bool:
+        return bool(np.allclose(np.frombuffer(key), x, rtol=1e-9, atol=0.0))
 
     def is_at_an_end(self, x: Float64Array) -> bool:
         """Return whether a number is at an end of its range."""
