@@ -15,6 +15,7 @@ from hingepair.bench.skip import make_foldings
 from hingepair.cli.main import app
 from hingepair.pair.accuracy import PROMISED_BOUND_BY_OUTPUT
 from support.pages import page_steps, run_page
+from support.reference import with_table
 
 DOCS = Path(__file__).parent.parent / "docs"
 REFERENCE = sorted((DOCS / "reference").glob("*.md"))
@@ -50,6 +51,12 @@ def test_the_reference_has_every_public_name_once():
         for name in re.findall(r"^\.\. auto\w+:: hingepair\.(\w+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert sorted(names) == sorted(hp.__all__)
+
+
+@pytest.mark.parametrize("page", REFERENCE, ids=lambda page: page.stem)
+def test_the_tables_of_the_reference_say_what_docstrings_say(page):
+    text = page.read_text(encoding="utf-8")
+    assert text == with_table(text), "python tests/support/reference.py writes the tables again"
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*/*.md")) + sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
