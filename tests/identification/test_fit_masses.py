@@ -185,6 +185,36 @@ def test_torques_that_masses_do_not_explain_are_reported():
     assert any("is it in radians?" in text for text in degrees.findings)
 
 
+def test_torques_of_the_wrong_sign_are_reported_without_friction_too():
+    q, qd, qdd = motion(5)
+    tau = panda().inverse_dynamics(q, qd, qdd, joint_loads=False).tau + noise(q.shape, 0)
+    fit = hp.fit_masses(panda(), q, qd, qdd, tau)
+    assert fit.ok, fit.findings
+    flipped = hp.fit_masses(panda(), q, qd, qdd, -tau)
+    assert not flipped.ok
+    assert flipped.findings[0].startswith("The base parameters cannot be those of rigid bodies")
+    assert flipped.findings[0].endswith("do tau and qdd have the same sign?")
+    assert not any("physical=True" in text for text in flipped.findings)
+    rotors = panda().with_inertial_parameters(panda().inertial_parameters, armature=5.0 * np.eye(7)[0])
+    heavy = hp.fit_masses(rotors, q, qd, qdd, tau)
+    assert heavy.findings[0].endswith("and are the rotors as light as `armature` says?")
+
+
+def test_friction_left_out_is_reported_of_samples_in_any_order():
+    rng = np.random.default_rng(0)
+    low, high = panda().position_limits.T
+    q, qd, qdd = rng.uniform(low, high, (400, 7)), *rng.uniform(-2, 2, (2, 400, 7))
+    exact = panda().inverse_dynamics(q, qd, qdd, joint_loads=False).tau
+    tau = exact + noise(q.shape, 0)
+    fit = hp.fit_masses(panda(), q, qd, qdd, tau, joint_terms=())
+    assert fit.ok, fit.findings
+    assert fit.findings[-1].startswith("Neighbouring samples are of unrelated positions")
+    for extra in (0.6 * qd + 0.4 * np.sign(qd), 5 * np.sin(2 * q), 0.3 * qdd):
+        lacking = hp.fit_masses(panda(), q, qd, qdd, tau + extra, joint_terms=())
+        assert not lacking.ok
+        assert any("is not random: filtered noise, or what the parameters lack" in text for text in lacking.findings)
+
+
 def test_masses_of_rigid_bodies_are_found_without_any_description():
     """As good as the best parameters, although these are none of rigid bodies."""
     q, qd, qdd = motion(10)

@@ -34,6 +34,9 @@ _LEAST_NOISE = 1e-7  # of what the described parameters leave, so that exact tor
 _HARDLY_KNOWN, _UNKNOWN = 0.5, 2.0  # from these standard deviations on, in parts of what such a body may have
 _WORSE = 1.5  # error of new samples beside that of those fitted to
 _POOR = 0.2  # of a joint's torque: what is left and not random is not noise, but something else
+_GROWTH = 10.0  # of the squares of what is left, per parameter and by the noise: more is not explained as well
+_JUDGED_STATES = 64  # whose mass matrices are looked at
+_JUDGED_SAMPLES = 65536  # whose order is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +59,8 @@ class MassFit(Frozen, Shown):
         rms_test: the same in the samples kept for the test; shape (dof,), NaN if there are none.
         rms_described: the same by the robot as described, in all samples; shape (dof,).
         samples: number of samples fitted to.
-        ok: whether the motion determines all parameters, and the parameters explain the torques.
+        ok: whether the motion determines all parameters, the parameters explain the torques, and rigid bodies can
+            have them.
         findings: sentences that say what is not determined, what the torques have that the parameters have not, and
             what else is notable.
         joint_terms: terms of each joint that were fitted.
@@ -242,10 +246,11 @@ def fit_masses(
         raise FitError("q", f"more than {-(-len(names) // robot.dof)} samples to fit to", f"{count}")
     found = _weighted_least_squares(recording, count)
     estimate = described + found.step
-    findings = _doubts(recording, found, estimate, count)
+    impossible = _mass_matrix_findings(recording, found, estimate)
+    findings = impossible + _doubts(recording, found, estimate, count)
     parameters, estimate, more = _standard_parameters(recording, found, estimate, physical)
     fitted = _fitted_robot(recording, parameters, estimate[len(base.names) :])
-    if fitted.tree.notes:
+    if fitted.tree.notes and not impossible:
         text = (
             f"{len(fitted.tree.notes)} bodies of `robot` have masses that no rigid body has. Of all masses with "
             "these base parameters, they are nearest to those described: physical=True finds some of rigid bodies."
@@ -483,7 +488,7 @@ def _standard_parameters(
             "No masses of rigid bodies explain the torques as well as the best parameters do: the squares of what is "
             f"left grow by {squares:.3g} times the variance of the noise, with {len(estimate)} parameters."
         )
-        return parameters, changed, exceeded(Check(squares, 10.0 * len(estimate), text))
+        return parameters, changed, exceeded(Check(squares, _GROWTH * len(estimate), text))
     # The least change, in parts of what each parameter may amount to.
     weighted = base.matrix * _units(robot) ** 2
     change = estimate[:count] - base.matrix @ start
@@ -491,12 +496,66 @@ def _standard_parameters(
     return parameters, estimate, []
 
 
+def _mass_matrix_findings(recording: _Recording, found: _Found, estimate: Float64Array) -> list[Finding]:
+    """Return a finding if the mass matrix at a recorded position has an eigenvalue below 0 that is not noise."""
+    q, dof = recording.values["q"], recording.robot.dof
+    q = q[:: -(-len(q) // _JUDGED_STATES), None]
+    units, still = np.broadcast_to(np.eye(dof), (len(q), dof, dof)), np.zeros((len(q), dof, dof))
+
+    def rows(qdd: NDArray[np.float64]) -> Float64Array:
+        values = {"q": np.broadcast_to(q, units.shape), "qd": still, "qdd": qdd}
+        return recording._replace(values=values).rows(slice(None))
+
+    rows_of_M = rows(units) - rows(still)  # M = rows_of_M @ parameters; gravity and offsets drop out
+    M = rows_of_M @ estimate
+    sizes, vectors = np.linalg.eigh((M + np.swapaxes(M, 1, 2)) / 2)
+    along = np.einsum("nie,nje,nijk->nek", vectors, vectors, rows_of_M)  # each size = along @ parameters
+    deviation = np.sqrt(np.maximum(np.einsum("nek,kl,nel->ne", along, found.covariance, along), 1e-300))
+    undetermined = np.abs(along[..., np.isinf(found.std)]).max(axis=-1, initial=0.0) > 1e-9 * np.abs(along).max()
+    below = np.where((sizes > -1e-9 * np.abs(sizes).max()) | undetermined, 0.0, -sizes / deviation)
+    worst = np.unravel_index(np.argmax(below), below.shape)
+    known_rotors = recording.robot.armature.any() and "armature" not in recording.terms
+    text = (
+        "The base parameters cannot be those of rigid bodies: in a recorded position, their mass matrix has the "
+        f"eigenvalue {sizes[worst]:.3g}, {below[worst]:.3g} standard deviations below 0: do tau and qdd have the "
+        f"same sign{', and are the rotors as light as `armature` says' if known_rotors else ''}?"
+    )
+    # The squares of what is left grow by at least below**2 where other parameters bring the eigenvalue to 0.
+    return exceeded(Check(below[worst] ** 2, _GROWTH * len(estimate), text))
+
+
+def _not_random(recording: _Recording, left: Float64Array) -> NDArray[np.bool_]:
+    """Return of which joints what is left of the torques is like that of neighbouring samples: in time, or in the
+    order of q, qd or qdd of the joint, since samples may be of independent states; shape (dof,).
+    """
+    thin = slice(None, None, -(-len(left) // _JUDGED_SAMPLES))
+    random = max(RANDOM, 5 / np.sqrt(len(left[thin])))
+    motion = [recording.values[name][: len(left)][thin] for name in ("q", "qd", "qdd")]
+    largest = [
+        max(
+            neighbour_correlation(column),
+            *(neighbour_correlation(column[thin][np.argsort(one[:, k], kind="stable")]) for one in motion),
+        )
+        for k, column in enumerate(left.T)
+    ]
+    return np.asarray(np.array(largest) > random)
+
+
 def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, found: _Found) -> list[Finding]:
     """Return findings on torques that the parameters do not explain, from what is left in the samples fitted to."""
     rms, size = _rms(left), np.maximum(_rms(recording.values["tau"][: len(left)]), 1e-300)
     joints = np.array(recording.robot.names)
     findings = []
-    correlated = np.array([neighbour_correlation(column) > RANDOM for column in left.T]) & (rms > 1e-6 * size)
+    inexact = rms > 1e-6 * size
+    correlated = _not_random(recording, left) & inexact
+    q = recording.values["q"][: len(left)]
+    q = (q - q.mean(axis=0))[:, np.ptp(q, axis=0) > 0]
+    if inexact.any() and q.size and neighbour_correlation(q.T) < RANDOM:
+        text = (
+            "Neighbouring samples are of unrelated positions, so that their order does not tell noise from what the "
+            "parameters lack: compare `noise` with that of the sensors."
+        )
+        findings.append(Finding(text, harmless=True))
     if correlated.any():
         share = float((rms / size)[correlated].max())
         text = (
