@@ -23,7 +23,7 @@ def test_a_robot_is_viewed_by_its_name_or_its_urdf(tmp_path: Path, monkeypatch: 
     assert view("panda") == "written: panda.html (8 joints; open it in a browser)\n"
     page = (tmp_path / "panda.html").read_text()
     assert page == hp.view(hp.load_robot("panda")).html
-    assert "panda.html exists" in refusal("view", "panda")
+    assert "or --out panda.html, which overwrites it" in refusal("view", "panda")
     assert view(robot_urdf("panda"), "-o", "file.html").startswith("written: file.html (8 joints;")
     assert (tmp_path / "file.html").read_text() == page
     assert "(1 joint;" in view(MODELS / "talos_elbow.urdf")
