@@ -65,6 +65,7 @@ def test_a_column_can_be_read_again_with_all_its_digits(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("", "expected a first line of column names, got an empty line"),
+        ("t\0a\n1\n", "expected a text file in UTF-8 or Windows-1252, got zero bytes, as of UTF-16"),
         ("t;a\n1;2\n3\n", "line 3: expected 2 fields, separated by semicolons, got 1 fields"),
         ("t;a\n1;2,5\n3;x,5\n", "line 3: a: expected a number"),
         ("t\ta\n1\t2\n3\n", "line 3: expected 2 fields, separated by tabs, got 1 fields"),

@@ -45,9 +45,9 @@ def german(*, rows: slice = slice(None), zone: str = "+01:00", repeat: int | Non
     return "\n".join(["Zeit;Ost;Nord;Kurs;Knick;Wetter", *lines, ""])
 
 
-def load(folder: Path, text: str, columns: str = COLUMNS) -> hp.scenes.scene.Scene:
-    (folder / "log.csv").write_text(text)
-    (folder / "scene.toml").write_text(SCENE + columns)
+def load(folder: Path, text: str, columns: str = COLUMNS, encoding: str = "utf-8") -> hp.scenes.scene.Scene:
+    (folder / "log.csv").write_text(text, encoding=encoding)
+    (folder / "scene.toml").write_text(SCENE + columns, encoding="utf-8")
     return hp.load_scene(folder / "scene.toml")
 
 
@@ -62,7 +62,7 @@ def test_a_german_log_is_that_of_the_same_motion_in_si_units(tmp_path: Path) -> 
     np.testing.assert_allclose(state.v1[:, 1], 2 * T, atol=1e-7)
     notes = " ".join(scene.notes())
     assert "columns that were not read: Wetter" in notes
-    assert "the log has no z, phi_x, phi_y: they were taken as 0" in notes
+    assert "no column was named for z, phi_x, phi_y: they were taken as 0" in notes
     assert "2026-11-23T09:00:00" in notes  # in UTC
 
 
@@ -106,7 +106,76 @@ def test_columns_that_cannot_be_used_are_named(columns: str, message: str, tmp_p
         load(tmp_path, german(), f"[motion.columns]\n{columns}\n")
 
 
-def test_a_date_that_is_none_is_named(tmp_path: Path) -> None:
-    text = german().replace(stamp(T[3], "+01:00"), "23.11.2026 10:00")
-    with pytest.raises(hp.SceneError, match=r"line 5: Zeit: expected a date such as"):
-        load(tmp_path, text)
+@pytest.mark.parametrize("row", [0, 3])
+@pytest.mark.parametrize("date", ["11/23/2026 10:00", "10:00:00", "31.02.2026 10:00:00,000", "2026-11-23"])
+def test_a_date_that_cannot_be_read_is_refused_with_the_forms_that_can(date: str, row: int, tmp_path: Path) -> None:
+    forms = r"a date such as .* \(ISO 8601\) or .* \(DD\.MM\.YYYY HH:MM:SS\)"
+    with pytest.raises(hp.SceneError, match=f"line {row + 2}: Zeit: expected .*{forms}, got '{date}'"):
+        load(tmp_path, german().replace(stamp(T[row], "+01:00"), date))
+
+
+def test_a_date_beside_the_instants_is_no_number(tmp_path: Path) -> None:
+    with pytest.raises(hp.SceneError, match=r"line 2: Nord: expected a number \(nan"):
+        load(tmp_path, german().replace(";2,000000000000;", ";05.03.2026 10:00;", 1))
+
+
+def test_german_dates_are_read(tmp_path: Path) -> None:
+    head, *rows = german(zone="").replace("2026-11-23T", "05.03.2026 ").splitlines()
+    scene = load(tmp_path, "\n".join([head, *(row.replace(".0", ",0", 3).replace(",03,", ".03.") for row in rows)]))
+    np.testing.assert_allclose(scene.t, T, atol=1e-9)
+    assert any("first stamp of the log, 2026-03-05T10:00:00.000" in note for note in scene.notes())
+
+
+def test_any_column_of_dates_can_be_the_instants(tmp_path: Path) -> None:
+    head, *rows = german().splitlines()
+    scene = load(tmp_path, "\n".join([f"Export;{head}", *(f"24.11.2026 08:00;{row}" for row in rows)]))
+    np.testing.assert_allclose(scene.t, T, atol=1e-9)
+
+
+def test_dates_are_not_suspected_of_being_milliseconds(tmp_path: Path) -> None:
+    rows = "".join(f"2026-11-23 10:{k:02}:00,{k},0,0,0\n" for k in range(12))
+    notes = load(tmp_path, f"t,x,y,phi_z,psi\n{rows}", "").notes()
+    assert not any("is it in seconds" in note for note in notes), notes
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_headings_of_windows_are_understood(encoding: str, tmp_path: Path) -> None:
+    columns = COLUMNS.replace("Kurs", "Kurs [°]")
+    text = german().replace("Kurs", "Kurs [°]").replace("fein", "schön")
+    scene = load(tmp_path, text, columns, encoding)
+    np.testing.assert_allclose(scene.t, T, atol=1e-9)
+    with pytest.raises(hp.SceneError, match=r"line 4: Nord: expected a number .* got '5°'"):
+        load(tmp_path, text.replace(f";{Y[2]:.12f}".replace(".", ","), ";5°"), columns, encoding)
+
+
+def test_a_file_in_utf_16_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(hp.SceneError, match="expected a text file in UTF-8 or Windows-1252, got zero bytes"):
+        load(tmp_path, german(), COLUMNS, "utf-16")
+
+
+def test_an_unknown_column_is_refused_with_both_remedies(tmp_path: Path) -> None:
+    with pytest.raises(hp.SceneError, match=r"'Zeit': .* ignore = \['Zeit'\] leaves .* \[motion.columns\] names"):
+        load(tmp_path, german(), "")
+
+
+def test_a_log_that_lacks_columns_of_space_is_said_to_lack_them(tmp_path: Path) -> None:
+    rows = "".join(f"{t},{t},0,{t},{t}\n" for t in T)
+    notes = load(tmp_path, f"t,x,y,phi_z,psi\n{rows}", "").notes()
+    assert "the log has no z, phi_x, phi_y: they were taken as 0, as of a motion in the plane" in notes
+
+
+def test_small_angles_beside_angles_in_degrees_are_suspected_of_degrees(tmp_path: Path) -> None:
+    columns = '[motion.columns]\nphi_z = { name = "Kurs", unit = "UNIT" }\npsi = { name = "Knick", unit = "deg" }\n'
+    text = "t,x,y,Kurs,Knick\n" + "".join(f"{t},{t},0,{10 * t},{4 * t}\n" for t in T)
+    said = "psi may be in the same unit as phi_z"
+    notes = load(tmp_path, text, columns.replace("UNIT", "rad").replace("deg", "rad")).notes()
+    assert said in notes
+    assert any('Degrees become radians by unit = "deg" for phi_z in [motion.columns].' in note for note in notes)
+    for unit in ("rad", "deg"):
+        assert said not in load(tmp_path, text, columns.replace("UNIT", unit)).notes()
+
+
+def test_what_is_converted_is_not_suspected(tmp_path: Path) -> None:
+    rows = "".join(f"{t},{t},0,0,{400 * t}\n" for t in T)
+    notes = load(tmp_path, f"t,x,y,phi_z,psi\n{rows}", '[motion.columns]\npsi = { unit = "deg" }\n').notes()
+    assert not any("radians" in note for note in notes), notes

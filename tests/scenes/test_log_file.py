@@ -85,7 +85,7 @@ REFUSED_CSV = {
         r"'tmep': expected",
     ),
     "ignore without a list": (GOOD, "ignore = 'psi'\n", "motion.ignore: expected"),
-    "not UTF-8": (b"t,x\xff\n1,2\n", "", "log.csv"),
+    "not UTF-8": (b"t,x\xff\n1,2\n", "", "log.csv: 'x\u00ff': expected"),
     "long header": ("t" * 200_000, "", "first line of column names"),
 }
 

@@ -394,8 +394,10 @@ def test_doubtful_units_of_a_log_are_said_in_a_line(tmp_path):
     scene = scene_of(tmp_path, columns, "[pair.body2]\nmass = 1\ninertia = [1, 1, 1]\n")
     said = [
         "t steps by 2 s: is it in seconds? Milliseconds become seconds by 1e-3 * t.",
-        "phi_y spans 100 rad, 15.9 turns: is it in radians? Degrees become radians by numpy.radians(phi_y).",
-        "psi spans 180 rad, 28.6 turns: is it in radians? Degrees become radians by numpy.radians(psi).",
+        'phi_y spans 100 rad, 15.9 turns: is it in radians? Degrees become radians by unit = "deg" for phi_y in '
+        "[motion.columns].",
+        'psi spans 180 rad, 28.6 turns: is it in radians? Degrees become radians by unit = "deg" for psi in '
+        "[motion.columns].",
     ]
     assert [note for note in scene.notes() if "is it in" in note] == said
     columns |= {name: np.zeros(40) for name in (*RATES, *SECOND)}

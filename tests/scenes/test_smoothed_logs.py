@@ -111,8 +111,8 @@ def test_notes_of_a_smoothed_log_name_its_columns_and_missing_samples(tmp_path):
         "position: 100 of 600 samples missing and not filled, in gaps that are too long; the first at t = 1 s" in said
     )
     said = notes(psi=np.degrees(log["psi"]), phi_x=20 * log["phi_x"])
-    assert any(re.match(r"psi spans \d+ rad, .*numpy.radians\(psi\)", note) for note in said)
-    assert any(re.match(r"phi_x spans \d+ rad, .*numpy.radians\(phi_x\)", note) for note in said)
+    assert any(re.match(r"psi spans \d+ rad, .* by unit = \"deg\" for psi in", note) for note in said)
+    assert any(re.match(r"phi_x spans \d+ rad, .* by unit = \"deg\" for phi_x in", note) for note in said)
 
 
 @pytest.mark.parametrize(

@@ -36,8 +36,11 @@ _NPY_HEADER: Final = re.compile(
     r"'shape': \(((?:\d{1,18},? ?){0,9})\),? ?\}\s*"
 )
 
-# A date of ISO 8601: day, time, fraction, and sign, hours and minutes of a zone.
-_DATE: Final = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d(\.\d{1,9})?)?)\s*(?:Z|([+-])(\d\d):?(\d\d)?)?")
+# A date of ISO 8601: day, time, and sign, hours and minutes of a zone.
+_DATE: Final = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)\s*(?:Z|([+-])(\d\d):?(\d\d)?)?")
+_DATE_FORMS: Final = (
+    "a date such as 2026-11-23T10:00:00.25+01:00 (ISO 8601) or 23.11.2026 10:00:00,25 (DD.MM.YYYY HH:MM:SS)"
+)
 
 Columns: TypeAlias = dict[str, NDArray[Any]]
 
@@ -112,7 +115,7 @@ def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
 
 def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
     """Return one column of a .csv file in the given dtype, such as int64 for numbers that a float would round."""
-    with path.open(encoding="utf-8-sig", newline="") as stream:
+    with _open_csv(path) as stream:
         form = _csv_form(stream)
         try:
             return _csv_rows(stream, form, [form.names.index(name)], dtype=dtype)[:, 0]
@@ -122,13 +125,13 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
 
 def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     """Read columns of a CSV file; the exact one is int64 if its numbers are too large for floats."""
-    with path.open(encoding="utf-8-sig", newline="") as stream:
+    with _open_csv(path) as stream:
         form = _csv_form(stream)
         names = form.names
         chosen = request.choose(names)
         if not chosen:
             return {}
-        dated = request.exact if request.exact in chosen and request.exact == form.dated else ""
+        dated = request.exact if request.exact in chosen and request.exact in form.dated else ""
         numbered = [name for name in chosen if name != dated]
         positions = [names.index(name) for name in numbered]
         used = positions if len(positions) < len(names) else None  # all: then rows of more fields are found
@@ -140,11 +143,11 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
                 stream.seek(start)
                 rows = _csv_rows(stream, form, used, converters=_cell_number)
         except ValueError as error:
-            _fail_at_row(path, form, positions, str(error))
+            _fail_at_row(path, form, positions, str(error), request.exact)
         if next(stream, None) is not None:
             raise ArgumentError("", f"at most {MAX_FILE_ROWS} samples", "more lines")
     if rows.size and rows.shape[1] != len(positions):
-        _fail_at_row(path, form, positions, f"{rows.shape[1]} fields")
+        _fail_at_row(path, form, positions, f"{rows.shape[1]} fields", request.exact)
     _check_rows(len(rows))
     columns = dict(
         zip(numbered, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(positions), 0)), strict=True)
@@ -164,7 +167,21 @@ class _CsvForm(NamedTuple):
     names: list[str]
     delimiter: str  # a comma, a semicolon or a tab
     has_decimal_commas: bool
-    dated: str  # name of the first column whose cells are dates; "" if there is none
+    dated: list[str]  # names of the columns whose cells are dates
+
+
+def _open_csv(path: Path) -> IO[str]:
+    """Open a CSV file of UTF-8; other bytes are let through, since only names and numbers have to be understood."""
+    return path.open(encoding="utf-8-sig", errors="surrogateescape", newline="")
+
+
+def _legible(text: str) -> str:
+    """Return text of a CSV file; text that is not UTF-8 is taken for Windows-1252."""
+    content = text.encode("utf-8", "surrogateescape")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", "replace")
 
 
 def _csv_form(stream: IO[str]) -> _CsvForm:
@@ -172,20 +189,24 @@ def _csv_form(stream: IO[str]) -> _CsvForm:
     line = stream.readline(_MAX_HEADING)
     if len(line) == _MAX_HEADING:
         raise ArgumentError("", "a first line of column names", "a longer line")
-    delimiter = next((sign for sign in ";\t" if sign in line), ",")
-    # numpy.savetxt writes a #
-    names = [name.strip() for name in next(csv.reader([line.removeprefix("#")], delimiter=delimiter), [])]
+    if "\0" in line:
+        raise ArgumentError("", "a text file in UTF-8 or Windows-1252", "zero bytes, as of UTF-16")
+    start = stream.tell()
+    lines = _legible(line).removeprefix("#"), stream.readline(_MAX_HEADING)  # numpy.savetxt writes a #
+    stream.seek(start)
+    splits = {sign: [next(csv.reader([one], delimiter=sign), []) for one in lines] for sign in ",;\t"}
+    # Names may have the other signs; then the first row tells which one separates.
+    agreeing = [sign for sign, (heading, row) in splits.items() if len(heading) == len(row) > 1]
+    delimiter = agreeing[0] if agreeing else max(splits, key=lambda sign: len(splits[sign][0]))
+    names, cells = [name.strip() for name in splits[delimiter][0]], splits[delimiter][1]
     if not names:
         raise ArgumentError("", "a first line of column names", "an empty line")
     if all(map(_is_number, names)):
         raise ArgumentError("", "a first line of column names", "numbers")
-    start = stream.tell()
-    cells = next(csv.reader([stream.readline(_MAX_HEADING)], delimiter=delimiter), [])
-    stream.seek(start)
     decimal_commas = delimiter != "," and any(
         re.fullmatch(r"\s*[+-]?\d*,\d+(e[+-]?\d+)?\s*", cell, re.I) for cell in cells
     )
-    dated = next((name for name, cell in zip(names, cells, strict=False) if _DATE.match(cell.strip())), "")
+    dated = [name for name, cell in zip(names, cells, strict=False) if _DATE.match(_iso_date(cell))]
     return _CsvForm(names, delimiter, decimal_commas, dated)
 
 
@@ -202,25 +223,33 @@ def _csv_rows(stream: IO[str], form: _CsvForm, columns: list[int] | None, **opti
         return np.loadtxt(lines, usecols=columns, **options)
 
 
+def _iso_date(cell: str) -> str:
+    """Return a cell whose date, if it is DD.MM.YYYY, is written as in ISO 8601, with a decimal point.
+
+    >>> _iso_date("23.11.2026 10:00:00,25")
+    '2026-11-23 10:00:00.25'
+    """
+    return re.sub(r"^(\d\d)\.(\d\d)\.(\d{4})\b", r"\3-\2-\1", cell.strip().replace(",", "."))
+
+
 def _csv_dates(path: Path, form: _CsvForm, name: str) -> NDArray[np.datetime64]:
-    """Return a column of dates (ISO 8601) in UTC; without a zone, they are taken for UTC."""
-    with path.open(encoding="utf-8-sig", newline="") as stream:
+    """Return a column of dates in UTC; without a zone, they are taken for UTC."""
+    with _open_csv(path) as stream:
         stream.readline()
         reader, place = csv.reader(stream, delimiter=form.delimiter), form.names.index(name)
         dates = []
         for row in filter(None, reader):
-            match = _DATE.fullmatch(row[place].strip().replace(",", ".")) if place < len(row) else None
+            match = _DATE.fullmatch(_iso_date(row[place])) if place < len(row) else None
             try:
                 if match is None:
                     raise ValueError
                 date = np.datetime64(f"{match[1]}T{match[2]}", "ns")
             except ValueError:
-                got = repr(row[place][:40]) if place < len(row) else f"{len(row)} fields"
-                expected = "a date such as 2026-11-23T10:00:00.25+01:00"
-                raise ArgumentError(f"line {reader.line_num + 1}: {name}", expected, got) from None
-            if match[4]:
-                minutes = 60 * int(match[5]) + int(match[6] or 0)
-                date -= np.timedelta64(minutes if match[4] == "+" else -minutes, "m")
+                got = repr(_legible(row[place][:40])) if place < len(row) else f"{len(row)} fields"
+                raise ArgumentError(f"line {reader.line_num + 1}: {name}", _DATE_FORMS, got) from None
+            if match[3]:
+                minutes = 60 * int(match[4]) + int(match[5] or 0)
+                date -= np.timedelta64(minutes if match[3] == "+" else -minutes, "m")
             dates.append(date)
     return np.array(dates, "datetime64[ns]")
 
@@ -239,11 +268,11 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _fail_at_row(path: Path, form: _CsvForm, positions: list[int], reason: str) -> NoReturn:
+def _fail_at_row(path: Path, form: _CsvForm, positions: list[int], reason: str, exact: str) -> NoReturn:
     """Raise the error of the first row with too few or too many fields, or a cell that is no number; else give the
-    reason.
+    reason. In the column `exact`, dates are expected too.
     """
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
+    with _open_csv(path) as stream:
         stream.readline()
         names, reader = form.names, csv.reader(stream, delimiter=form.delimiter)
         try:
@@ -258,7 +287,9 @@ def _fail_at_row(path: Path, form: _CsvForm, positions: list[int], reason: str) 
                         _cell_number(row[i].replace(",", ".") if form.has_decimal_commas else row[i])
                     except ValueError:
                         expected = "a number (nan or an empty cell where there is none)"
-                        raise ArgumentError(f"{place}: {names[i]}", expected, repr(row[i][:40])) from None
+                        if names[i] == exact and re.match(r"\s*\d+[-./:]\d", row[i]):
+                            expected = f"a number, or {_DATE_FORMS}"
+                        raise ArgumentError(f"{place}: {names[i]}", expected, repr(_legible(row[i][:40]))) from None
         except csv.Error as error:
             reason = str(error)
     raise ArgumentError("", "rows of numbers", reason)

@@ -141,6 +141,7 @@ _EULER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
+_DEGREES: Final = 'unit = "deg" for {} in [motion.columns]'  # for messages
 _NOISY: Final = 0.1  # noise of a derivative to its rms; above, a note recommends smoothing
 
 
@@ -292,7 +293,7 @@ class Log(NamedSource):
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
             kept = self._without_repeated_stamps()
-            self._complete_planar_columns()
+            self._complete_planar_columns("no column was named for" if sources else "the log has no")
             stamps = self.columns["t"]
             t = instants_of("t", stamps, DIFFERENCE_ORDER if completed else 0)
             # s: doubles of this size are rounded to more than 1e-11 s
@@ -302,18 +303,38 @@ class Log(NamedSource):
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
             self.notes.append(f"t is counted from the first stamp of the log, {stamps[0]}{unit}")
-        self.notes += suspicions("instants", "t", t)
+        if stamps.dtype.kind not in "mM":
+            self.notes += suspicions("instants", "t", t)
         self.notes += gap_sentences("t", t)
-        for name, quantity in layout.judged.items():
-            if all(column in self.columns for column in layout.columns_of(name)):
-                columns = [self.columns[column] for column in layout.columns_of(name)]
-                if quantity == "angle" and is_wrapped(columns[0], 360.0):
-                    self.refuse(name, "angles in radians", "jumps by nearly 360, as of degrees")
-                doubts = suspicions(quantity, name, np.stack(columns, axis=-1) if len(columns) > 1 else columns[0])
-                self.notes += doubts
-                self.angle_doubts += doubts if quantity == "angle" else []
+        self._judge_units(sources)
         self.t = np.asarray(read_only(t))
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
+
+    def _judge_units(self, sources: Mapping[str, ColumnSource]) -> None:
+        """Note which columns are probably not in SI units, of those that are not converted."""
+        converted = {name for name, source in sources.items() if source.compass or source.scale != 1.0}
+        large, small = [], []  # angles
+        for name, quantity in self.layout.judged.items():
+            names = self.layout.columns_of(name)
+            if not converted.isdisjoint(names) or not all(column in self.columns for column in names):
+                continue
+            values = np.stack([self.columns[column] for column in names], axis=-1)
+            if quantity != "angle":
+                self.notes += suspicions(quantity, name, values if len(names) > 1 else values[:, 0])
+                continue
+            angles = values[:, 0]
+            if is_wrapped(angles, 360.0):
+                expected = f"angles in radians, or {_DEGREES.format(name)}"
+                self.refuse(name, expected, "jumps by nearly 360, as of degrees")
+            doubts = suspicions("angle", name, angles, radians=_DEGREES)
+            self.angle_doubts += doubts
+            self.notes += doubts
+            if doubts:
+                large.append(name)
+            elif (angles != angles[0]).any():
+                small.append(name)
+        if large and small:  # a few degrees are not suspicious by themselves
+            self.notes.append(f"{', '.join(small)} may be in the same unit as {large[0]}")
 
     def _in_own_names(self, columns: Mapping[str, NDArray[Any]], sources: Mapping[str, ColumnSource]) -> Part:
         """Return columns of the file by the names of this package, in SI units."""
@@ -340,8 +361,8 @@ class Log(NamedSource):
             self.notes.append(sentence)
         return kept
 
-    def _complete_planar_columns(self) -> None:
-        """Add what a log of a motion in the plane leaves out, as zeros."""
+    def _complete_planar_columns(self, absence: str) -> None:
+        """Add what a log of a motion in the plane leaves out, as zeros; a note on them starts with `absence`."""
         added: list[str] = []
         for flat, whole in self.layout.planar.items():
             beside = [name for name in whole if name in self.columns]
@@ -349,7 +370,7 @@ class Log(NamedSource):
                 self.columns |= dict.fromkeys(flat, np.zeros(len(self.columns["t"])))
                 added += flat
         if added:
-            self.notes.append(f"the log has no {', '.join(added)}: they were taken as 0, as of a motion in the plane")
+            self.notes.append(f"{absence} {', '.join(added)}: they were taken as 0, as of a motion in the plane")
 
     def _check_column_names(
         self, column_names: list[str], known_names: tuple[str, ...], sources: Mapping[str, ColumnSource]
@@ -377,7 +398,10 @@ class Log(NamedSource):
                 got = f"an unknown column{nearest(name, known_names)}"
                 if name.partition("_")[0] in self.layout.result_prefixes:
                     got = f"a column of results, which are no motion ({self.layout.writing_hint})"
-                expected = f"{choices(known_names)}; [motion] ignore = [{name[:40]!r}] leaves the column out"
+                expected = (
+                    f"{choices(known_names)}; [motion] ignore = [{name[:40]!r}] leaves the column out, and "
+                    '[motion.columns] names the columns of another program, such as t = "Time"'
+                )
                 self.refuse(repr(name[:40]), expected, got)
             if name in read_names[:i]:
                 self.refuse(name, "a column once", "a second one")
