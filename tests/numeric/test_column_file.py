@@ -170,3 +170,20 @@ def test_no_such_file_or_format(tmp_path: Path, name: str, words: str) -> None:
         write(tmp_path / name, "t\n1\n")
     with pytest.raises(hp.ArgumentError, match=re.escape(words)):
         read_columns(tmp_path / name, ALL)
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("t;x, m;y, m\n0;1,5;2,5\n", ["t", "x, m", "y, m"]),
+        ("t;x, m;y\n0;1,5;2\n", ["t", "x, m", "y"]),
+        ("t,a;b\n0,1.5\n", ["t", "a;b"]),
+        ('t,"shoulder, left",a;b\n0,1,2\n', ["t", "shoulder, left", "a;b"]),
+        ("t;a\n1;2\n", ["t", "a"]),
+        ("t\ta\n1\t2\n", ["t", "a"]),
+    ],
+)
+def test_the_separator_is_that_on_which_names_and_numbers_agree(tmp_path, text, names):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    assert list(read_columns(path, ColumnRequest(lambda found: found, lambda name, _: name))) == names

@@ -252,8 +252,9 @@ def fit_masses(
     fitted = _fitted_robot(recording, parameters, estimate[len(base.names) :])
     if fitted.tree.notes and not impossible:
         text = (
-            f"{len(fitted.tree.notes)} bodies of `robot` have masses that no rigid body has. Of all masses with "
-            "these base parameters, they are nearest to those described: physical=True finds some of rigid bodies."
+            f"{len(fitted.tree.notes)} of {len(fitted.tree.joints)} bodies of `robot` have masses that no rigid body "
+            "has. Of all masses with these base parameters, they are nearest to those described: physical=True finds "
+            "some of rigid bodies."
         )
         more.append(Finding(text, harmless=True))
     left = recording.left(estimate)

@@ -196,7 +196,8 @@ def _csv_form(stream: IO[str]) -> _CsvForm:
     stream.seek(start)
     splits = {sign: [next(csv.reader([one], delimiter=sign), []) for one in lines] for sign in ",;\t"}
     # Names may have the other signs; then the first row tells which one separates.
-    agreeing = [sign for sign, (heading, row) in splits.items() if len(heading) == len(row) > 1]
+    # The comma comes last: names and decimal numbers of a row may agree in their commas.
+    agreeing = [sign for sign in ";\t," if len(splits[sign][0]) == len(splits[sign][1]) > 1]
     delimiter = agreeing[0] if agreeing else max(splits, key=lambda sign: len(splits[sign][0]))
     names, cells = [name.strip() for name in splits[delimiter][0]], splits[delimiter][1]
     if not names:
