@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import pydoc
 import re
@@ -34,6 +35,7 @@ def pages():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", pages())
 def test_code_prints_what_the_page_says(page, tmp_path, monkeypatch):
     if "import dask" in page.read_text(encoding="utf-8"):
@@ -63,6 +65,34 @@ def test_the_tables_of_the_reference_say_what_docstrings_say(page):
 def test_names_of_the_package_exist(page):
     for name in set(re.findall(r"\bhp\.([a-zA-Z]\w*)", page.read_text(encoding="utf-8"))):
         assert hasattr(hp, name), name
+
+
+def calls_of(page: Path) -> list[ast.Call]:
+    """Return the calls of hp, robot and pair that stand between the lines of a page, `such as robot.energy(q)`."""
+    found = []
+    for code in re.findall(r"(?<!`)`([^`\n]+\))`", page.read_text(encoding="utf-8")):
+        try:
+            tree = ast.parse(code)
+        except SyntaxError:
+            continue
+        found += [one for one in ast.walk(tree) if isinstance(one, ast.Call) and isinstance(one.func, ast.Attribute)]
+    return found
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*/*.md")) + sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def test_calls_in_the_text_fit_the_signatures(page):
+    owners = {"hp": (hp,), "robot": (hp.Mechanism,), "pair": (hp.HingePair, hp.PlanarPair)}
+    for call in calls_of(page):
+        arguments = [ast.unparse(argument) for argument in call.args]
+        name = call.func.attr
+        owner = next((one for one in owners.get(ast.unparse(call.func.value), ()) if hasattr(one, name)), None)
+        if owner is None or "..." in arguments:
+            continue
+        function = getattr(owner, name)
+        if hasattr(function, "dispatch") and arguments[0] == "robot":
+            function = function.dispatch(hp.Mechanism)
+        own = [] if owner is hp or inspect.ismethod(function) else ["self"]
+        inspect.signature(function).bind(*own, *arguments, **{one.arg: None for one in call.keywords if one.arg})
 
 
 def test_every_block_of_the_pages_is_a_step():

@@ -58,7 +58,18 @@ def test_everything_exported_exists_once() -> None:
 
 
 PACKAGES_IN_IMPORT_ORDER = (
-    *("errors", "equations", "numeric", "engine", "rotations", "urdf", "plans", "inverse_kinematics", "rollouts"),
+    *(
+        "errors",
+        "equations",
+        "numeric",
+        "tables",
+        "engine",
+        "rotations",
+        "urdf",
+        "plans",
+        "inverse_kinematics",
+        "rollouts",
+    ),
     *("pair", "mechanism", "measured", "identification", "integration", "dynamics", "symbolic", "formats"),
     *("validation", "scenes", "pictures", "sweeps", "bench", "cli"),
 )
@@ -139,7 +150,7 @@ def test_imports_run_downwards_and_in_no_circle() -> None:
     level: dict[str, int] = {}
     for own in PACKAGES_IN_IMPORT_ORDER:
         level[own] = 1 + max((level[other] for upper, other in below if upper == own), default=0)
-    assert max(level.values()) <= 10, level
+    assert max(level.values()) <= 11, level
 
 
 def test_what_programs_are_traced_from_imports_nothing_else() -> None:
@@ -206,6 +217,7 @@ def test_examples_of_public_docstrings_need_nothing_but_their_imports() -> None:
         bound = set(dir(builtins))
         for example in doctest.DocTestParser().get_examples(text):
             nodes = list(ast.walk(ast.parse(example.source)))
+            bound |= {n.arg for n in nodes if isinstance(n, ast.arg)}
             bound |= {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
             imports = [a for n in nodes if isinstance(n, ast.Import | ast.ImportFrom) for a in n.names]
             bound |= {(a.asname or a.name).partition(".")[0] for a in imports}

@@ -31,7 +31,7 @@ def test_every_block_of_code_is_run() -> None:
 
 def test_the_first_screen_names_the_units() -> None:
     first_screen = " ".join(README.splitlines()[:25])
-    assert "metres, seconds, kilograms, radians. Nothing is converted" in first_screen
+    assert "metres, seconds, kilograms, radians;" in first_screen
 
 
 def test_the_log_is_quoted_as_it_stands() -> None:

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from hingepair.dynamics.run import SimulationError
     from hingepair.dynamics.simulate import simulate
     from hingepair.formats.model_writers import to_mjcf, to_urdf
+    from hingepair.formats.recordings import Recording, read_recording
     from hingepair.formats.robots import load_robot, load_robot_hinge
     from hingepair.formats.urdf_reader import from_urdf
     from hingepair.identification.mass_fit import MassFit, fit_masses
@@ -61,9 +62,9 @@ if TYPE_CHECKING:
     from hingepair.measured.smoothing.resample import resample
     from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion, smooth
     from hingepair.mechanism.inertial_parameters import BaseParameters
+    from hingepair.mechanism.joints import Screw, Slider
     from hingepair.mechanism.mechanism import Mechanism
     from hingepair.mechanism.rollout import Rollout
-    from hingepair.mechanism.slider import Screw, Slider
     from hingepair.mechanism.states import (
         JointWrenches,
         MechanismAccelerations,
@@ -71,7 +72,6 @@ if TYPE_CHECKING:
         MechanismForces,
         MechanismState,
     )
-    from hingepair.numeric.instants import MeasurementWarning
     from hingepair.pair.body import Body, Box, Cylinder, Sphere
     from hingepair.pair.hinge_load import HingeLoad
     from hingepair.pair.tolerances import sample_pairs
@@ -89,6 +89,7 @@ if TYPE_CHECKING:
     from hingepair.scenes.derive import derive
     from hingepair.scenes.load import load_scene
     from hingepair.sweeps.search import Search, search
+    from hingepair.tables.instants import MeasurementWarning
     from hingepair.validation.cross_validate import cross_validate, cross_validate_from_body1
     from hingepair.validation.pinocchio_twin import to_pinocchio
 
@@ -134,6 +135,7 @@ __all__ = [
     "PlanarPair",
     "PlanarState",
     "PlanarTrajectory",
+    "Recording",
     "Rollout",
     "RotationError",
     "SceneError",
@@ -172,6 +174,7 @@ __all__ = [
     "matrix_to_euler",
     "plot",
     "project_to_rotation",
+    "read_recording",
     "resample",
     "rodrigues",
     "rotation_exp",
@@ -196,6 +199,7 @@ _LAZY_MODULE_BY_NAME = {
         "dynamics.run": "SimulationError",
         "dynamics.simulate": "simulate",
         "formats.model_writers": "to_mjcf to_urdf",
+        "formats.recordings": "Recording read_recording",
         "formats.robots": "load_robot load_robot_hinge",
         "formats.urdf_reader": "from_urdf",
         "identification.mass_fit": "MassFit fit_masses",
@@ -209,12 +213,12 @@ _LAZY_MODULE_BY_NAME = {
         "measured.inertial.angle": "AngleFit fit_angle",
         "measured.smoothing.resample": "resample",
         "measured.smoothing.smooth": "SmoothedAngle SmoothedMotion smooth",
-        "numeric.instants": "MeasurementWarning",
+        "tables.instants": "MeasurementWarning",
         "inverse_kinematics.results": "InverseKinematics InverseKinematicsPath",
         "mechanism.inertial_parameters": "BaseParameters",
         "mechanism.mechanism": "Mechanism",
         "mechanism.rollout": "Rollout",
-        "mechanism.slider": "Screw Slider",
+        "mechanism.joints": "Screw Slider",
         "mechanism.states": "JointWrenches MechanismAccelerations MechanismDerivatives MechanismForces "
         "MechanismState",
         "pair.body": "Body Box Cylinder Sphere",
@@ -233,6 +237,15 @@ _LAZY_MODULE_BY_NAME = {
     for name in names.split()
 }
 
+_SYNONYMS = {  # what users of other libraries look for
+    "Robot": "load_robot or hp.Mechanism.from_urdf",
+    "RobotModel": "Mechanism",
+    "from_mjcf": "Mechanism.from_mjcf",
+    "load_mjcf": "Mechanism.from_mjcf",
+    "load_urdf": "Mechanism.from_urdf",
+    "read_urdf": "Mechanism.from_urdf",
+}
+
 
 def __getattr__(name: str) -> Any:
     """Import a public name that most users of the kinematics never need, when it is first asked for."""
@@ -241,6 +254,7 @@ def __getattr__(name: str) -> Any:
 
         # Tools ask every module for names with underscores, thousands of times: no search for those.
         hint = "" if name.startswith("_") else nearest(name, __all__)
+        hint = f" (here: hp.{_SYNONYMS[name]})" if name in _SYNONYMS else hint
         raise AttributeError(f"module 'hingepair' has no attribute {name!r}{hint}")
     value = globals()[name] = getattr(import_module(f"hingepair.{_LAZY_MODULE_BY_NAME[name]}"), name)
     return value

@@ -165,8 +165,14 @@ def quoted(value: object) -> object:
 
 
 def nearest(name: str, known_names: Collection[str]) -> str:
-    """Return ` (nearest: NAME)` with the one of the known names that is most similar to a misspelt `name`, or else
-    contains it; an empty string if there is none.
+    """Return ` (nearest: NAME)` for messages, with the `nearest_name`; an empty string if there is none."""
+    near = nearest_name(name, known_names)
+    return f" (nearest: {near})" if near else ""
+
+
+def nearest_name(name: str, known_names: Collection[str]) -> str:
+    """Return the one of the known names that is most similar to a misspelt `name`, or else contains it; an empty
+    string if there is none.
     """
     import difflib
 
@@ -174,7 +180,7 @@ def nearest(name: str, known_names: Collection[str]) -> str:
     near = difflib.get_close_matches(name[:40], known_names, 1, cutoff=0.5) if is_quick else []
     if not near and len(name) >= 3:
         near = [known_name for known_name in known_names if name in known_name][:1]
-    return f" (nearest: {near[0]})" if near else ""
+    return near[0] if near else ""
 
 
 def choices(names: Sequence[str]) -> str:

@@ -204,6 +204,7 @@ def test_a_small_picture_keeps_the_colour_of_every_curve():
     assert [colour for colour in wanted if colour not in colours] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["no/such/folder/b.png", "b.tiger"])
 def test_a_picture_that_cannot_be_written_is_refused_before_measuring(path, tmp_path, monkeypatch):
     monkeypatch.setattr(direct, "bench_direct", lambda *_: pytest.fail("measured"))

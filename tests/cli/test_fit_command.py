@@ -38,14 +38,60 @@ def test_the_hinge_of_a_file_is_told_written_and_drawn(tmp_path):
     made = recording(300, 1e-3, 2e-3)
     file, out, plot = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.svg"
     assert "u1 = (" in fit(file, "--out", out, "--plot", plot)
-    psi = np.genfromtxt(out, delimiter=",", names=True)["psi"]
-    assert np.ptp(psi - made.psi) < 0.05  # home is another than that of the recording
+    written = np.genfromtxt(out, delimiter=",", names=True)
+    assert np.ptp(written["psi"] - made.psi) < 0.05  # home is another than that of the recording
+    assert np.median(written["psi_std"]) == pytest.approx(np.sqrt(2) * 2e-3, rel=0.1)
     labels = {axes.get_ylabel() for axes in hp.fit(*poses_of(made), t=made.t).plot().axes}
     assert labels
     assert labels <= drawn_texts(plot)
     told = json.loads(fit(file, "--json", "--loss", "cauchy"))
     assert told["ok"] is True
     assert told["loss"] == "cauchy"
+    turned = json.loads(fit(file, "--json", "--loss", "cauchy", "--n-along", "-1,0,0"))
+    assert np.allclose(turned["n"], np.negative(told["n"]), rtol=0, atol=1e-12)
+    assert np.allclose(turned["psi"], np.negative(told["psi"][::-1]), rtol=0, atol=1e-9)
+    assert "--n-along: expected three numbers" in refused(file, "--n-along", "down")
+    assert "--n-along: expected shape" in refused(file, "--n-along", "0,1")
+
+
+@pytest.mark.slow
+def test_a_german_file_has_names_and_units_of_its_own(tmp_path):
+    made = recording(100, 1e-3, 2e-3)
+    result = Record(made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2})
+    frame = result.to_dataframe()
+    frame["R1_x"] *= 1e3
+    frame = frame.rename(columns={"R1_x": "Ost", "t": "Zeit"}).assign(Wetter="fein")
+    frame.to_csv(tmp_path / "a.csv", sep=";", decimal=",", index=False, encoding="cp1252")
+    found = fit(tmp_path / "a.csv", "--json", "--column", "R1_x=Ost:mm", "--column", "t=Zeit")
+    expected = fit(result.save(tmp_path / "b.npz"), "--json")
+    assert np.allclose(json.loads(found)["u1"], json.loads(expected)["u1"], rtol=0, atol=1e-9)
+    typed = "--column 't=time_ms:ms', or --ignore 'time_ms'"
+    frame.rename(columns={"Zeit": "time_ms"}).to_csv(tmp_path / "c.csv", index=False)
+    assert typed in refused(tmp_path / "c.csv", "--ignore", "Ost", "--ignore", "Wetter")
+    assert "--column: expected such as t=Zeit" in refused(tmp_path / "a.csv", "--column", "Zeit")
+    assert "columns.R1_x.unit: expected one of m, mm" in refused(tmp_path / "a.csv", "--column", "R1_x=Ost:deg")
+    assert "columns.R1_x: expected one of Zeit, Ost" in refused(tmp_path / "a.csv", "--column", "R1_x=Osten")
+    assert "columns.R3: expected one of t, R1_x" in refused(tmp_path / "a.csv", "--column", "R3=Ost")
+
+
+@pytest.mark.slow
+def test_lengths_and_angles_are_in_the_units_that_are_asked_for(tmp_path):
+    made = recording(300, 1e-3, 2e-3)
+    file, out, report = saved(tmp_path / "a.npz", made), tmp_path / "psi.csv", tmp_path / "fit.md"
+    shown = fit(file, "--units", "mm, mrad", "--out", out, "--report", report, "--clock-offset", 0)
+    fitted = hp.fit(*poses_of(made), t=made.t, clock_offset=0)
+    both = zip(1e3 * fitted.pair.u1, 1e3 * fitted.std["u1"], strict=True)
+    u1 = ", ".join(f"{value:.6g} +- {std:.2g}" for value, std in both)
+    assert f"u1 = ({u1}) mm\n" in shown
+    assert f"left: {1e3 * fitted.rms_position:.3g} mm and {1e3 * fitted.rms_angle:.3g} mrad rms" in shown
+    assert f"| u1 | {u1.replace('+-', '±')} | mm |" in report.read_text(encoding="utf-8")
+    assert f"| tilt | {1e3 * fitted.rms_angle:.3g} |" in report.read_text(encoding="utf-8")
+    heading, *rows = out.read_text(encoding="utf-8").splitlines()
+    assert heading == "t [s],psi [mrad],psi_std [mrad],gap [mm],tilt [mrad],weight"
+    assert float(rows[0].split(",")[3]) == pytest.approx(1e3 * fitted.gap[0], rel=1e-9)
+    (line,) = fitted.plot("um").axes[1].get_lines()
+    np.testing.assert_allclose(line.get_ydata(), 1e6 * fitted.gap, rtol=1e-14)
+    assert "--units: expected one of" in refused(file, "--units", "degrees")
 
 
 @pytest.mark.slow

@@ -42,6 +42,7 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "arm.urdf", tmp_path / "log.csv"
 
 
+@pytest.mark.slow
 def test_masses_of_a_urdf_file_are_fitted_and_written(files: tuple[Path, Path], tmp_path: Path) -> None:
     out, picture = tmp_path / "fitted.urdf", tmp_path / "torques.svg"
     printed = run_command("masses", *files, "--physical", "--urdf", out, "--plot", picture).stdout

@@ -44,7 +44,7 @@ def test_outputs_are_checked_before_work(command, ending, option, target, tmp_pa
     for module in (scenes, pictures, tolerance):
         monkeypatch.setattr(module, "load_named_scene", work)
     monkeypatch.setattr(Source, "has_motion", property(work))
-    monkeypatch.setattr(fit, "read_recording", work)
+    monkeypatch.setattr(fit, "read_poses", work)
     Path("a.toml").write_text("")
     Path(f"folder{ending}").mkdir()
     Path(f"input{ending}").symlink_to("a.toml")
@@ -59,14 +59,14 @@ def test_what_fails_after_the_check_names_its_option_and_what_is_written(tmp_pat
     file = Record(made.t, {"R1": made.R1, "S1": made.S1, "R2": made.R2, "S2": made.S2}).save(tmp_path / "a.npz")
     out, plot = tmp_path / "psi.csv", tmp_path / "there" / "fit.png"
     plot.parent.mkdir()
-    monkeypatch.setattr(hp.HingeFit, "plot", lambda _: plot.parent.rmdir())
+    monkeypatch.setattr(hp.HingeFit, "plot", lambda *_: plot.parent.rmdir())
     message = run_command("fit", file, "--out", out, "--plot", plot, code=2).stderr
     assert message.startswith("hingepair: --plot: expected a file that can be written")
     assert message.endswith(f"\nwritten before: {out}\n")
 
 
 def test_a_gap_is_a_number_before_work(monkeypatch):
-    monkeypatch.setattr(fit, "read_recording", work)
+    monkeypatch.setattr("hingepair.formats.recordings.read_columns", work)
     assert refusal("fit", "log.csv", "--gaps", "nan").startswith("--gaps: expected a finite number")
 
 

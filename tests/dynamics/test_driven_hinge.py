@@ -99,3 +99,34 @@ def test_rates_that_are_not_derivatives_are_refused(factor, offset):
         if factor or rate in ("a", "alpha"):
             with pytest.raises(hp.ArgumentError, match=rf"^base: .*{rate} is the derivative of its {quantity}"):
                 hp.simulate(pair, t, None, 0.0, 0.0, base=base(**{rate: factor}))
+
+
+def ramp(t, end=0.7):
+    """A hinge that turns at 1 rad/s until it stops at once."""
+    return np.minimum(t, end), np.where(t < end, 1.0, 0.0), 0 * t
+
+
+def test_a_rate_that_jumps_is_refused_and_one_that_changes_fast_is_not():
+    pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
+    given = {"base": "fixed", "tol": 1e-6}
+    with pytest.raises(hp.ArgumentError, match=r"^hinge: expected .* psid does not jump, got .* at t = 0\.7 s"):
+        hp.simulate(pair, np.linspace(0, 2, 3), STILL, hinge=ramp, **given)
+    with pytest.raises(hp.ArgumentError, match=r"^base: expected .* v does not jump, got .* at t = 0\.7 s"):
+        hp.simulate(
+            pair, np.linspace(0, 2, 3), None, 0.0, 0.0,
+            base=lambda t: hp.BodyMotion(
+                R=np.stack([ramp(t)[0], 0 * t, 0 * t], -1), S=np.tile(np.eye(3), (len(t), 1, 1)),
+                v=np.stack([ramp(t)[1], 0 * t, 0 * t], -1), omega=np.zeros((len(t), 3)), a=np.zeros((len(t), 3)),
+                alpha=np.zeros((len(t), 3)),
+            ),
+        )  # fmt: skip
+    smooth = [
+        (lambda t: (np.sin(3000 * t), 3000 * np.cos(3000 * t), -9e6 * np.sin(3000 * t)), np.linspace(0, 0.02, 3)),
+        (lambda t: (np.maximum(t - 1, 0) ** 2, 2 * np.maximum(t - 1, 0), 2.0 * (t > 1)), np.linspace(0, 2, 3)),
+        (ramp, np.array([0, 0.7])),
+        (lambda t: (0 * t + 2, 0 * t, 0 * t), np.linspace(0, 1, 3)),
+    ]
+    for hinge, t in smooth:
+        assert len(hp.simulate(pair, t, STILL, hinge=hinge, **given).psi) == len(t)
+    late = 1.7e9 + np.linspace(0, 2, 3)
+    assert len(hp.simulate(pair, late, STILL, hinge=lambda t: swing(t - late[0]), **given).psi) == 3

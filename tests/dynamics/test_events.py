@@ -236,7 +236,7 @@ def test_a_rigid_stop_lets_go_what_is_pulled_away():
     found = turned(wheel(), np.linspace(0, 3, 31), 1.0, 0.0, load, tol=1e-12)
     since = np.maximum(found.t - np.pi / 2, 0)
     np.testing.assert_allclose(found.psi, 1 + np.sin(since) - since, rtol=0, atol=1e-12)
-    with pytest.raises(hp.ArgumentError, match=r"^psi_0: expected an angle between the rigid stops, -1 to 1 rad"):
+    with pytest.raises(hp.ArgumentError, match=r"^psi_0: expected a coordinate between the rigid stops, -1 to 1,"):
         turned(wheel(), [0, 1], 1.1, 0.0, load)
 
 

@@ -25,6 +25,61 @@ def test_a_robot_of_one_hinge_swings_as_the_pair():
         _ = hp.linearize(hp.Mechanism([PAIR]), np.zeros((2, 1))).poles
 
 
+LOADS = {
+    "spring and damper": hp.HingeLoad(stiffness=3.0, rest=0.2, damping=0.4),
+    "friction": hp.HingeLoad(friction=0.5, friction_rate=0.3),
+    "sliding": hp.HingeLoad(friction=0.5, damping=0.1),
+    "stop": hp.HingeLoad(stops=(-1.0, 0.2), stop_stiffness=80.0, stop_damping=0.3),
+    "motor": hp.HingeLoad(motor=lambda t, psi, psid: np.cos(t) * np.sin(psi) - 0.2 * psid**2),
+    "nested": hp.HingeLoad(stiffness=1.0, motor=hp.HingeLoad(damping=0.7, motor=0.3)),
+}
+
+
+@pytest.mark.parametrize("load", LOADS.values(), ids=LOADS)
+def test_loads_of_joints_act_as_at_the_hinge_of_a_pair(load):
+    held = hp.BodyMotion(R=np.zeros(3), S=np.eye(3))
+    pair = hp.linearize(PAIR, held, 0.3, 0.6, base="fixed", hinge_torque=load, t=1.2)
+    arm = hp.Mechanism([PAIR])
+    robot = hp.linearize(arm, [0.3], [0.6], [0.0], loads={arm.names[0]: load}, t=1.2)
+    np.testing.assert_allclose(robot.A, pair.A, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(robot.rates, pair.rates, rtol=1e-12)
+    held_still = hp.linearize(arm, [[0.3], [0.5]], [0.6], loads={arm.names[0]: load}, t=1.2)
+    np.testing.assert_allclose(held_still.A[0], pair.A, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(held_still.rates[:, 1], 0.0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_loads_of_the_joints_of_a_free_robot_change_its_rates():
+    robot = Robot(record_of(random_model(3, 4)), "free")
+    rng = np.random.default_rng(2)
+    q, qd, tau = rng.uniform(-1, 1, (3, robot.dof))
+    k, load = 1, hp.HingeLoad(stiffness=3.0, damping=0.4)
+    found = hp.linearize(robot, q, qd, tau, loads={robot.names[k]: load})
+    spring, damper = robot.mass_matrix(q), np.zeros(6 + robot.dof)
+    damper[6 + k] = -load.damping
+    plain = hp.linearize(robot, q, qd, tau + np.eye(robot.dof)[k] * load(0.0, q[k], qd[k]))
+    by_qd = (found.A - plain.A)[6 + robot.dof :, 2 * 6 + robot.dof + k]
+    np.testing.assert_allclose(spring @ by_qd, damper, rtol=0, atol=1e-9)
+    by_q = (found.A - plain.A)[6 + robot.dof :, 6 + k]
+    np.testing.assert_allclose(spring @ by_q, damper * load.stiffness / load.damping, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found.rates, plain.rates, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("joint_loads", {"loads": {}, "joint_loads": True}),
+        (r"loads\['boom'\]", {"loads": {"boom": hp.HingeLoad(friction=1.0)}}),
+        (r"loads\['boom'\]", {"loads": {"boom": hp.HingeLoad(stops=(0, 1), stop_restitution=0.5)}}),
+        ("loads", {"loads": {"stick": hp.HingeLoad()}}),
+    ],
+)
+def test_what_has_no_linearization_is_refused(name, given):
+    arm = hp.Mechanism([hp.HingePair((0, 0, 0), (0, 0, 0), (0, 1, 0), body2=ROD, name="boom")])
+    with pytest.raises(ArgumentError, match=f"^{name}: expected"):
+        hp.linearize(arm, [0.0], **given)
+
+
 @pytest.mark.slow
 def test_rates_of_a_free_robot_change_as_the_linearization_says():
     robot = Robot(record_of(random_model(3, 4)), "free")

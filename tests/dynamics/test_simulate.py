@@ -336,9 +336,7 @@ def test_a_motion_without_resistance_is_refused(base):
 
 def test_limits_that_are_left_are_warned_of():
     pair = hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), limits=(-1, 1), body2=hp.Body(1.0, inertia=(1, 1, 1)))
-    with pytest.warns(
-        hp.DynamicsWarning, match="psi leaves the pair's limits, -1 to 1 rad: it reaches 2 rad at t = 2 s"
-    ):
+    with pytest.warns(hp.DynamicsWarning, match="psi leaves its limits, -1 to 1 rad: it reaches 2 rad at t = 2 s"):
         hp.simulate(pair, [0, 0.5, 1.5, 2], STILL, 0.0, 1.0, base="fixed")
     stops = hp.HingeLoad(stops=pair.limits, motor=0.1)
     kept = hp.simulate(pair, np.linspace(0, 2, 9), STILL, 0.0, 1.0, base="fixed", hinge_torque=stops)
@@ -358,7 +356,7 @@ def test_a_stop_beyond_its_limit_does_not_guard_it(where):
     stops = hp.HingeLoad(stops=(-5, 5))
     torque = stops if where == "load" else hp.HingeLoad(damping=1e-3, motor=stops)
     with pytest.warns(
-        hp.DynamicsWarning, match=r"psi leaves the pair's limits, 0 to 1 rad: it reaches 2\.9\d* rad at t = 3 s"
+        hp.DynamicsWarning, match=r"psi leaves its limits, 0 to 1 rad: it reaches 2\.9\d* rad at t = 3 s"
     ):
         hp.simulate(limited, [0, 1, 2, 3], STILL, 0.0, 0.99, base="fixed", hinge_torque=torque)
 

@@ -169,6 +169,7 @@ def test_joints_that_lie_on_their_stops_pass_an_impact_on():
     assert found.qd[k - 1, 1] > 0 > found.qd[k + 2, 1]
 
 
+@pytest.mark.slow
 def test_a_robot_of_one_joint_is_the_pair():
     rng = generator(5)
     bodies = [hp.Body(rng.uniform(1, 2), rng.normal(size=3), np.diag(rng.uniform(0.6, 1, 3))) for _ in range(2)]
@@ -325,6 +326,17 @@ def test_an_event_ends_the_motion_of_a_robot():
         (r"^q0: expected", {"q0": [0.0]}),
         (r"^tau: expected .*shape \(\d+, 2\)", {"tau": lambda t, _: np.zeros((len(t), 3))}),
         (r"^tau: expected a callable of \(t, now\)", {"tau": lambda t: t}),
+        (r"^tau: expected shape \(n, 2\), a row .*such as -50 \* now.q, .*got shape \(2,\), of one instant",
+         {"tau": lambda _, now: -50 * now.q[0]}),
+        (r"^tau: expected shape \(n, 2\), .*got shape \(2,\)", {"tau": lambda _, now: -50 * now.q[-1]}),
+        (r"^tau: expected shape \(n, 2\), .*got shape \(\)", {"tau": lambda t, _: np.cos(t[0])}),
+        (r"^tau: .* now.q\[:, 1\] is the second column", {"tau": lambda _, now: -50 * now.q[1]}),
+        (r"^tau: expected 2 efforts that stay, .*got shape \(11, 2\)", {"tau": np.zeros((11, 2))}),
+        (r"^wrenches\['j1'\]\[0\]: expected shape \(n, 3\), .*-20 \* now.v1",
+         {"wrenches": {"j1": (lambda _, now: 3 * (now.qd[0, 0],), 0)}}),
+        (r"^until: expected shape \(n,\), .* such as now.q\[:, 1\] - 0.3, got \(2,\)",
+         {"until": lambda _, now: now.q[0] - 0.3}),
+        (r"^joint_loads: expected None beside loads", {"loads": {}, "joint_loads": True}),
         (r"^base: expected", {"base": "floating"}),
         (r"^base_motion: expected a callable", {"base": "moving"}),
         (r"^force1: expected 0", {"force1": (1, 0, 0)}),
@@ -350,7 +362,61 @@ def test_masses_that_resist_no_motion_are_named():
         hp.simulate(hp.Mechanism(hinges), [0.0, 1.0], [0.0, 0.0])
 
 
+EFFORTS = {"number": 3.0, "function": lambda _t, _now: 3.0, "of joints": lambda _t, _now: [3.0, 3.0]}
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("tau", EFFORTS.values(), ids=EFFORTS)
+def test_one_effort_holds_at_all_instants(tau):
+    found = hp.simulate(chain(2), [0.0, 0.1], [0.0, 0.0], tau=tau)
+    np.testing.assert_array_equal(found.tau, np.full((2, 2), 3.0))
+
+
+def follower(leader_load, follower_load, ratio=-2.0, offset=0.1):
+    """Return a robot whose second joint follows the first, with loads that its file describes."""
+    of_joints = "".join(
+        f'''<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/><axis xyz="0 1 0"/>
+        <origin xyz="0.3 0 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>{mimic}</joint>
+        <link name="{name}"><inertial><origin xyz="0.4 0 0"/><mass value="2"/>
+        <inertia ixx="0.1" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>'''
+        for name, parent, mimic in (
+            ("a", "root", ""), ("b", "a", f'<mimic joint="a" multiplier="{ratio}" offset="{offset}"/>')
+        )
+    )  # fmt: skip
+    robot = hp.Mechanism.from_urdf(f'<robot name="r"><link name="root"/>{of_joints}</robot>')
+    return robot.with_joint_loads({"a": leader_load, "b": follower_load})
+
+
+@pytest.mark.parametrize("ratio", [-2.0, 0.5])
+def test_loads_of_a_joint_that_follows_act_on_its_leader(ratio):
+    first, second = (hp.HingeLoad(stiffness=k, rest=0.2 * k, damping=0.1 * k, friction=0.3 * k) for k in (1.0, 3.0))
+    robot = follower(first, second, ratio)
+    q, qd = [0.3], [0.7]
+    wanted = robot.forward_dynamics(q, qd, [0.4], joint_loads=True).qdd
+    for options in ({"loads": robot.joint_loads}, {"joint_loads": True}):
+        found = hp.simulate(robot, np.linspace(0, 0.3, 7), q, qd, tau=0.4, **options)
+        np.testing.assert_allclose(found.qdd[0], wanted, rtol=1e-13)
+        assert np.abs(found.energy_balance().residual).max() < 1e-9 * np.abs(found.energy().kinetic).max()
+    assert {"stop"} == {*hp.simulate(robot, [0, 0.1], q, loads=robot.joint_loads).loads} - {*found.loads}
+
+
+def test_stops_and_motors_of_a_joint_that_follows_act_on_its_leader():
+    stop = hp.HingeLoad(stops=(-1.0, 1.0), stop_restitution=0.0, motor=lambda t, psi, psid: 5 * psi + psid + t)
+    robot = follower(hp.HingeLoad(), hp.HingeLoad())
+    loads = {"a": hp.HingeLoad(motor=2.0), "b": stop}
+    found = hp.simulate(robot, [0.0, 1.0], [0.0], [0.3], loads=loads, gravity=(0, 0, 0))
+    np.testing.assert_allclose(found.loads["motor"][0], 2.0 - 2 * (5 * 0.1 - 2 * 0.3), rtol=1e-14)
+    assert found.q[-1, 0] == pytest.approx(0.55, abs=1e-12)  # b stands at -1
+    with pytest.raises(hp.ArgumentError, match=r"^loads\['b'\]: expected no load at a joint that moves as given"):
+        hp.simulate(robot, [0.0, 1.0], [0.0], loads={"b": stop}, driven={"a": lambda t: (t, 1, 0)})
+
+
+def test_what_a_file_says_of_the_panda_can_be_simulated():
+    robot = hp.load_robot("panda")
+    found = hp.simulate(robot, [0.0, 0.01], robot.position_limits.mean(1), loads=robot.joint_loads)
+    assert {"damper", "stop"} <= {*found.loads}
+
+
 def test_a_load_that_jumps_is_named():
     jump = {"j1": hp.HingeLoad(motor=lambda _t, _psi, psid: -np.sign(psid) * 2.0)}
     with pytest.raises(hp.SimulationError, match=r"loads\['j1'\] jumps .* at j1' = "):

@@ -14,6 +14,7 @@ from hingepair.engine.llvm.ir import LANES
 from hingepair.engine.loops import Loop
 from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
 from hingepair.equations import spatial as eq
+from hingepair.errors import ShapeError
 from hingepair.plans.plan import SPATIAL_MOTION_KIND, make_plan
 from support.sparse import sparse
 
@@ -284,3 +285,11 @@ def test_more_arrays_than_a_ufunc_takes(dtype):
     values = {name: np.arange(50.0).reshape(10, 5)[:: 1 + 9 * (k % 2)] * k for k, name in enumerate(names)}
     found, expected = (run(loop, values, (10, 5), dtype, execution) for execution in (COMPILED, NUMPY))
     np.testing.assert_allclose(found["y"], expected["y"], rtol=1e-5 if dtype == F4 else 1e-14)
+
+
+@pytest.mark.parametrize("tail", [(), (2,), (4,), (3, 3)])
+@pytest.mark.parametrize("execution", [NUMPY, COMPILED], ids=["numpy", "compiled"])
+def test_results_of_another_shape_than_the_output_are_refused(tail, execution):
+    loop = Loop("doubled", lambda v: {"y": tuple(2.0 * x for x in v["x"])}, {"x": (3,)}, {"y": tail})
+    with pytest.raises(ShapeError, match="y: expected"):
+        run(loop, {"x": np.ones((5, 3))}, (5,), execution=execution)

@@ -97,7 +97,7 @@ tau = robot.prepare("inverse_dynamics", outputs=("tau",), backend="compiled")(q,
 print(np.asarray(getattr(tau, "tau", tau)).tobytes().hex()[:4000])
 print(robot.mass_matrix(q).tobytes().hex()[:4000])
 """
-NO_TRACE = "trees.Computation = None"
+NO_TRACE = "trees.TreeQuantities = None"
 
 
 @pytest.mark.slow(3)

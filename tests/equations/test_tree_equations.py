@@ -190,6 +190,7 @@ def whole_mass_matrix(tree):
     return M
 
 
+@pytest.mark.slow
 def test_the_mass_matrix_is_that_of_the_kinetic_energy(tree, truth):
     """For all motions: of the tree as it moves, and of each rate alone with each other."""
     velocities, _, points = truth

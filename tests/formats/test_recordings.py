@@ -6,9 +6,11 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import xarray
 
 import hingepair as hp
 from hingepair.formats.recordings import read_recording
@@ -49,7 +51,7 @@ def both(made=MADE) -> dict[str, np.ndarray]:
 
 def test_columns_are_read_by_name_and_quaternions_may_flip(tmp_path: Path) -> None:
     columns = both()
-    found = read_recording([table(tmp_path / "a.csv", **dict(reversed(columns.items())))])
+    found = read_recording(table(tmp_path / "a.csv", **dict(reversed(columns.items()))))
     assert np.abs(found.body1.S - MADE.S1).max() < 1e-14
     assert (found.body2.R == MADE.R2).all()
     assert (found.t == MADE.t).all()
@@ -68,7 +70,7 @@ def test_what_the_library_saved_is_read(tmp_path: Path) -> None:
     from hingepair.pair.results import Record
 
     for name in ("a.npz", "a.csv"):
-        found = read_recording([Record(MADE.t, arrays).save(tmp_path / name)])
+        found = read_recording(Record(MADE.t, arrays).save(tmp_path / name))
         assert (found.body2.S == MADE.S2).all()
         assert (found.body1.R == MADE.R1).all()
 
@@ -77,7 +79,7 @@ def test_empty_cells_and_nan_are_missing(tmp_path: Path) -> None:
     columns = both()
     columns["x1"] = np.where(np.arange(300) == 7, np.nan, columns["x1"])
     columns["qy2"] = np.where(np.arange(300) == 9, np.nan, columns["qy2"])
-    found = read_recording([table(tmp_path / "a.csv", **columns)])
+    found = read_recording(table(tmp_path / "a.csv", **columns))
     assert np.flatnonzero(np.isnan(found.body1.R[:, 0])).tolist() == [7]
     assert np.flatnonzero(np.isnan(found.body2.S).all(axis=(1, 2))).tolist() == [9]
     assert hp.fit(found.body1, found.body2).samples == 298
@@ -92,7 +94,7 @@ def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
     first = table(tmp_path / "one.csv", t=stamps, **pose("", fast.R1, fast.S1))
     late = stamps[kept]
     second = table(tmp_path / "two.csv", t=late, **pose("", slow.R2[kept], slow.S2[kept]))
-    found = read_recording([first, second], max_gap=0.1)
+    found = read_recording(first, second, gaps=0.1)
     assert found.t.tolist() == late.tolist()  # every nanosecond
     assert np.abs(found.body1.R - fast.R1[kept]).max() < 1e-9
     assert hp.fit(found.body1, found.body2, t=found.t).ok
@@ -103,51 +105,60 @@ def test_two_files_with_clocks_of_their_own_meet(tmp_path: Path) -> None:
     [
         (
             {"temperature": MADE.t},
-            "columns of poses, --encoder 'temperature' if it reads the hinge angle, or --ignore 'temperature'",
+            r"columns of poses, columns=\{'NAME': 'temperature'\}, encoder='temperature' if it reads the hinge "
+            r"angle, or ignore=\['temperature'\]",
         ),
         ({"qx3": MADE.t}, "nearest: qx"),
-        ({"time": MADE.t}, r"'time': expected columns of poses \(nearest: t\), or --ignore 'time'"),
+        (
+            {"time": MADE.t},
+            r"columns of poses \(nearest: t\), columns=\{'t': 'time'\}, or ignore=\['time'\]",
+        ),
+        (
+            {"time_ms": MADE.t},
+            r"columns of poses \(nearest: t\), columns=\{'t': \{'name': 'time_ms', 'unit': 'ms'\}\}, or ignore=",
+        ),
+        ({"x1_mm": MADE.t}, r"columns=\{'x1': \{'name': 'x1_mm', 'unit': 'mm'\}\}"),
         ({"px1": MADE.t}, r"nearest: x1\)"),
         ({"pos_z": MADE.t}, r"nearest: z\)"),
         ({"y2": None}, "y2: expected a column, since the file has x2, z2, got none"),
         ({"qw1": None}, "qw1: expected a column"),
     ],
-    ids=["unknown", "misspelt", "time", "px1", "pos_z", "lacking", "no scalar"],
+    ids=["unknown", "misspelt", "time", "milliseconds", "millimetres", "px1", "pos_z", "lacking", "no scalar"],
 )
 def test_columns_that_cannot_be_used_are_named(tmp_path: Path, change: dict, words: str) -> None:
     columns = {name: array for name, array in (both() | change).items() if array is not None}
     path = table(tmp_path / "a.csv", **columns)
     with pytest.raises(hp.ArgumentError, match=words):
-        read_recording([path])
+        read_recording(path)
 
 
 def test_a_body_2_without_attitudes_is_a_point(tmp_path: Path) -> None:
     columns = {name: array for name, array in both().items() if not name.startswith("q") or name.endswith("1")}
-    found = read_recording([table(tmp_path / "a.csv", **columns)])
+    found = read_recording(table(tmp_path / "a.csv", **columns))
     assert found.body1.S is not None
     assert found.body2.S is None
     assert np.abs(found.body2.R - MADE.R2).max() < 1e-15
     assert hp.fit(found.body1, found.body2).ok
     first = table(tmp_path / "one.csv", t=MADE.t, **pose("", MADE.R1, MADE.S1))
     point = table(tmp_path / "two.csv", t=MADE.t[1::2], x=MADE.R2[1::2, 0], y=MADE.R2[1::2, 1], z=MADE.R2[1::2, 2])
-    assert read_recording([first, point]).body2.shape == (150,)
+    assert read_recording(first, point).body2.shape == (150,)
     with pytest.raises(hp.ArgumentError, match=r"two\.csv: expected columns of the attitude of body 1: S_xx"):
-        read_recording([point, first])
+        read_recording(point, first)
 
 
 def test_an_encoder_is_a_column_that_is_named(tmp_path: Path) -> None:
     columns = both() | {"angle": np.where(np.arange(300) == 5, np.nan, MADE.psi)}
     path = table(tmp_path / "a.csv", **columns)
-    found = read_recording([path], ["ang*"], encoder_column="angle")
+    found = read_recording(path, ignore=["ang*"], encoder="angle")
     assert np.isnan(found.encoder[5])
     assert np.nanmax(np.abs(found.encoder - MADE.psi)) == 0
-    assert read_recording([path], ["angle"]).encoder is None
+    assert read_recording(path, ignore=["angle"]).encoder is None
     for name, words in (
         ("angel", "encoder: expected a column of .*a.csv, the file of body 1, .*nearest: angle.*, got 'angel'"),
         ("x1", "encoder: expected a column that is not t and not of a pose, got 'x1'"),
     ):
         with pytest.raises(hp.ArgumentError, match=words):
-            read_recording([path], ["angle"], encoder_column=name)
+            read_recording(path, ignore=["angle"], encoder=name)
 
 
 def test_an_encoder_has_the_clock_of_body_1(tmp_path: Path) -> None:
@@ -157,25 +168,25 @@ def test_an_encoder_has_the_clock_of_body_1(tmp_path: Path) -> None:
     reading = {"enc": np.mod(made.psi, 2 * np.pi)}
     first = table(tmp_path / "one.csv", t=made.t, **pose("", made.R1, made.S1), **reading)
     second = table(tmp_path / "two.csv", t=made.t[kept] + 1e-3, **pose("", made.R2[kept], made.S2[kept]))
-    found = read_recording([first, second], max_gap=0.1, encoder_column="enc")
+    found = read_recording(first, second, gaps=0.1, encoder="enc")
     angle = np.interp(made.t[kept] + 1e-3, made.t, made.psi)
     turns_off = (found.encoder - angle) / (2 * np.pi)
     assert np.abs(turns_off - np.rint(turns_off[0])).max() < 1e-3
     with pytest.raises(hp.ArgumentError, match=r"the file of body 1, .* got 'enc' in .*one.csv"):
-        read_recording([second, first], encoder_column="enc")
+        read_recording(second, first, encoder="enc")
 
 
 def test_columns_of_no_concern_may_hold_anything(tmp_path: Path) -> None:
     names = np.array(["left knee"] * 300)
     path = table(tmp_path / "a.csv", **both(), marker_a=names, marker_b=names)
-    assert read_recording([path], ignored_columns=["marker_*"]).body1.shape == (300,)
+    assert read_recording(path, ignore=["marker_*"]).body1.shape == (300,)
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         (
-            "t,x1,y1,z1\n0,1,2,3\n",
+            "t,x1,y1,z1,x2,y2,z2\n0,1,2,3,4,5,6\n",
             "the attitude of body 1: S1_xx, .*a body that is known by its position alone must be body 2",
         ),
         ("t\n0\n", "columns of body 1"),
@@ -192,7 +203,7 @@ def test_files_that_cannot_be_used_are_named(tmp_path: Path, text: str, words: s
     path = tmp_path / "a.csv"
     path.write_text(text)
     with pytest.raises(hp.ArgumentError, match=words) as caught:
-        read_recording([path])
+        read_recording(path)
     assert "a.csv" in caught.value.name
 
 
@@ -210,7 +221,7 @@ def test_instants_of_files_stay_what_they_are(tmp_path: Path, name: str, kind: s
     stamps = (1_700_000_000_000_000_001 + np.round(1e9 * MADE.t).astype(np.int64)).astype(kind)
     columns = both() | {"t": stamps}
     columns["x1"] = np.where(np.arange(300) == 7, np.nan, columns["x1"])
-    found = read_recording([saved(tmp_path / name, **columns)])
+    found = read_recording(saved(tmp_path / name, **columns))
     assert found.t is not None
     assert found.t.dtype == stamps.dtype
     assert (found.t == stamps).all()
@@ -223,26 +234,26 @@ def test_instants_of_files_stay_what_they_are(tmp_path: Path, name: str, kind: s
 def test_only_numbers_are_read(tmp_path: Path, name: str, kind: str) -> None:
     others = np.arange(300).astype("i8").astype(kind)
     path = saved(tmp_path / name, **both(), note=others)
-    assert read_recording([path], ignored_columns=["note"]).body1.shape == (300,)  # nor is anything unpickled
+    assert read_recording(path, ignore=["note"]).body1.shape == (300,)  # nor is anything unpickled
     with pytest.raises(hp.ArgumentError, match=f"{name}: x2: expected (real|a column of) numbers"):
-        read_recording([saved(path, **both() | {"x2": others})])
+        read_recording(saved(path, **both() | {"x2": others}))
 
 
 def test_a_vector_of_no_concern_is_named_as_its_columns_are(tmp_path: Path) -> None:
     path = saved(tmp_path / "a.npz", **both(), marker=MADE.R1)
-    with pytest.raises(hp.ArgumentError, match="--ignore 'marker_x'"):
-        read_recording([path])
-    assert read_recording([path], ignored_columns=["marker_*"]).body1.shape == (300,)
+    with pytest.raises(hp.ArgumentError, match=r"ignore=\['marker_x'\]"):
+        read_recording(path)
+    assert read_recording(path, ignore=["marker_*"]).body1.shape == (300,)
 
 
 def test_names_of_files_are_checked(tmp_path: Path) -> None:
     for name in ("a.csv", "a" * 300 + ".csv"):
         with pytest.raises(hp.ArgumentError, match="no such file"):
-            read_recording([tmp_path / name])
+            read_recording(tmp_path / name)
     with pytest.raises(hp.ArgumentError, match=r"ends in \.csv, \.npz, \.parquet"):
-        read_recording([tmp_path / "a.txt"])
-    with pytest.raises(hp.ArgumentError, match="one file, or two"):
-        read_recording([])
+        read_recording(tmp_path / "a.txt")
+    with pytest.raises(hp.ArgumentError, match="one recording, or one of each body"):
+        read_recording()
 
 
 def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None:
@@ -255,7 +266,7 @@ def test_attitudes_of_a_few_digits_and_of_zeros_are_read(tmp_path: Path) -> None
         for k, b in enumerate("xyz")
     }
     places = {f"R{i}_{a}": R[:, j] for i, R in ((1, MADE.R1), (2, MADE.R2)) for j, a in enumerate("xyz")}
-    found = read_recording([table(tmp_path / "a.csv", **columns, **places)])
+    found = read_recording(table(tmp_path / "a.csv", **columns, **places))
     assert np.isnan(found.body2.S[5]).all()
     assert np.abs(np.delete(found.body2.S - MADE.S2, 5, axis=0)).max() < 1e-6
 
@@ -269,5 +280,101 @@ def test_recordings_that_have_no_time_in_common_are_refused(tmp_path: Path, fact
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", hp.MeasurementWarning)  # of steps of seconds
         with pytest.raises(hp.ArgumentError, match=words) as caught:
-            read_recording([first, second])
+            read_recording(first, second)
     assert caught.value.name == f"{first}: t, {second}: t"
+
+
+def same_recording(found: hp.Recording, expected: hp.Recording) -> None:
+    for one, other in zip(found[:2], expected[:2], strict=True):
+        np.testing.assert_array_equal(one.R, other.R)
+        np.testing.assert_array_equal(one.S, other.S)
+    np.testing.assert_array_equal(found.t, expected.t)
+
+
+@pytest.mark.slow
+def test_a_data_frame_is_read_like_its_file(tmp_path: Path) -> None:
+    columns = both()
+    columns["x1"][7] = np.nan
+    expected = hp.read_recording(table(tmp_path / "a.csv", **columns))
+    frame = pd.DataFrame(columns)
+    nullable = frame.assign(x1=frame["x1"].astype("Float64"), weather="fine")
+    by_index = frame.set_index("t")
+    for source in (frame, columns, by_index, xarray.Dataset.from_dataframe(by_index)):
+        same_recording(hp.read_recording(source), expected)
+    same_recording(hp.read_recording(nullable, ignore=["weather"]), expected)
+    first, second = ([name for name in columns if digit not in name] for digit in "21")
+    same_recording(hp.read_recording(frame[first], frame[second]), expected)
+
+
+def test_a_dataset_of_results_is_read_with_its_units() -> None:
+    pair = hp.HingePair(u1=(0.5, 0, 0), u2=(0.1, 0.2, 0), n=(0, 0, 1))
+    result = hp.integrate(pair, np.linspace(0, 1, 20), (0.1, 0.2, 1.0), 1.0, outputs=("R1", "S1", "R2", "S2"))
+    expected = hp.read_recording(result.to_dataframe())
+    found = hp.read_recording(result.to_xarray(units="mm, deg, ms"))
+    assert np.abs(found.body2.R - expected.body2.R).max() < 1e-15
+    assert np.array_equal(found.body1.S, expected.body1.S)
+    assert np.abs(found.t - expected.t).max() < 1e-15
+    strange = result.to_xarray()
+    strange["R1"].attrs["units"] = "furlong"
+    with pytest.raises(hp.ArgumentError, match=r"Dataset: R1: expected the unit of this quantity.*'furlong'"):
+        hp.read_recording(strange)
+
+
+def test_columns_of_another_program_have_names_and_units(tmp_path: Path) -> None:
+    made = both()
+    stamps = np.datetime64("2026-03-05T13:30:00", "ns") + np.rint(1e9 * MADE.t).astype("m8[ns]")
+    frame = pd.DataFrame(made).rename(columns={"x1": "Ost", "t": "Zeit"}).assign(Wetter="fine")
+    frame["Ost"], frame["Zeit"] = 1e3 * frame["Ost"], pd.to_datetime(stamps).tz_localize("UTC")
+    german = frame.assign(Zeit=frame["Zeit"].dt.tz_convert("Europe/Berlin"))
+    path = tmp_path / "fahrt.csv"
+    german.assign(Zeit=german["Zeit"].map(lambda stamp: stamp.isoformat())).to_csv(
+        path, sep=";", decimal=",", index=False
+    )
+    columns = {"t": "Zeit", "x1": {"name": "Ost", "unit": "mm"}}
+    expected = hp.read_recording(made)
+    for source in (german, german.set_index("Zeit"), path):
+        found = hp.read_recording(source, columns=columns)
+        assert np.array_equal(found.t.astype("M8[ns]"), stamps)
+        assert np.abs(found.body1.R - expected.body1.R).max() < 1e-15
+        assert np.array_equal(found.body2.S, expected.body2.S)
+    with pytest.raises(hp.ArgumentError, match=r"columns\.x1: expected one of .* \(nearest: Ost\), got 'Osten'"):
+        hp.read_recording(german, columns=columns | {"x1": "Osten"})
+    with pytest.raises(hp.ArgumentError, match=r"x1: expected x1 once, from columns or from a column of this name"):
+        hp.read_recording(german.assign(x1=0.0), columns=columns)
+    with pytest.raises(hp.ArgumentError, match=r"columns\.x1\.unit: expected one of m, mm"):
+        hp.read_recording(german, columns=columns | {"x1": {"name": "Ost", "unit": "deg"}})
+
+
+def test_a_recording_is_shown_in_a_line() -> None:
+    found = hp.read_recording(both())
+    assert repr(found) == "Recording(300 instants: body1, body2, t)"
+
+
+def test_one_body_may_be_read_alone() -> None:
+    columns = {name.removesuffix("1"): column for name, column in both().items() if not name.endswith("2")}
+    found = hp.read_recording(columns, gaps=0.1)
+    assert found.body2 is None
+    assert hp.smooth(found.t, found.body1).omega.shape == (300, 3)
+    point = hp.read_recording({name: columns[name] for name in "txyz"})
+    assert point.body1.S is None
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"x1": "0,5"}, r"DataFrame: x1: expected numbers; pandas.read_csv.*decimal=',.*, got '0,5'"),
+        ({"t": "2026-03-05 14:30"}, "DataFrame: t: expected numbers, or dates, which pandas.to_datetime makes"),
+        ({"x1": pd.Timestamp(0)}, "DataFrame: x1: expected numbers"),
+        ({"weather": "fine"}, "DataFrame: 'weather': expected columns of poses"),
+    ],
+    ids=["decimal commas", "text for dates", "dates", "unknown"],
+)
+def test_columns_of_a_data_frame_that_cannot_be_used_are_named(columns: dict[str, object], words: str) -> None:
+    with pytest.raises(hp.ArgumentError, match=words):
+        hp.read_recording(pd.DataFrame(both()).assign(**columns))
+
+
+@pytest.mark.parametrize("source", [5, [1, 2], np.zeros((3, 8))], ids=str)
+def test_what_is_no_table_is_refused(source: object) -> None:
+    with pytest.raises(hp.ArgumentError, match="sources: expected the path of a file, a pandas DataFrame"):
+        hp.read_recording(source)

@@ -164,7 +164,7 @@ def test_the_folder_may_always_be_named():
     [
         ("talos_reducd", "talos_reduced"),
         ("TALOS", "talos_full_v2"),
-        ("ur5", "ur5_robot"),
+        ("Panda", "(nearest: panda, "),
         ("qqq", "example-robot-data"),
     ],
 )
@@ -173,6 +173,13 @@ def test_an_unknown_robot_is_refused_with_those_like_it(robot, near):
         load_robot_hinge(robot, "joint")
     assert str(raised.value).startswith(f"robot: expected one of the {len(robot_names())} robots")
     assert near in str(raised.value)
+
+
+def test_the_ending_robot_may_be_left_out():
+    """`ur5` is no file, and `ur5_gripper` and `ur5_joint_limited_robot` begin alike."""
+    assert robot_urdf("ur5") == robot_urdf("ur5_robot")
+    with pytest.raises(ArgumentError, match="nearest: talos_full_v2, "):
+        robot_urdf("talos")  # several robots, none of them plain
 
 
 @pytest.mark.parametrize("robot", [None, 3, ["talos_reduced"], ""], ids=repr)

@@ -215,6 +215,7 @@ def test_friction_left_out_is_reported_of_samples_in_any_order():
         assert any("is not random: filtered noise, or what the parameters lack" in text for text in lacking.findings)
 
 
+@pytest.mark.slow
 def test_masses_of_rigid_bodies_are_found_without_any_description():
     """As good as the best parameters, although these are none of rigid bodies."""
     q, qd, qdd = motion(10)
@@ -240,6 +241,7 @@ def test_masses_of_rigid_bodies_are_found_without_any_description():
     assert not impossible.robot.tree.notes  # at the border of what rigid bodies can have
 
 
+@pytest.mark.slow
 def test_recordings_come_in_every_form_and_with_gaps():
     q, qd, qdd = (one[:300] for one in motion(5))
     tau = torques(panda(), q, qd, qdd) + noise(q.shape, 0)

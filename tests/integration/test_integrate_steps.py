@@ -103,6 +103,16 @@ def test_steps_do_not_chase_rounding():
     assert smooth.steps == 16
 
 
+def test_noise_is_not_divided_with_a_jump():
+    """Steps beside the jump alone are divided until its error is no larger than what noise leaves elsewhere."""
+
+    def rate(t):
+        return np.where(t > 0.30012, 1.0, 0.0) + 1e-11 * np.sin(1e13 * t)
+
+    motion = hp.integrate(PAIR, np.linspace(0, 1, 2001), (0, 0, 0), rate, tol=1e-12, outputs=())
+    assert motion.steps <= 3000
+
+
 def test_no_attitude_is_off_by_more_than_half_a_turn():
     assert hp.integrate(PAIR, [0, 1e9], (1e9, 0, 0), 0.0, outputs=()).error_estimate == np.pi
 

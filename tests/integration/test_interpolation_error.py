@@ -99,7 +99,7 @@ def test_a_gap_is_seen_in_every_kind_of_signal():
 def test_a_log_without_some_of_its_lines(frame, count):
     for start in (0, 1, 20, 300, 995 - count, 1000 - count):
         estimate, true = tumbling(np.delete(LOG, slice(start, start + count)), frame)
-        assert true / 1.05 <= estimate <= (3 if count == 100 else 1.2) * true
+        assert true / 1.1 <= estimate <= (3 if count == 100 else 1.3) * true
 
 
 @pytest.mark.parametrize("frame", ["world", "body"])
@@ -114,10 +114,10 @@ def test_random_instants(frame, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hertz", "factor"),
-    sparse([(1, 2), (2, 2), (5, 2), (10, 10), (15, 20), (20, 60), (25, 60), (35, 200), (40, 200), (45, 200)], 3),
+    sparse([(1, 2), (2, 2), (5, 2), (10, 4), (15, 10), (20, 10), (25, 200), (35, 900), (40, 300), (45, 300)], 3),
 )
 def test_vibration_that_the_samples_hardly_follow(hertz, factor):
-    """A hundred samples a second: with fewer than eight a period the estimate fears jumps, and says too much."""
+    """A hundred samples a second: with four or fewer a period the estimate fears jumps, and says too much."""
     for phase in (0.0, 0.5, 1.0, 2.0):
         for count in (101, 1001):
             t = np.arange(count) / 100
@@ -151,12 +151,12 @@ def test_a_jump_is_seen_wherever_it_is():
 def test_a_jump_stands_out_of_a_steep_slope():
     """Half a step of a jump, whatever the rate changes from sample to sample besides; a kink is no jump."""
     for slope in (0, 10, 1000):
-        for order, most in ((0, 0.0051), (1, 1e-5)):
+        for order, most in ((0, 0.0051), (1, 2e-5)):
             rate, angle = singular(order, 5.0023, 0.0, 1.0, 0.0)
             found = hinge(
                 LOG, lambda t, r=rate, k=slope: r(t) + k * t, lambda t, a=angle, k=slope: a(t) + k * t**2 / 2
             )
-            check(*found, factor=3)
+            check(*found, factor=5)
             assert found[0] <= most
 
 
@@ -221,7 +221,7 @@ def test_tolerance_refuses_a_gap_and_keeps_to_it_elsewhere():
         assert off > 1e-2
         check(plain, off, factor=2)
         estimate, true = tumbling(t, frame, tol=5e-3)
-        check(estimate, true, factor=5)
+        check(estimate, true, factor=7)
         assert true <= 5e-3
         with pytest.raises(hp.ArgumentError, match=r"tol: expected at least the error that is left, 0\.00\d+ rad"):
             tumbling(t, frame, tol=1e-4)

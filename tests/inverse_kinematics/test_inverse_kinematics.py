@@ -75,6 +75,7 @@ def test_errors_come_down_to_tight_tolerances():
     assert max(found.position_error[found.ok].max(), found.angle_error[found.ok].max()) <= 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [{}, {"select": "nearest"}, {"solutions": 3}, {"prefer": "middle"}, {"seed": 5, "workers": 2}],

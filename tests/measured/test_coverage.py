@@ -48,6 +48,19 @@ def motion(t: np.ndarray, fixed: bool = False) -> tuple[np.ndarray, Rotation, np
     return R1, S1, R1 + S1.apply(U1) - S2.apply(U2), S2
 
 
+def angle_of_zero() -> float:
+    """Angle of `motion` at which psi of a fit is 0: home is the shortest turn from N2 to N1."""
+    shortest, _ = Rotation.align_vectors([N1], [N2])
+    return float((HOME * shortest.inv()).as_rotvec() @ N1)
+
+
+def angle_on_circle(psi: np.ndarray) -> np.ndarray:
+    """Angle of the point R2, counted from the x axis of body 1, which is far from N1."""
+    off = Rotation.from_rotvec(psi[:, None] * N1).apply(-HOME.apply(U2))
+    start = np.array((1.0, 0, 0)) - N1[0] * N1
+    return np.arctan2(off @ np.cross(N1, start), off @ start)
+
+
 def poses(
     seed: int,
     *,
@@ -132,7 +145,13 @@ FEW: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {  # 80 runs each, 40 wi
 @pytest.mark.proof
 @pytest.mark.parametrize(
     ("name", "what"),
-    [*((name, "body") for name in (*KINDS, *FEW)), ("equal", "point"), (MOVING, "point"), (MOVING, "encoder")],
+    [
+        *((name, "body") for name in (*KINDS, *FEW)),
+        ("equal", "point"),
+        (MOVING, "point"),
+        (MOVING, "encoder"),
+        ("weights", "encoder"),
+    ],
 )
 def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
     made, told = (KINDS | FEW)[name]
@@ -151,6 +170,9 @@ def test_errors_of_a_fit_are_within_its_intervals(name: str, what: str) -> None:
         true = {"u1": POINT[:3], "n": sign * N1} | ({} if what == "point" else {"u2": POINT[3:]})
         for key, value in true.items():
             scores.setdefault(key, []).append((getattr(found.pair, key) - value) / np.maximum(found.std[key], 1e-300))
+        true_psi = angle_on_circle(psi) if what == "point" else psi + angle_of_zero()
+        turned = np.angle(np.exp(1j * (sign * found.psi - true_psi)))
+        scores.setdefault("psi", []).append(turned / found.std["psi"])
         if found.encoder is not None:
             off = (found.encoder.scale - 2 * sign) / found.encoder.std["scale"]
             scores.setdefault("scale", []).append(np.array([off]))
@@ -194,8 +216,7 @@ def felt(t: np.ndarray) -> list[np.ndarray]:
 @pytest.mark.parametrize("late", [0.0, 0.02])
 def test_errors_from_inertial_sensors_are_within_the_intervals(late: float) -> None:
     t = 0.025 * np.arange(200)
-    shortest, _ = Rotation.align_vectors([N1], [N2])
-    psi = angle(t) + (HOME * shortest.inv()).as_rotvec() @ N1
+    psi = angle(t) + angle_of_zero()
     scores: dict[str, list[np.ndarray]] = {"axis": [], "point": [], "psi": []} | ({"clock": []} if late else {})
     findings = []
     for seed in range(40):

@@ -57,6 +57,17 @@ def test_a_wrapped_encoder_and_missing_readings() -> None:
     assert np.std(off[300:400]) == pytest.approx(np.sqrt(2) * 1e-2, rel=0.3)
 
 
+def test_an_encoder_has_its_noise_beside_poses_of_different_weight() -> None:
+    sizes = np.where(np.arange(1000) % 2, 1.0, 4.0)[:, None]
+    made = recording(1000, 1e-3 * sizes, 3e-3 * sizes)
+    reading = read(made, SIGN, 0.4, 1.0, 1e-2, 0)
+    for loss in ("linear", "cauchy"):
+        found = hp.fit(*bodies(made), encoder=reading, weights=1 / sizes[:, 0] ** 2, loss=loss)
+        assert found.encoder.noise == pytest.approx(1e-2, rel=0.2)
+        z = (found.psi - true_psi(made, SIGN)) / found.std["psi"]
+        assert np.std(z) == pytest.approx(1, abs=0.12)
+
+
 @pytest.mark.slow
 def test_a_rough_encoder_has_its_noise_and_an_unbiased_scale() -> None:
     scores = []

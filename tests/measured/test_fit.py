@@ -101,6 +101,74 @@ def test_the_first_large_component_of_n_is_positive() -> None:
         assert abs(found.pair.n @ unit) == pytest.approx(1, abs=4 * U)
 
 
+@pytest.mark.parametrize("direction", [N1, -N1, (0, 0, 1), (0, 0, -3)], ids=str)
+def test_the_sign_of_n_may_be_chosen(direction) -> None:
+    made = recording(200, 1e-3, 2e-3)
+    usual = hp.fit(*bodies(made))
+    found = hp.fit(*bodies(made), n_along=direction)
+    assert found.pair.n @ direction > 0
+    sign = np.sign(found.pair.n @ usual.pair.n)
+    assert np.abs(found.psi - sign * usual.psi).max() < 1e-12
+    assert np.abs(found.pair.home - usual.pair.home).max() < 1e-12
+    assert "as asked" in str(found)
+    point = hp.fit(bodies(made)[0], hp.BodyMotion(R=made.R2), n_along=direction)
+    assert point.pair.n @ direction > 0
+
+
+@pytest.mark.parametrize(
+    ("direction", "words"),
+    [
+        (np.cross(N1, (1, 0, 0)), "a direction along the axis, which is .* got one at 9?[089].* deg to it"),
+        ((0, 0, 0), "a non-zero axis"),
+        ((0, 1), r"shape \(3,\)"),
+    ],
+    ids=["across", "zero", "two numbers"],
+)
+def test_a_direction_that_cannot_tell_the_sign_is_refused(direction, words: str) -> None:
+    with pytest.raises(hp.ArgumentError, match=f"n_along: expected {words}"):
+        hp.fit(*bodies(recording(200, 1e-3, 2e-3)), n_along=direction)
+
+
+def errors_of_psi(found: hp.HingeFit, made) -> np.ndarray:
+    """In standard deviations; (N,)."""
+    sign = np.sign(found.pair.n @ N1)
+    home = truth(sign)[3]
+    true = sign * made.psi + hp.rotation_log(HOME @ home.T) @ (sign * N1)
+    return np.angle(np.exp(1j * (found.psi - true))) / found.std["psi"]
+
+
+def test_every_angle_has_its_standard_deviation() -> None:
+    made = recording(2000, 1e-3, 5e-3)
+    made.R1[7], made.R1[3] = np.nan, np.nan
+    found = hp.fit(*bodies(made))
+    assert np.array_equal(np.isnan(found.std["psi"]), np.isnan(found.psi))
+    assert np.nanmedian(found.std["psi"]) == pytest.approx(np.sqrt(2) * 5e-3, rel=0.06)
+    assert np.nanstd(errors_of_psi(found, made)) == pytest.approx(1, abs=0.06)
+    sizes = np.where(np.arange(2000) % 2, 1.0, 5.0)[:, None]
+    rough = recording(2000, 1e-3 * sizes, 5e-3 * sizes)
+    known = hp.fit(*bodies(rough), weights=1 / sizes[:, 0] ** 2)
+    for part in (slice(0, None, 2), slice(1, None, 2)):
+        assert np.std(errors_of_psi(known, rough)[part]) == pytest.approx(1, abs=0.1)
+    told = json.loads(known.to_json())["std"]["psi"]
+    assert told == pytest.approx(np.median(known.std["psi"]))
+
+
+@pytest.mark.slow
+def test_an_angle_of_few_samples_is_as_uncertain_as_the_axis_that_they_tell() -> None:
+    """Axes 150 degrees apart in both bodies, where psi = 0 moves 4 times as much as they do."""
+    across = np.cross(N1, (1.0, 0.0, 0.0)) / np.linalg.norm(np.cross(N1, (1.0, 0.0, 0.0)))
+    over = turns(np.radians(150) * across)
+    scores = []
+    for seed in range(30):
+        psi = recording(24).psi
+        made = recording(24, 1e-3, 5e-3, seed, Q=turns(psi[:, None] * N1) @ over)
+        found = hp.fit(*bodies(made), n_along=N1)
+        off = np.angle(np.exp(1j * (found.psi - psi)))
+        scores.append(np.mean(off / found.std["psi"]))
+    # All angles of a fit are off together; with the noise of samples alone, std["psi"] would be half as large.
+    assert np.std(scores) == pytest.approx(1, abs=0.35)
+
+
 def coverage(runs: int, count: int, loss: str, known: bool = False, **kind: float) -> np.ndarray:
     inside = np.zeros(12)
     noise = (kind["metres"], kind["radians"])
@@ -485,6 +553,22 @@ def test_the_report_reads_plots_and_travels() -> None:
     assert [axes.get_ylabel() for axes in found.plot().axes] == ["psi [deg]", "gap [mm]", "tilt [deg]"]
 
 
+@pytest.mark.slow
+def test_no_line_of_the_figure_crosses_absent_rows_which_are_told() -> None:
+    made = recording(400, 1e-3, 2e-3)
+    kept = np.r_[0:150, 250:400]
+    found = hp.fit(*(hp.BodyMotion(R=body.R[kept], S=body.S[kept]) for body in bodies(made)), t=made.t[kept])
+    assert any("t has no samples from" in text for text in found.findings)
+    assert found.ok
+    psi = found.plot().axes[0]
+    (line,), (band,) = psi.lines, psi.collections
+    lost = np.isnan(line.get_ydata())
+    assert np.flatnonzero(lost).tolist() == [150]
+    assert len(band.get_paths()) == 2
+    low, high = np.sort(band.get_paths()[0].vertices[1:-1, 1].reshape(-1))[[0, -1]]
+    assert (low, high) > (np.degrees(found.psi[:150].min()) - 2, np.degrees(found.psi[:150].max()))
+
+
 @pytest.mark.parametrize(
     ("change", "name"),
     [
@@ -503,6 +587,14 @@ def test_what_cannot_be_used_is_named(change: dict[str, object], name: str) -> N
     with pytest.raises(hp.ArgumentError) as caught:
         hp.fit(**{"body1": body1, "body2": body2} | change)
     assert caught.value.name == name
+
+
+def test_bodies_that_do_not_fit_are_answered_with_what_makes_them_fit() -> None:
+    body1, body2 = bodies(recording(50))
+    with pytest.raises(hp.ArgumentError, match=r"body1: expected .*read_recording.*, got dict"):
+        hp.fit({"x1": [1.0]}, body2)
+    with pytest.raises(hp.ShapeError, match=r"body2: .* hingepair\.resample"):
+        hp.fit(body1, hp.BodyMotion(R=np.zeros((49, 3)), S=np.eye(3)))
 
 
 def test_few_samples_are_said_to_be_few() -> None:

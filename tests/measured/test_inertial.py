@@ -97,6 +97,7 @@ def test_axes_that_are_not_shown_are_not_told(noise: float) -> None:
     assert (hp.fit_axis(omega1, omega2).std == np.inf).all()
 
 
+@pytest.mark.slow
 def test_missing_rates_are_left_out() -> None:
     omega1, _, omega2, _ = felt()
     omega1[500:520] = np.nan
@@ -395,6 +396,7 @@ def test_an_angle_that_no_direction_shows_is_not_relied_on() -> None:
     assert found.std.max() > 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.7], ids=["white", "coloured"])
 def test_noise_with_a_memory_is_told_with_the_angle(share: float) -> None:
     t = np.arange(200) / 40

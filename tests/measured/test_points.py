@@ -46,6 +46,22 @@ def test_a_point_runs_along_a_circle_about_the_hinge(gauge: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("count", "radians"), [(2000, 0.0), (2000, 1e-2), (12, 0.0)], ids=["positions", "attitudes", "few"]
+)
+def test_angles_of_a_point_have_standard_deviations(count: int, radians: float) -> None:
+    psi = recording(count).psi
+    off = hp.fit(*bodies(recording(count)), n_along=N1).psi - psi  # by another psi = 0
+    errors = []
+    for seed in range(60 if count < 100 else 1):
+        found = hp.fit(*bodies(recording(count, 1e-3, radians, seed)), n_along=N1)
+        errors.append((found.psi - psi - off) / found.std["psi"])
+    rms = np.sqrt(np.mean(np.square(errors)))
+    # Noise of attitudes moves the point further along the circle than off it, and cannot be told from that of places.
+    assert 0.7 < rms < 1.1
+
+
+@pytest.mark.slow
 def test_errors_of_a_point_are_within_the_covariance() -> None:
     inside = np.zeros(6)
     for seed in range(40):
@@ -313,6 +329,7 @@ def test_markers_that_are_not_what_they_are_taken_for_are_said(name: str, marker
     assert re.search(words, " ".join(found.findings))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("markers", [3, 4, 5])
 @pytest.mark.parametrize("given", [True, False], ids=["reference", "no reference"])
 def test_good_clusters_are_passed_with_their_noise(markers: int, given: bool) -> None:

@@ -170,6 +170,7 @@ def test_instants_that_are_no_seconds_are_warned_of() -> None:
         hp.smooth(t, np.sin(t * 1e-9))
 
 
+@pytest.mark.slow
 def test_noise_that_dominates_is_warned_of_with_its_size() -> None:
     t = np.arange(1000) / 200
     truth = motion(t)

@@ -15,9 +15,11 @@ import pytest
 import hingepair as hp
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.formats.robots import robot_urdf
-from hingepair.mechanism import building
-from hingepair.mechanism.building import add_frame, add_payload, pair_of, tree_of_pairs, tree_of_pinocchio
-from hingepair.mechanism.slider import Slider
+from hingepair.mechanism.building import urdf
+from hingepair.mechanism.building.changes import add_frame, add_payload, pair_of
+from hingepair.mechanism.building.pairs import tree_of_pairs
+from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
+from hingepair.mechanism.joints import Slider
 from hingepair.rotations.matrices import rodrigues
 from support.exported import ARM
 from support.robots import check_against_model, tree_of
@@ -28,7 +30,7 @@ FAST = ("panda", "talos_reduced", "romeo", "kinova", "quadrotor_base")
 
 
 def tree_of_urdf(*arguments):
-    return building.tree_of_urdf(*arguments)[0]
+    return urdf.tree_of_urdf(*arguments)[0]
 
 
 @pytest.mark.parametrize("name", FAST)
@@ -365,6 +367,18 @@ PAIRS_WRONG = {
 def test_pairs_that_make_no_robot_are_refused(given, message):
     with pytest.raises(ArgumentError, match=message):
         tree_of_pairs(*given, "fixed", None)
+
+
+def test_pairs_without_names_are_told_apart_by_their_places():
+    hinge, slider = hp.HingePair((1, 0, 0), (0, 0, 0), (0, 0, 1)), hp.Slider((1, 0, 0), (0, 0, 0), (0, 0, 1))
+    assert hp.Mechanism([hinge, slider]).names == ("hinge_pair", "slider")
+    assert hp.Mechanism([hinge, slider, hinge, BOOM]).names == ("hinge_pair_1", "slider", "hinge_pair_3", "boom")
+    branches = hp.Mechanism([slider] * 11, parents=[0] * 11).names  # siblings by name, which are in the order given
+    assert (branches[0], branches[9], len(branches)) == ("slider_01", "slider_10", 11)
+    varied = hp.HingePair(np.arange(6.0).reshape(2, 3), (0, 0, 0), (0, 0, 1))
+    robot = hp.Mechanism([varied, varied])
+    assert robot["hinge_pair_2"].name == robot.names[1] == "hinge_pair_2"
+    assert robot.forward_kinematics((0, 0))["hinge_pair_2"].R.tolist() == [[0, 2, 4], [6, 8, 10]]
 
 
 def test_a_body_may_be_given_on_both_sides_alike():

@@ -93,7 +93,7 @@ CALLS = {
 def arrays_of(result) -> dict:
     if isinstance(result, np.ndarray | da.Array):
         return {"": result}
-    return result._asdict() if hasattr(result, "_asdict") else result if isinstance(result, dict) else result.arrays()
+    return result if isinstance(result, dict) else result.arrays()
 
 
 @pytest.mark.slow

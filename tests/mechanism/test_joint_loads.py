@@ -136,6 +136,7 @@ def test_dry_friction_holds_a_joint_at_rest_as_in_mujoco():
     assert np.isnan(robot.forward_dynamics([0.1], [np.nan], [0], joint_loads=True).qdd).all()
 
 
+@pytest.mark.slow
 def test_steps_with_dampers_are_those_of_mujoco():
     _, model, data = crane()
     model.dof_damping *= 200  # beyond what a damper of the rate at the start would be stable with

@@ -75,6 +75,7 @@ def test_its_forces_are_those_of_the_pair(pair, robot):
     np.testing.assert_allclose(moves.alpha1, same.alpha1, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_wrench_on_its_link_acts_at_the_reference_point_of_body_2(pair, robot):
     base, psi, psid, _ = moving(3)
     force, torque = np.random.default_rng(4).normal(size=(2, COUNT, 3))
@@ -98,6 +99,7 @@ def test_its_energy_and_momentum_are_those_of_the_pair(pair, robot):
             close(part, same)
 
 
+@pytest.mark.slow
 def test_its_joint_transmits_what_the_hinge_does(pair, robot):
     base, psi, psid, psidd = moving(6)
     found = robot.joint_wrenches(psi[:, None], psid[:, None], psidd[:, None], base_motion=base)["hinge"]

@@ -40,6 +40,7 @@ def results(robot, q, qd, qdd):
     return found | {"angular": robot.momentum(q, qd, about="centre", **options).angular}
 
 
+@pytest.mark.slow
 def test_every_sample_has_its_payload(robot):
     link = robot.tips[-1]
     q, qd, qdd = np.random.default_rng(4).uniform(-1, 1, (3, STATES, robot.dof))
@@ -54,6 +55,7 @@ def test_every_sample_has_its_payload(robot):
             assert error <= (1e4 if name == "qdd" else 1) * TIMES_ROUNDING * max(1, np.abs(expected).max()), name
 
 
+@pytest.mark.slow
 def test_kinematics_do_not_depend_on_payloads(robot):
     loaded = robot.with_payload(robot.tips[-1], mass=MASS)
     assert (
@@ -147,6 +149,15 @@ def test_a_payload_that_cannot_be_is_refused(robot, arguments, kind, message):
 def test_what_takes_one_robot_refuses_samples(robot, use):
     with pytest.raises(ShapeError, match=r"robot: expected one robot, .*, got samples of shape \(3, 1\)"):
         use(robot.with_payload(robot.tips[-1], mass=MASS))
+
+
+def test_payloads_that_do_not_fit_the_coordinates_are_named(robot):
+    loaded = robot.with_payload(robot.tips[-1], mass=MASS[:, 0])
+    q = np.zeros((STATES + 5, robot.dof))
+    with pytest.raises(ShapeError, match=rf"^payload: .* with \({STATES + 5},\), got .*\({COUNT}, 1\) combines each"):
+        loaded.gravity_forces(q)
+    with pytest.raises(ShapeError, match=r"^payload: expected leading shape"):
+        loaded.rollout(q, q, np.zeros(robot.dof), 0.01, steps=2)
 
 
 def lever_arms(k=None):

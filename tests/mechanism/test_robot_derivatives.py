@@ -51,6 +51,7 @@ def moving_state(states):
     return states[0], states[1], np.array([0.1, 0.2, 0.3]), turn, np.array([0.4, -0.2, 0.9])
 
 
+@pytest.mark.slow
 def test_a_pose_changes_as_the_geometric_jacobian_says(ur5, states):
     q, qd, _ = states
     found = ur5.prepare("velocity", frames="tool0").jacobian((q, qd))
@@ -128,6 +129,7 @@ def test_all_forms_of_a_call_agree(ur5, torques, states):
     np.testing.assert_allclose(gradient["q"], summed, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_differentiated_is_refused(torques, moving, moving_state, states):
     given = tuple(states)
     with pytest.raises(ArgumentError, match=r"wrt: expected names out of q, qd, qdd, masses, .*lengths, got 'tau'"):
@@ -159,6 +161,7 @@ ROBOTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sparse(reversed(ROBOTS), 3))
 def test_derivatives_of_dynamics_are_those_of_pinocchio(name):
     model = ROBOTS[name]()
@@ -223,6 +226,7 @@ def test_jacobians_in_both_axes_momentum_matrices_and_their_rates_are_those_of_p
     np.testing.assert_array_equal(out, change)
 
 
+@pytest.mark.slow
 def test_jacobians_refuse_what_they_cannot_use(ur5):
     q = np.zeros(6)
     with pytest.raises(ArgumentError, match=r"axes: expected one of world, frame, got 'local'"):
@@ -233,6 +237,7 @@ def test_jacobians_refuse_what_they_cannot_use(ur5):
         ur5.jacobian_rate(q, q, "tool0", out=np.empty((6, 5)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "free"])
 def test_torques_are_linear_in_masses_and_follow_lengths_as_pinocchio_says(base):
     model = random_model(4, 5)
@@ -341,6 +346,7 @@ def test_wrenches_the_motion_of_the_base_and_mimic_joints_count():
             np.testing.assert_allclose(found[name], slopes, rtol=0, atol=1e-7 * abs(slopes).max())
 
 
+@pytest.mark.slow
 def test_only_what_is_asked_for_is_computed(ur5, states):
     d = ur5.inverse_dynamics_derivatives(*states, outputs=("tau_qd",))
     assert d.outputs == ("tau_qd",)

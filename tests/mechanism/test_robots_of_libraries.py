@@ -80,6 +80,7 @@ def test_numbers_among_arrays_stay_numbers(asarray, robot):
     require(state.arrays(), robot.forward_kinematics(q, qd).arrays(), 1e-13)
 
 
+@pytest.mark.slow
 def test_a_base_that_moves(asarray, robot):
     q, qd, qdd = motion(robot)
     rng = np.random.default_rng(7)

@@ -31,6 +31,7 @@ def robot(base: str) -> hp.Mechanism:
     return hp.Mechanism([tilt, screw, shift, turn], base=base)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", sparse(["free", "fixed"], 2))
 def test_robots_with_screws_agree_with_pinocchio(base):
     q, qd, qdd = np.random.default_rng(1).normal(size=(3, 20, 4))
@@ -50,6 +51,7 @@ def test_power_of_the_motor_is_what_lifts():
     assert hp.Mechanism([load]).inverse_dynamics([0.3], [0], [0]).tau == pytest.approx(20 * 9.81 * PITCH, rel=8 * U)
 
 
+@pytest.mark.slow
 def test_closed_forms_agree_with_numbers():
     import sympy
 

@@ -314,6 +314,7 @@ def test_centre_energy_and_momentum_are_within_their_bounds(arm):
         assert (bounds[name] <= 1e-12 * np.abs(got).max()).all(), (name, bounds[name])
 
 
+@pytest.mark.slow
 def test_no_bound_is_finite_where_the_mass_matrix_may_be_singular():
     body = hp.Body(mass=1, centre_of_mass=(0.1, 0, 0.1), inertia=(0.1, 0.1, 0.1))
     hinges = [

@@ -64,6 +64,7 @@ def test_regressor_of_a_free_base_has_rows_of_the_base():
         assert np.abs(Y[k] - expected).max() <= 16 * U * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_bounds_of_the_regressor_stand_beside_others():
     robot = hp.load_robot("ur5_robot")
     states_of_it = states(robot.dof)
@@ -81,6 +82,7 @@ def test_inertial_parameters_are_those_of_pinocchio():
     np.testing.assert_array_equal(Robot(record_of(model)).inertial_parameters, found[10:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["fixed", "free"])
 def test_torques_are_linear_in_the_parameters(mode):
     """Of mimic joints and rotors too; float32, `out` and prepared calls give the same."""
@@ -103,6 +105,7 @@ def test_torques_are_linear_in_the_parameters(mode):
     assert np.abs(single - Y).max() < 64 * 2.0**-24 * np.abs(Y).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "locked", "count"), [("panda", ARM, 43), ("ur5_robot", None, 36)])
 def test_base_parameters_are_as_many_as_the_literature_says(name, locked, count):
     """43 of the Panda: Gaz et al., Dynamic identification of the Franka Emika Panda, 2019; 36 of a UR robot."""
@@ -119,6 +122,7 @@ def test_base_parameters_are_as_many_as_the_literature_says(name, locked, count)
     )
 
 
+@pytest.mark.slow
 def test_matter_on_an_axis_is_counted_with_the_body_that_carries_the_hinge():
     """T9, and a first joint along gravity: nothing but its inertia is felt."""
     post = hp.HingePair(u1=(0, 0, 0.5), u2=(0, 0, 0), n=(0, 0, 1), name="post", body2=hp.Body(2, inertia=(1, 1, 1)))

@@ -213,6 +213,10 @@ def test_jacobians_are_arrays_of_the_library(library):
         lambda convert, body: pair.jacobian(body, convert(q[:, 6])),
         lambda convert, body: pair.sensitivities(body, convert(q[:, 6])).d_by_n,
         lambda _, body: pair.constraint_jacobian(body, body),
+        lambda convert, body: pair.propagate_covariance(body, convert(q[:, 6]), u1_std=0.1, axis_std=0.2).R2_std,
+        lambda convert, body: pair.propagate_covariance(
+            body, convert(q[:, 6]), u2_std=0.1, axis_std=0.2
+        ).contributions()["axis"],
     ):
         found = ask(library[0].asarray, body1)
         assert type(found) is type(body1.S)

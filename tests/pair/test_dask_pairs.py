@@ -113,8 +113,6 @@ FLAT_CALLS = {
 def arrays_of(result) -> dict[str, np.ndarray]:
     if isinstance(result, np.ndarray | da.Array):
         return {"": result}
-    if hasattr(result, "_asdict"):
-        return result._asdict()
     if hasattr(result, "arrays"):
         return result.arrays()
     if isinstance(result, dict):

@@ -324,10 +324,10 @@ def test_dynamics_are_written_into_given_arrays_by_any_backend(name):
     ask, rng = DYNAMICS[name], generator(51)
     pair, body, psi = massive(rng), moving(rng, 4), rng.normal(size=4)
     expected = ask(pair, body, psi)
-    out = {key: np.empty_like(part) for key, part in expected._asdict().items()}
+    out = {key: np.empty_like(part) for key, part in expected.arrays().items()}
     for workers, backend in ((2, "numpy"), (1, "auto")):
         found = ask(pair, body, psi, out=out, workers=workers, backend=backend)
-        for key, part in expected._asdict().items():
+        for key, part in expected.arrays().items():
             scale = 1 + np.abs(part).max()
             assert np.shares_memory(getattr(found, key), out[key])
             np.testing.assert_allclose(out[key], part, rtol=0, atol=1e-13 * scale)
@@ -430,7 +430,7 @@ def test_prepared_dynamics_is_that_of_the_methods(backend):
     )
     np.testing.assert_allclose(more["mass_matrix"], pair.mass_matrix(body1, psi), **near)
     for part in (pair.energy(body1, psi, psid, gravity=GRAVITY), pair.momentum(body1, psi, psid)):
-        for name, value in part._asdict().items():
+        for name, value in part.arrays().items():
             np.testing.assert_allclose(more[name], value, **near)
     wrench = pair.hinge_wrench(body1, psi, psid, psidd, gravity=GRAVITY)
     np.testing.assert_allclose(more["bearing_torque"], wrench.bearing_torque, **near)

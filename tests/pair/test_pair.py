@@ -64,7 +64,7 @@ def test_leading_axes_that_do_not_fit_are_named(shapes, message):
         (lambda: hp.Body("2"), "mass: expected a finite number, got '2'"),
         (lambda: hp.Box(1), r"size: expected shape \(3,\), as in Box\(\(x, y, z\)\), got 1"),
         (lambda: hp.Sphere(1, center=np.zeros((2, 3))), r"center: expected shape \(3,\), got shape \(2, 3\)"),
-        (lambda: made(limits=1), r"limits: expected shape \(2,\), got shape \(\)"),
+        (lambda: made(limits=1), r"limits: expected shape \(2,\), such as \(0, 1\), got shape \(\)"),
         (lambda: made(limits=[(0, 1)]), r"limits: expected shape \(2,\), got shape \(1, 2\)"),
         (
             lambda: made(u1=[(1, 2, 3), (1, 2)]),
@@ -86,8 +86,11 @@ def test_messages_say_what_was_expected_and_what_came(call, message):
 def test_a_state_lists_what_it_has():
     q = np.zeros(7)
     for state, names in (
-        (made().forward_kinematics(q), "R2, S2, arrays, body2, d, outputs, shape"),
-        (hp.PlanarPair((1, 0), (1, 0)).forward_kinematics(q[:4]), "R2, arrays, d, outputs, phi2, shape"),
+        (made().forward_kinematics(q), "R2, S2, arrays, body2, d, outputs, shape, to_dataframe, to_xarray"),
+        (
+            hp.PlanarPair((1, 0), (1, 0)).forward_kinematics(q[:4]),
+            "R2, arrays, d, outputs, phi2, shape, to_dataframe, to_xarray",
+        ),
     ):
         with pytest.raises(AttributeError, match=f"{type(state).__name__} has no 'r2'; it has {names}$"):
             _ = state.r2

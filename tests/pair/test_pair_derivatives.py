@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
+
+import mpmath
 import numpy as np
 import pytest
 
 import hingepair as hp
+from hingepair.bench.truth import DIGITS, exactly, unit
+from support.states import body1 as random_body
+from support.states import generator
+from support.truths import forces_from_attitude
 
 EPS = 2.0**-53
-PAIR = hp.HingePair((0.5, -0.2, 0.1), (-0.3, 0.4, 0.2), (1, 2, -1), home=hp.rotation_exp(np.array((0.3, -0.8, 0.5))))
+CONSTANTS = ("masses", "first_moments", "inertias", "u1", "u2", "n", "home")
+ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of inertias, in Pinocchio's order
+BODY1 = hp.Body(1.4, (0.1, -0.2, 0.3), inertia=((2, 0.2, -0.1), (0.2, 2.5, 0.3), (-0.1, 0.3, 3)))
+BODY2 = hp.Body(2.1, (-0.2, 0.3, 0.1), inertia=((3, -0.4, 0.2), (-0.4, 2, 0.1), (0.2, 0.1, 2.4)))
+HOME = hp.rotation_exp(np.array((0.3, -0.8, 0.5)))
+PAIR = hp.HingePair((0.5, -0.2, 0.1), (-0.3, 0.4, 0.2), (1, 2, -1.3), HOME, body1=BODY1, body2=BODY2)
+FLAT = hp.PlanarPair((0.5, -0.2), (-0.3, 0.4), body1=BODY1, body2=BODY2)
 
 
 @pytest.fixture
@@ -57,7 +70,7 @@ def test_a_quaternion_of_any_length_changes_by_rotations_about_world_axes(states
 @pytest.mark.slow
 @pytest.mark.parametrize("planar", [False, True])
 def test_products_with_the_jacobian_are_its_products(states, planar):
-    pair = hp.PlanarPair((0.5, -0.2), (-0.3, 0.4)) if planar else PAIR
+    pair = FLAT if planar else PAIR
     given = tuple(states[..., [0, 1, 3, 6]] if planar else states)
     call = pair.prepare("velocity", outputs=("R2", "v2"))
     J, changes = call.jacobian(given), {"q": given[1], "qd": given[0]}
@@ -78,3 +91,189 @@ def test_pairs_of_many_geometries_have_derivatives_of_their_own(states):
     for k in range(5):
         one = hp.HingePair(states[0, k, :3], states[1, k, :3], (0, 0, 1))
         np.testing.assert_allclose(found[k], one.coordinate_jacobian(states[0, k])[:3], atol=64 * EPS)
+
+
+# ---- by constants
+
+
+def test_a_turn_of_home_turns_body_2_about_the_hinge_point(states):
+    psi, R1, S1 = states[0, :, 6], states[1, :, :3], hp.rotation_exp(states[0, :, :3])
+    found = PAIR.prepare(("R1", "S1", "psi"), outputs=("R2", "S2")).jacobian((R1, S1, psi), wrt="home")
+    S2 = PAIR.forward_kinematics_from_body1(hp.BodyMotion(R=R1, S=S1), psi).S2
+    turns = S2 @ HOME.T  # world axes, one for each axis of body 1
+    np.testing.assert_allclose(found["S2"]["home"], turns, rtol=0, atol=64 * EPS)
+    moved = -np.cross(turns, (S2 @ PAIR.u2)[:, :, None], axis=1)
+    np.testing.assert_allclose(found["R2"]["home"], moved, rtol=0, atol=64 * EPS)
+
+
+def test_derivatives_by_constants_are_the_sensitivities(states):
+    motion = hp.BodyMotion(R=states[1, :, :3], S=hp.rotation_exp(states[0, :, :3]), omega=states[1, :, 3:6])
+    psi, psid = states[..., 6]
+    known = PAIR.sensitivities(motion, psi, psid)
+    call = PAIR.prepare(("S1", "omega1", "v1", "psi", "psid"), outputs=("v2", "omega2"))
+    found = call.jacobian((motion.S, motion.omega, states[0, :, 3:6], psi, psid), wrt=("u1", "u2", "n"))
+    for name in ("v2_by_u1", "v2_by_u2", "v2_by_n", "omega2_by_n"):
+        output, constant = name.split("_by_")
+        np.testing.assert_allclose(found[output][constant], getattr(known, name), rtol=0, atol=256 * EPS)
+
+
+def forces_of(numbers, motion, psi):
+    """Forces in 60 digits, from masses, first moments and inertias about the reference points, u1, u2, n and home."""
+    masses, first, inertias, u1, u2, n, home = numbers
+    bodies = []
+    for m, h, J in zip(masses, first, inertias, strict=True):
+        c = h / m
+        full = np.empty((3, 3), object)
+        for (i, j), entry in zip(ENTRIES, J, strict=True):
+            full[i, j] = full[j, i] = entry
+        bodies.append((m, c, full - m * (exactly(np.eye(3)) * (c @ c) - np.outer(c, c))))
+    parts = forces_from_attitude((u1, u2, n, home), bodies, motion, *psi, (1.0, -2.0, -9.81))
+    return dict(zip(("force1", "torque1", "hinge_torque"), parts, strict=True))
+
+
+@pytest.mark.slow(5)
+def test_forces_follow_constants_as_sixty_digits_say():
+    rng, step = generator(3), mpmath.mpf("1e-20")
+    motion = random_body(rng, 2)
+    psi = rng.normal(size=(3, 2))
+    pair = PAIR.prepare("inverse_dynamics", gravity=(1.0, -2.0, -9.81))
+    found = pair.jacobian((motion[1], motion[3], motion[4], motion[5], *psi), wrt=CONSTANTS)
+    with mpmath.workdps(DIGITS):
+        inertias = []
+        for body in (BODY1, BODY2):
+            c = exactly(body.centre_of_mass)
+            J = exactly(body.inertia) + exactly(body.mass) * (exactly(np.eye(3)) * (c @ c) - np.outer(c, c))
+            inertias.append(np.array([J[at] for at in ENTRIES]))
+        masses = exactly(np.array([BODY1.mass, BODY2.mass]))
+        first = masses[:, None] * exactly(np.stack([BODY1.centre_of_mass, BODY2.centre_of_mass]))
+        given = [masses, first, np.stack(inertias), exactly(PAIR.u1), exactly(PAIR.u2),
+                 unit(PAIR.constants.axis), exactly(PAIR.home)]  # fmt: skip
+        for k, name in enumerate(CONSTANTS):
+            shape = (3,) if name == "home" else given[k].shape
+            for index in np.ndindex(shape):
+                sides = []
+                for sign in (1, -1):
+                    change = exactly(np.zeros(shape))
+                    change[index] = sign * step
+                    if name == "home":
+                        x, y, z = change
+                        change = np.array([[0 * x, -z, y], [z, 0 * x, -x], [-y, x, 0 * x]]) @ given[k]
+                    sides.append(forces_of([*given[:k], given[k] + change, *given[k + 1 :]], motion, psi))
+                for output, ours in found.items():
+                    exact = ((sides[0][output] - sides[1][output]) / (2 * step)).astype(float)
+                    size = max(1.0, abs(ours[name]).max())
+                    np.testing.assert_allclose(ours[name][(..., *index)], exact, rtol=0, atol=64 * EPS * size)
+
+
+@pytest.mark.slow
+def test_a_pair_follows_its_masses_as_the_robot_of_one_joint():
+    pair = dataclasses.replace(PAIR, u2=(0, 0, 0))  # a robot's bodies have their frames at the joints
+    robot = hp.Mechanism([pair], base="free")
+    rng = np.random.default_rng(4)
+    S1, vectors, (psi, psid, psidd) = hp.rotation_exp(rng.normal(size=3)), rng.normal(size=(3, 3)), rng.normal(size=3)
+    names = ("masses", "first_moments", "inertias")
+    ours = pair.prepare("inverse_dynamics").jacobian((S1, *vectors, psi, psid, psidd), wrt=(*names, "u1"))
+    call = robot.prepare(("S1", "omega1", "a1", "alpha1", "q", "qd", "qdd"), outputs=("force1", "torque1", "tau"))
+    theirs = call.jacobian((S1, *vectors, [psi], [psid], [psidd]), wrt=(*names, "lengths"))
+    for output, expected in (("force1", "force1"), ("torque1", "torque1"), ("hinge_torque", "tau")):
+        for name in names:
+            np.testing.assert_allclose(
+                ours[output][name], theirs[expected][name].reshape(ours[output][name].shape), rtol=0, atol=256 * EPS
+            )
+        lengths = theirs[expected]["lengths"].reshape(ours[output]["u1"].shape)
+        np.testing.assert_allclose(ours[output]["u1"], lengths, rtol=0, atol=512 * EPS)
+
+
+@pytest.mark.slow(8)
+def test_accelerations_take_back_what_constants_add_to_forces():
+    """M times the change of the accelerations, and that of the forces at these accelerations, make 0."""
+    rng = np.random.default_rng(5)
+    S1, (omega1, force1, torque1), psi = hp.rotation_exp(rng.normal(size=3)), rng.normal(size=(3, 3)), (0.4, -0.7)
+    forward = PAIR.prepare("forward_dynamics")
+    given = (S1, omega1, *psi, force1, torque1, 0.3)
+    a = forward(*given)
+    by = forward.jacobian(given, wrt=CONSTANTS)
+    still = PAIR.prepare("inverse_dynamics").jacobian((S1, omega1, a.a1, a.alpha1, *psi, a.psidd), wrt=CONSTANTS)
+    M = PAIR.mass_matrix(hp.BodyMotion(R=np.zeros(3), S=S1), psi[0])
+    for name in CONSTANTS:
+        moved, lacking = (
+            np.concatenate([np.atleast_2d(one[output][name].reshape(rows, -1)) for output, rows in parts])
+            for one, parts in (
+                (by, (("a1", 3), ("alpha1", 3), ("psidd", 1))),
+                (still, (("force1", 3), ("torque1", 3), ("hinge_torque", 1))),
+            )
+        )
+        near = 512 * EPS * np.linalg.cond(M) * max(1.0, abs(lacking).max())
+        np.testing.assert_allclose(M @ moved, -lacking, rtol=0, atol=near)
+
+
+@pytest.mark.slow(6)
+def test_constraints_follow_the_geometry_as_difference_quotients_say(states):
+    motions = [
+        hp.BodyMotion(R=part[:3], S=hp.rotation_exp(turn[:3]), v=part[3:6], omega=turn[3:6])
+        for part, turn in zip(states[0, :2], states[1, :2], strict=True)
+    ]
+    outputs = ("gap", "tilt", "psi", "gap_rate", "tilt_rate", "psid")
+    names = ("R1", "S1", "v1", "omega1", "R2", "S2", "v2", "omega2")
+    given = tuple(getattr(motion, letter) for motion in motions for letter in ("R", "S", "v", "omega"))
+    found = PAIR.prepare(names, outputs=outputs).jacobian(given, wrt=("u1", "u2", "n", "home"))
+    for name in ("u1", "u2", "n", "home"):
+        for k, e in enumerate(np.eye(3) * 1e-5):
+            sides = []
+            for step in (e, -e):
+                value = getattr(PAIR, name)
+                moved = hp.rotation_exp(step) @ value if name == "home" else value + step
+                pair = dataclasses.replace(PAIR, **{name: moved})
+                sides.append(pair.prepare(names, outputs=outputs, backend="numpy")(*given))
+            for output in outputs:
+                quotient = (sides[0][output] - sides[1][output]) / 2e-5
+                np.testing.assert_allclose(found[output][name][..., k], quotient, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow(4)
+def test_a_planar_pair_follows_its_constants_as_the_pair_in_space(states):
+    q, qd, qdd = rows = (*states[..., [0, 1, 3, 6]][:, 0], states[0, 1, [0, 1, 3, 6]])
+    space = dataclasses.replace(FLAT.massive(), name="space")
+    S1 = hp.rotation_exp(np.array((0, 0, q[2])))
+    given = (S1, (0, 0, qd[2]), (*qdd[:2], 0), (0, 0, qdd[2]), q[3], qd[3], qdd[3])
+    names = ("masses", "first_moments", "inertias", "u1", "u2")
+    ours = FLAT.prepare("inverse_dynamics").jacobian(rows, wrt=names)
+    theirs = space.prepare("inverse_dynamics", gravity=(0, -9.81, 0)).jacobian(given, wrt=names)
+    for output, row in (("force1", slice(0, 2)), ("torque1", 2), ("hinge_torque", ())):
+        for name in names:
+            expected = theirs[output][name][row]
+            expected = expected[..., 5] if name == "inertias" else expected if name == "masses" else expected[..., :2]
+            np.testing.assert_allclose(ours[output][name], expected, rtol=0, atol=256 * EPS)
+    solved = FLAT.prepare("forward_dynamics").jacobian((q, qd, (1.0, 2.0), 0.5, 0.2), wrt=names)["qdd"]
+    at = FLAT.forward_dynamics(q, qd, force1=(1.0, 2.0), torque1=0.5, hinge_torque=0.2)
+    lacking = FLAT.prepare("inverse_dynamics").jacobian((q, qd, at), wrt=names)
+    for name in names:
+        added = np.concatenate([lacking[one][name].reshape(rows, -1) for one, rows in
+                                (("force1", 2), ("torque1", 1), ("hinge_torque", 1))])  # fmt: skip
+        np.testing.assert_allclose(FLAT.mass_matrix(q) @ solved[name].reshape(4, -1), -added, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow(6)
+@pytest.mark.parametrize("planar", [False, True])
+def test_products_with_derivatives_by_constants_are_products(states, planar):
+    call = (FLAT if planar else PAIR).prepare("acceleration", outputs=("R2", "a2"))
+    given = tuple(states[..., [0, 1, 3, 6]] if planar else states)
+    given = (*given, given[0])
+    names = ("u1", "u2") if planar else ("u1", "n", "home")
+    rng, J = np.random.default_rng(2), call.jacobian(given, wrt=("q", *names))
+    changes = {name: rng.normal(size=J["a2"][name].shape[-1]) for name in names}
+    value, rates = call.jvp(given, changes)
+    expected = sum(np.einsum("sij,j->si", J["a2"][name], change) for name, change in changes.items())
+    np.testing.assert_allclose(rates["a2"], expected, rtol=0, atol=1e3 * EPS)
+    weight = rng.normal(size=rates["a2"].shape)
+    same, gradient = call.vjp(given, {"a2": weight}, wrt=names)
+    assert set(gradient) == {*names}
+    for name in names:
+        np.testing.assert_allclose(gradient[name], np.einsum("sij,si->sj", J["a2"][name], weight), atol=1e3 * EPS)
+    for ours in (value, same):
+        np.testing.assert_allclose(ours.a2, call(*given).a2, rtol=0, atol=1e3 * EPS)
+
+
+def test_constants_that_a_pair_does_not_have_are_named():
+    with pytest.raises(hp.ArgumentError, match=r"wrt: expected names out of q, masses, .*, u2, got 'n'"):
+        FLAT.prepare("pose").jacobian((np.zeros(4),), wrt="n")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
+import pickle
 import re
 from pathlib import Path
 
@@ -137,3 +139,105 @@ def test_a_missing_package_is_named(result, tmp_path, monkeypatch):
     with pytest.raises(hp.MissingDependencyError, match=r"hingepair\[data\]"):
         result.save(tmp_path / "a.parquet")
     assert not list(tmp_path.iterdir())
+
+
+UNITS = "deg, mm, km/h, ms"
+
+
+def in_those_units(result, get):
+    np.testing.assert_allclose(get("t [ms]"), 1e3 * result.t, rtol=1e-15)
+    np.testing.assert_allclose(get("R2_y [mm]"), 1e3 * result.R2[:, 1], rtol=1e-15)
+    np.testing.assert_allclose(get("v2_z [km/h]"), 3.6 * result.v2[:, 2], rtol=1e-15)
+    np.testing.assert_allclose(get("psi [deg]"), np.degrees(result.psi), rtol=1e-15)
+    np.testing.assert_array_equal(get("S2_zx"), result.S2[:, 2, 0])
+
+
+def test_tables_and_files_are_in_the_units_that_their_headings_name(result, tmp_path):
+    frame = result.to_dataframe(units=UNITS)
+    in_those_units(result, frame.__getitem__)
+    assert frame.attrs["units"]["v2"] == "km/h"
+    in_those_units(result, pandas.read_csv(result.save(tmp_path / "a.csv", units=UNITS)).__getitem__)
+    in_those_units(result, pandas.read_parquet(result.save(tmp_path / "a.parquet", units=UNITS)).__getitem__)
+    with np.load(result.save(tmp_path / "a.npz", units=UNITS)) as arrays:
+        np.testing.assert_allclose(arrays["R2 [mm]"], 1e3 * result.R2, rtol=1e-15)
+    import xarray
+
+    with xarray.open_dataset(result.save(tmp_path / "a.nc", units=UNITS), engine="scipy") as data:
+        np.testing.assert_allclose(data.R2, 1e3 * result.R2, rtol=1e-15)
+        assert (data.R2.attrs["units"], data.v2.attrs["units"], data.time.attrs["units"]) == ("mm", "km/h", "ms")
+
+
+def test_a_scene_names_the_units_of_its_tables_and_files(tmp_path):
+    text = (MODELS / "landing_gear.toml").read_text(encoding="utf-8").partition("[outputs]")[0]
+    (tmp_path / "scene.toml").write_text(f'{text}\n[outputs]\nunits = "deg"\n', encoding="utf-8")
+    result = hp.load_scene(tmp_path / "scene.toml").evaluate(("R2",))
+    assert "psi [deg]" in result.to_dataframe()
+    assert "R2_x" in result.to_dataframe(units="")
+    assert float(result.to_xarray().psi[-1]) == pytest.approx(np.degrees(result.psi[-1]))
+    np.testing.assert_array_equal(result.R2, hp.load_scene(MODELS / "landing_gear.toml").evaluate(("R2",)).R2)
+
+
+# ---- results of one call
+
+
+def test_states_have_the_columns_of_saved_results(result, tmp_path):
+    pair = dataclasses.replace(result.scene.pair, points2={"tip": (0.1, 0, 0)})
+    state = pair.forward_kinematics(result.q, result.qd, outputs=("R2", "S2", "v2", "tip", "tip_v"))
+    frame, saved = state.to_dataframe(), pandas.read_csv(result.save(tmp_path / "a.csv"))
+    names = [name for name in saved.columns if name.partition("_")[0] in {"R2", "S2", "v2"}]
+    assert [*frame.columns] == [*names, *(f"{name}_{axis}" for name in ("tip", "tip_v") for axis in "xyz")]
+    np.testing.assert_array_equal(frame["S2_zx"], state.S2[:, 2, 0])
+    assert frame.attrs["units"] == {"R2": "m", "S2": "1", "v2": "m/s", "tip": "m", "tip_v": "m/s"}
+    millimetres = state.to_dataframe("mm")
+    np.testing.assert_allclose(millimetres["tip_v_x [mm/s]"], 1e3 * state["tip_v"][:, 0], rtol=1e-15)
+    data = state.to_xarray("mm")
+    assert data.S2.dims == ("sample", "xyz", "body_xyz")
+    assert data.v2.attrs["units"] == "mm/s"
+    np.testing.assert_array_equal(data.R2, 1e3 * state.R2)
+
+
+def test_every_result_is_a_table():
+    body = hp.Body(mass=2, inertia=(1, 1, 1))
+    pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
+    flat = hp.PlanarPair((1, 0), (-1, 0), body1=body, body2=body)
+    body1 = hp.BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros((4, 3))))
+    rows, still = np.zeros((4, 4)), (body1, np.zeros(4), 0.0, 0.0)
+    body2 = pair.forward_kinematics_from_body1(body1, 0.0, 0.0, 0.0).body2
+    xyz = ["_x", "_y", "_z"]
+    expected = {
+        pair.inverse_dynamics(*still): [*(f"{n}{c}" for n in ("force1", "torque1") for c in xyz), "hinge_torque"],
+        pair.energy(*still[:3]): ["kinetic", "potential"],
+        pair.momentum(*still[:3]): [f"{n}{c}" for n in ("linear", "angular") for c in xyz],
+        pair.sensitivities(*still[:2]): None,
+        pair.residuals(body1, body2, t=np.arange(4.0)): None,
+        flat.forward_kinematics(rows): ["R2_x", "R2_y", "phi2", "d_x", "d_y"],
+        flat.hinge_wrench(rows, rows, rows): [
+            *("hinge_force_x", "hinge_force_y", "hinge_moment", "hinge_torque", "bearing_torque")
+        ],
+    }
+    for found, columns in expected.items():
+        frame, data = found.to_dataframe(), found.to_xarray()
+        assert len(frame) == data.sizes["sample"] == 4
+        assert columns is None or [*frame.columns] == columns
+        assert {name.rpartition("_")[0] in data or name in data for name in frame.columns} >= {True}
+    residuals = pair.residuals(body1, body2, t=np.arange(4.0))
+    assert [*residuals.to_dataframe().columns[:4]] == ["t", "gap_x", "gap_y", "gap_z"]
+    J = pair.prepare("jacobian")(np.eye(3), 0.0).to_dataframe()
+    assert J.shape == (1, 42)
+    assert J.columns[-1] == "jacobian_5_6"
+    many = pair.forward_kinematics(np.zeros((2, 3, 7)))
+    assert many.to_xarray().R2.dims == ("sample_0", "sample_1", "xyz")
+    with pytest.raises(hp.ArgumentError, match=r"to_dataframe: expected one sample, .*got shape \(2, 3\)"):
+        many.to_dataframe()
+
+
+def test_results_of_dynamics_unpack_and_name_their_parts():
+    body = hp.Body(mass=2, inertia=(1, 1, 1))
+    pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), body1=body, body2=body)
+    still = hp.BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", "alpha"), np.zeros(3)))
+    force, torque, _, _ = wrench = pair.hinge_wrench(still, 0.0, 0.0, 0.0)
+    assert force is wrench.force is wrench.hinge_force
+    assert torque is wrench["hinge_moment"]
+    kinetic, potential = pickle.loads(pickle.dumps(pair.energy(still, 0.0, 0.0)))
+    assert (kinetic, potential) == (0.0, 0.0)
+    assert "potential=" in repr(pair.energy(still, 0.0, 0.0))

@@ -122,13 +122,60 @@ def test_a_seed_gives_the_same_pairs_and_only_what_scatters_is_sampled():
     assert np.array_equal(hp.sample_pairs(pair, 7, u1_std=0.1, home_std=0.2, seed=rng).u1, first.u1)
 
 
+@pytest.mark.parametrize(
+    ("limits", "std"),
+    [
+        ({"u1": "+-0.3 mm"}, {"u1_std": 1e-4}),
+        ({"u2": "±0,3mm normal"}, {"u2_std": 1e-4}),
+        ({"u1": "+/-30 um,+-0.6 mm, 0"}, {"u1_std": (1e-5, 2e-4, 0)}),
+        ({"u1": ("+-3e-1 mm uniform", "0", "+-0.001 in")}, {"u1_std": (3e-4 / np.sqrt(3), 0, 2.54e-5 / 3)}),
+        ({"axis": "+-0.3°"}, {"axis_std": np.radians(0.1)}),
+        ({"axis": "+-2 mrad uniform"}, {"axis_std": 1e-3}),
+        ({"home": "+-0.3 deg; 0; +-1.5 mrad"}, {"home_std": (np.radians(0.1), 0, 5e-4)}),
+    ],
+    ids=str,
+)
+def test_limits_mean_standard_deviations(limits, std):
+    pair, body1, psi = pair_and_states(307)
+    found, expected = (pair.propagate_covariance(body1, psi, **given).covariance for given in (limits, std))
+    assert np.allclose(found, expected, rtol=64 * U, atol=64 * U * np.abs(expected).max())
+
+
+@pytest.mark.slow
+def test_uniform_tolerances_stay_within_their_limits_and_fill_them():
+    pair, body1, psi = pair_and_states(308)
+    limits = {"u1": "+-2 mm uniform", "axis": "+-3 mrad uniform", "home": ("0", "+-1 mrad uniform", "+-1 mrad")}
+    made = hp.sample_pairs(pair, SAMPLES, **limits, seed=5)
+    off, turn = made.u1 - pair.u1, hp.rotation_log(made.home @ pair.home.T)
+    tilt = np.linalg.norm(np.cross(pair.n, made.n), axis=1)
+    for sizes, limit in ((np.abs(off), 2e-3), (tilt, np.sin(3e-3)), (np.abs(turn[:, 1]), 1e-3)):
+        assert 0.999 * limit < sizes.max() < (1 + 1e-9) * limit
+    assert np.abs(turn[:, 2]).max() > 1.2e-3  # a normal distribution has no end
+    assert np.abs(np.quantile(off, (0.25, 0.75), axis=0) / 1e-3 - np.array([[-1], [1]])).max() < 0.02
+    assert abs((tilt < 3e-3 / 2).mean() - 0.25) < 0.01  # as areas of disks
+    scatter = np.cov(np.concatenate((off, turn), axis=1).T)
+    geometry = pair.propagate_covariance(body1, psi, **limits).geometry
+    expected = geometry[np.ix_([0, 1, 2, 9, 10, 11], [0, 1, 2, 9, 10, 11])]
+    assert np.abs(scatter - expected).max() < 0.02 * expected.max()
+
+
 NEGATIVE = np.diag([1.0] * 11 + [-1.0])
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({}, "u1_std: expected a positive standard deviation: u1_std, u2_std, axis_std, home_std, or a covariance"),
+        ({}, r"u1: expected a tolerance \(u1, u2, axis, home\), .* or a covariance, got none"),
+        ({"u1": "+-0 mm"}, "u1: expected a tolerance"),
+        ({"u1": "0.2 mm"}, r'u1: expected "\+-0.2 mm" or "\+-0.2 mm uniform", or three of these'),
+        ({"u2": "+-0.2"}, "u2: expected .* in one of m, mm"),
+        ({"u2": 2e-4}, "u2: expected .* u2_std takes a standard deviation, got 0.0002"),
+        ({"home": "+-0.2 mm"}, "home: expected .* in one of rad, mrad, deg"),
+        ({"axis": ("+-1 deg",) * 3}, r'axis: expected "\+-0.1 deg" or "\+-0.1 deg uniform", in'),
+        ({"u1": ("+-1 mm", "+-1 mm")}, "u1: expected"),
+        ({"u1": ("+-1 mm", None, "0")}, "u1: expected"),
+        ({"u1": "+-1 mm", "u1_std": 1}, "u1_std: expected 0, since u1 gives the tolerance"),
+        ({"covariance": np.eye(12), "u2": "+-1 mm"}, "u2: expected None, since covariance"),
         ({"u1_std": -1}, "u1_std: expected a number not below 0"),
         ({"u1_std": (1, 2)}, r"u1_std: expected shape \(3,\)"),
         ({"u2_std": (1, 2, -3)}, "u2_std: expected numbers not below 0"),

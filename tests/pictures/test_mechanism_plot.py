@@ -105,3 +105,13 @@ def test_where_nothing_moves_the_paths_are_there(tmp_path):
     (tmp_path / "still.toml").write_text(still)
     (paths,) = hp.plot(hp.load_scene(tmp_path / "still.toml")).axes
     assert paths.get_title().startswith("paths in space")
+
+
+def test_joints_and_their_limits_are_in_the_units_that_are_asked_for():
+    scene = hp.load_scene(MODELS / "excavator.toml")
+    figure = hp.plot(scene, units="deg, kN m")
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels[:3] == ["swing\n[deg]", "deg/s", "kN m"]
+    angle, limit = (line.get_ydata() for line in figure.axes[3].get_lines()[:2])
+    np.testing.assert_allclose(angle, np.degrees(scene.coordinates().q[:, 1]), rtol=1e-14)
+    np.testing.assert_allclose(limit, 60.0, rtol=1e-14)

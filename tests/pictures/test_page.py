@@ -192,6 +192,7 @@ def test_what_cannot_be_shown_or_written_is_named(tmp_path):
 # ---------------------------------------------------------------- robots
 
 
+@pytest.mark.slow
 def test_a_robot_brings_its_constants_and_a_slider_for_each_coordinate():
     robot = hp.load_robot("panda")
     page = hp.view(robot)
@@ -267,6 +268,19 @@ def test_a_motion_of_a_robot_is_played_at_its_instants():
     np.testing.assert_array_equal(content_of(hp.view(robot, q=q[:4]))["t"], np.arange(4) / 30)
     table = pytest.importorskip("pandas").DataFrame(q[:4, ::-1], columns=robot.names[::-1])
     np.testing.assert_array_equal(content_of(hp.view(robot, q=table))["q"], q[:4])
+
+
+def test_torques_are_shown_with_a_motion_of_a_robot():
+    robot = hp.Mechanism([PAIR])
+    q, tau = np.random.default_rng(2).uniform(-1, 1, (2, 4001, 1))
+    content = content_of(hp.view(robot, q=q, tau=tau))
+    rows = np.rint(np.array(content["t"]) * 30).astype(int)
+    np.testing.assert_array_equal(content["tau"], tau[rows])
+    assert content_of(hp.view(robot, q=q))["tau"] is None
+    with pytest.raises(hp.ShapeError, match=r"^tau: expected shape \(4001, 1\), that of q, got \(4000, 1\)"):
+        hp.view(robot, q=q, tau=tau[1:])
+    with pytest.raises(hp.ArgumentError, match=r"^tau: expected None, since only a robot"):
+        hp.view(PAIR, tau=tau)
 
 
 @pytest.mark.slow
@@ -530,6 +544,34 @@ for (const body of bodies) body.traverse((one) => {
 const grid = viewer.scene.children.find((one) => one.type === "GridHelper");
 return { most, lowest, floor: grid.position.z, shown: grid.visible };
 """
+
+
+def test_points_of_a_pair_are_frames_with_marks():
+    pair = hp.HingePair((1, 0, 0), (-1, 0, 0), (0, 0, 1), points1={"pin": (0, 0, 2)}, points2={"tip": (0.5, 0, 0)})
+    content = content_of(hp.view(pair))
+    frames = {frame["name"]: (frame["body"], frame["R"]) for frame in content["frames"]}
+    assert content["marks"] == ["tip", "pin"]
+    assert content["frame"] == "tip"
+    assert (frames["pin"], frames["tip"]) == ((0, [0, 0, 2]), (1, [1.5, 0, 0]))
+
+
+MARKED = """
+const { frames, show, viewer } = window.hingepair;
+show(300);
+viewer.scene.updateMatrixWorld(true);
+return frames.filter((one) => one.mark).map(({ name, mark }) =>
+  [name, mark.matrix.elements.slice(12, 15), mark.children.map((child) => child.type)]);
+"""
+
+
+@in_a_browser
+@pytest.mark.slow
+def test_marks_of_points_move_with_their_body(tmp_path):
+    scene = hp.load_scene(MODELS / "hatch.toml")
+    result = scene.evaluate()
+    for name, position, parts in asked(hp.view(scene), tmp_path, MARKED):
+        np.testing.assert_allclose(position, result[name].R[300], atol=8 * U)
+        assert parts == ["Mesh", "Sprite"]
 
 
 @in_a_browser

@@ -58,6 +58,7 @@ def moved(name, value, change):
     return hp.rotation_exp(change) @ value if name == "S1" else value + change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", sparse(["rk4", "semi_implicit"], 2))
 @pytest.mark.parametrize("case", CASES)
 def test_gradients_are_those_of_central_differences(case, method):

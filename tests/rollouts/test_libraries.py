@@ -52,6 +52,17 @@ def test_jax_differentiates_rollouts(jax):
     close(J[:, 0], (ahead - behind) / 2e-6, 1e-7)
 
 
+def test_what_jax_does_not_trace_says_what_gives_derivatives(jax):
+    uses = {
+        "mass": lambda m: ROBOT.with_payload(ROBOT.tips[0], mass=m),
+        "tau.K": lambda K: hp.Feedback(K=K, D=1.0, q_ref=0.0),
+    }
+    for name, use in uses.items():
+        with pytest.raises(hp.DtypeError, match=rf'^{name}: expected numbers, since JAX .*wrt="masses".*vjp'):
+            jax.grad(use)(1.0)
+
+
+@pytest.mark.slow
 def test_jax_in_float32_and_with_efforts_that_hold(jax):
     tau = jax.numpy.asarray(TAU[0, 0], dtype="float32")
     found = ROBOT.rollout(Q, 0 * Q, tau, H, steps=STEPS, every=2)

@@ -260,3 +260,21 @@ def test_what_cannot_be_used_is_named(what):
     call, message = REFUSED[what]
     with pytest.raises(hp.ArgumentError, match=message):
         call()
+
+
+def test_recorded_states_have_their_instants():
+    t = ROBOT.rollout(np.zeros((4, DOF)), Q, 0, H, steps=7, every=3).t
+    np.testing.assert_allclose(t, (0, 3 * H, 6 * H), rtol=1e-15)
+
+
+def test_a_diagonal_for_each_motion_is_the_controller_of_each():
+    robot, rng = hp.load_robot("ur5_robot"), np.random.default_rng(1)
+    q, K, D = rng.uniform(-1, 1, (6, 6)), rng.uniform(1, 50, (6, 6)), rng.uniform(1, 5, (6, 6))
+    many = robot.rollout(q, np.zeros(6), hp.Feedback.diagonal(K, D, 0.1), 1e-3, steps=5).q
+    for start, k, d, one in zip(q, K, D, many, strict=True):
+        alone = robot.rollout(start, np.zeros(6), hp.Feedback(k, d, 0.1), 1e-3, steps=5).q
+        np.testing.assert_allclose(one, alone, rtol=1e-13)
+    with pytest.raises(
+        hp.ShapeError, match=r"^tau.K: .*; hp.Feedback.diagonal takes a diagonal for each motion, got"
+    ):
+        robot.rollout(q[:5], np.zeros(6), hp.Feedback(K[:5], D[:5], 0.1), 1e-3, steps=5)

@@ -67,12 +67,22 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
     assert "base free" in scene.motion.description
 
 
+def test_a_scene_ends_where_until_passes_zero(tmp_path):
+    text = PAIR + '[dynamics]\nbase = "fixed"\npsid_0 = -1\nuntil = "psi - 0.5"\n'
+    scene = scene_of(tmp_path, text)
+    assert scene.samples < 11
+    np.testing.assert_allclose(scene.evaluate(["R2"]).psi[-1], 0.5, rtol=1e-9)
+    assert scene.notes()[-1] == f"until ends the motion at t = {scene.stop:.6g} s"
+    with pytest.raises(hp.SceneError, match=r"dynamics\.until: expected an expression in t, psi and psid"):
+        scene_of(tmp_path, PAIR + "[dynamics]\nuntil = 3\n")
+
+
 @pytest.mark.slow
 def test_a_scene_has_energy_and_momentum():
     scene = hp.load_scene(MODELS / "thrown_flail.toml")
     result, found = scene.evaluate(), scene.motion.simulated
-    np.testing.assert_allclose(result.energy(), found.energy(), rtol=1e-14)
-    np.testing.assert_allclose(result.momentum(), found.momentum(), rtol=0, atol=1e-13)
+    np.testing.assert_allclose([*result.energy()], [*found.energy()], rtol=1e-14)
+    np.testing.assert_allclose([*result.momentum()], [*found.momentum()], rtol=0, atol=1e-13)
     with pytest.raises(AttributeError, match=r"energy, .*momentum"):
         _ = result.powers
     with pytest.raises(hp.ArgumentError, match="second derivatives"):
@@ -171,10 +181,11 @@ def test_constants_are_not_called_as_the_hinge_angle_is(tmp_path):
         ("base = 'prescribed'\nR1_0 = [1, 0, 0]", r"dynamics\.R1_0: expected no such key together with base"),
         ("base = 'prescribed'\n[motion]\nx = 0", r"motion\.y: "),
         ("[motion]\nx = 0", r"motion\.x: expected"),
+        ("base = 'prescribed'\n[motion]\npsi = 0", r"motion\.psi: .* subtract the spring's torque from hinge_torque"),
         ("phi_0 = 1", r"dynamics\.phi_0: expected"),
         ("hinge_torque = 'log(0.2 - t)'", r"dynamics: expected a motion that can be followed"),
     ],
-    ids=range(14),
+    ids=range(15),
 )
 def test_what_cannot_be_used_is_named(tmp_path, text, message):
     with pytest.raises(hp.SceneError, match=message):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import hingepair as hp
@@ -170,7 +171,8 @@ def test_small_angles_beside_angles_in_degrees_are_suspected_of_degrees(tmp_path
     said = "psi may be in the same unit as phi_z"
     notes = load(tmp_path, text, columns.replace("UNIT", "rad").replace("deg", "rad")).notes()
     assert said in notes
-    assert any('Degrees become radians by unit = "deg" for phi_z in [motion.columns].' in note for note in notes)
+    conversion = 'unit = "deg" for phi_z in [motion.columns] (unit = "compass" for headings clockwise from north)'
+    assert any(note.endswith(f"Degrees become radians by {conversion}.") for note in notes)
     for unit in ("rad", "deg"):
         assert said not in load(tmp_path, text, columns.replace("UNIT", unit)).notes()
 
@@ -179,3 +181,48 @@ def test_what_is_converted_is_not_suspected(tmp_path: Path) -> None:
     rows = "".join(f"{t},{t},0,0,{400 * t}\n" for t in T)
     notes = load(tmp_path, f"t,x,y,phi_z,psi\n{rows}", '[motion.columns]\npsi = { unit = "deg" }\n').notes()
     assert not any("radians" in note for note in notes), notes
+
+
+def test_a_data_frame_stands_for_the_file_of_a_scene(tmp_path: Path) -> None:
+    from_file = load(tmp_path, german(repeat=4))
+    frame = pd.read_csv(tmp_path / "log.csv", sep=";", decimal=",", parse_dates=["Zeit"])
+    path = tmp_path / "scene.toml"
+    (tmp_path / "log.csv").unlink()
+    path.write_text(path.read_text().replace('file = "log.csv"', ""), encoding="utf-8")
+    for log in (frame, frame.set_index("Zeit"), frame.to_xarray().swap_dims(index="Zeit")):
+        scene = hp.load_scene(path, log=log)
+        np.testing.assert_array_equal(scene.evaluate().R2, from_file.evaluate().R2)
+        kind = "DataFrame" if isinstance(log, pd.DataFrame) else "Dataset"
+        assert any("columns that were not read: " in note and "Wetter" in note for note in scene.motion.notes), kind
+        assert any("the first in row 5, counted from 0" in note for note in scene.motion.notes)
+        assert scene.files == (path.absolute(),)
+    with pytest.raises(hp.SceneError, match=r"DataFrame: motion\.columns\.psi: expected one of .* got 'Knick'"):
+        hp.load_scene(path, log=frame.drop(columns="Knick"))
+    with pytest.raises(hp.ArgumentError, match="log: expected the path of a file, a pandas DataFrame"):
+        hp.load_scene(path, log=3)
+
+
+def test_another_file_stands_for_that_of_a_scene(tmp_path: Path) -> None:
+    expected = load(tmp_path, german()).evaluate().R2
+    other = (tmp_path / "log.csv").rename(tmp_path / "other.csv")
+    np.testing.assert_array_equal(hp.load_scene(tmp_path / "scene.toml", log=other).evaluate().R2, expected)
+
+
+def test_units_of_a_dataset_are_read_with_its_names(tmp_path: Path) -> None:
+    scene = load(tmp_path, german())
+    units = {"Ost": "km", "Kurs": "compass", "Knick": "-deg"}
+    frame = pd.DataFrame({"Zeit": T, "Ost": 1e-3 * X, "Nord": Y, "Kurs": HEADING, "Knick": KINK})
+    log = frame.set_index("Zeit").to_xarray()
+    for name, unit in units.items():
+        log[name].attrs["units"] = unit
+    plain = '[motion.columns]\nt = "Zeit"\nx = "Ost"\ny = "Nord"\nphi_z = "Kurs"\npsi = "Knick"\n'
+    (tmp_path / "plain.toml").write_text(SCENE.replace('file = "log.csv"', "") + plain, encoding="utf-8")
+    found = hp.load_scene(tmp_path / "plain.toml", log=log).evaluate()
+    np.testing.assert_allclose(found.R2, scene.evaluate().R2, atol=1e-9)
+    # Names of ours, in units of theirs.
+    ours = log.rename({"Ost": "x", "Nord": "y", "Kurs": "phi_z", "Knick": "psi", "Zeit": "t"})
+    ours["phi_z"], ours["psi"] = np.radians(90 - ours["phi_z"]), -ours["psi"]
+    ours["x"].attrs["units"], ours["phi_z"].attrs["units"], ours["psi"].attrs["units"] = "km", "rad", "degrees"
+    path = tmp_path / "ours.toml"
+    path.write_text(SCENE.replace('file = "log.csv"', ""), encoding="utf-8")
+    np.testing.assert_allclose(hp.load_scene(path, log=ours).evaluate().R2, scene.evaluate().R2, atol=1e-9)

@@ -62,7 +62,16 @@ REFUSED_CSV = {
     "seconds alone": (changed(psidd=GOOD["psi"]), "", "v1_x: expected"),
     "t is nan": (with_value("t", 5, np.nan), "", "log.csv: t: expected .*index 5"),
     "t goes back": (with_value("t", 5, GOOD["t"][3]), "", "at index 5"),
-    "nan differentiated": (with_value("phi_y", 7, np.nan), "differentiate = true\n", "phi_y: .* nan at sample 7"),
+    "nan differentiated": (
+        with_value("phi_y", 7, np.nan),
+        "differentiate = true\n",
+        "phi_y: .* nan at sample 7, line 9 of the file, t = ",
+    ),
+    "nan after a repeated stamp": (
+        "t,x,y,phi_z,psi\n0,0,0,0,0\n" + "".join(f"{t},0,0,0,{t if t != 5 else 'nan'}\n" for t in range(9)),
+        "differentiate = true\n",
+        r"psi: .* fills up to 5\.5 s without samples.* nan at sample 5, line 8 of the file, t = 5 s",
+    ),
     "too few": ({k: v[:6] for k, v in GOOD.items()}, "differentiate = true\n", "at least 7 samples"),
     "zero quaternion": (
         {name: np.zeros(3) for name in BODY} | {"t": np.arange(3)},
@@ -160,10 +169,10 @@ def test_sizes_are_refused_before_anything_is_allocated(tmp_path, monkeypatch):
         scene_of(tmp_path, (tmp_path / "log.npz").read_bytes(), name="log.npz")
     for name in ("log.csv", "log.npz", "log.parquet"):
         with monkeypatch.context() as patch:
-            patch.setattr("hingepair.numeric.column_file.MAX_FILE_ROWS", 11)
+            patch.setattr("hingepair.tables.column_file.MAX_FILE_ROWS", 11)
             with pytest.raises(hp.SceneError, match="at most 11 samples, got 12"):
                 scene_of(tmp_path, GOOD, name=name)
-            patch.setattr("hingepair.numeric.column_file.MAX_FILE_BYTES", 100)
+            patch.setattr("hingepair.tables.column_file.MAX_FILE_BYTES", 100)
             with pytest.raises(hp.SceneError, match="at most 100 bytes"):
                 scene_of(tmp_path, GOOD, name=name)
 
@@ -197,7 +206,7 @@ def test_parquet_nulls_are_lost_numbers_and_words_are_refused(tmp_path):
 def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
     scene_of(tmp_path, GOOD, name="log.parquet")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(hp.MissingDependencyError, match=r"\.\[parquet\]"):
+    with pytest.raises(hp.MissingDependencyError, match=r"hingepair\[data\]"):
         hp.load_scene(tmp_path / "my.toml")
 
 

@@ -429,7 +429,7 @@ def test_rows_that_are_absent_are_said_once(tmp_path, how):
     t = t[~(((t > 2.005) & (t < 2.395)) | ((t > 3.005) & (t < 6.595)))]
     columns = {"t": t, **{name: 0.1 * np.sin(t) for name in EULER[:6]}, "psi": np.sin(t)}
     notes = scene_of(tmp_path, columns, f"{how} = true\n").notes()
-    assert [note for note in notes if "no samples" in note] == [
+    assert [note for note in notes if "has no samples" in note] == [
         "t has no samples from 2 to 2.4 s, nor in 1 more gap of up to 3.6 s"
     ]
 

@@ -225,7 +225,7 @@ def test_motions_by_attitudes_are_written_and_read_back_as_quaternions(tmp_path,
 def test_poses_as_quaternions_are_a_recording_that_fit_reads(tmp_path):
     scene = hp.load_scene(MODELS / "logged_arm.toml")
     result = scene.evaluate(("R1", "quat1", "R2", "quat2"))
-    recording = read_recording([result.save(tmp_path / "poses.csv")])
+    recording = read_recording(result.save(tmp_path / "poses.csv"))
     np.testing.assert_allclose(recording.body2.S, scene.evaluate(("S2",)).S2, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(recording.body1.R, result.R1)
 

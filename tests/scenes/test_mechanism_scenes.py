@@ -405,7 +405,7 @@ BAD = {
     "stray in the base": (JOINTS + "[base]\nboom = 't'\n", "base.boom: " + STRAY),
     "base's key": (JOINTS + "[base]\nphi = 1\n", "base.phi: expected one of x, y, z, phi_x"),
     "base's motion": (JOINTS + "[base]\nx = 'sin(tt)'\n", "base.x: unknown name 'tt'"),
-    "robot": ("[mechanism]\nrobot = 'pand'\n", "mechanism.robot: .*such as panda"),
+    "robot": ("[mechanism]\nrobot = 'pand'\n", "mechanism.robot: .*nearest: panda"),
     "no robot": ("[mechanism]\n", "mechanism.robot: expected a robot of example-robot-data"),
     "two robots": ("[mechanism]\nrobot = 'panda'\nurdf = 'a'\n", "mechanism.robot: .*both robot and urdf"),
     "no file": ("[mechanism]\nurdf = 'a.urdf'\n", "mechanism.urdf: .*no such file: .*a.urdf"),

@@ -51,6 +51,7 @@ def scene(tmp_path, text, mechanism="", body1=""):
     return path
 
 
+@pytest.mark.slow
 def test_a_scene_is_the_simulation_of_its_robot():
     found = hp.load_scene(MODEL)
     robot, result = found.mechanism, found.evaluate(["q", "tip"])
@@ -65,6 +66,7 @@ def test_a_scene_is_the_simulation_of_its_robot():
     assert not found.notes()
 
 
+@pytest.mark.slow
 def test_the_accelerations_are_those_of_pinocchio_s_aba():
     import pinocchio as pin
 
@@ -119,7 +121,16 @@ def test_all_bases_are_compared_with_pinocchio(tmp_path, base):
         ("[dynamics]\n[dynamics.arm]\nstops = true", r"dynamics\.arm\.stops: expected .* of a joint that has limits"),
         ('[dynamics]\nbase = "prescribed"', r"dynamics\.base: expected"),
         ('[dynamics]\n[dynamics.arm]\ntau = "psi"', r"dynamics\.arm\.tau: .*psi"),
-        ("[dynamics]\n[motion]\narm = 1", r"motion\.arm"),
+        ("[dynamics]\n[motion]\nelbow = 1", r"motion\.elbow: expected"),
+        ("[dynamics]\n[dynamics.arm]\nfriction = 1\n[motion]\narm = 1", r"dynamics\.arm: expected no such table"),
+        ('[dynamics]\n[motion]\narm = "abs(t - 0.3)"', r"motion\.arm: expected .* not jump, got .* at t = 0\.3 s"),
+        ('[dynamics]\n[base]\nx = "abs(t - 0.3)"', r"dynamics\.base: expected .* not jump, got a jump of v"),
+        ("[dynamics.wrenches.hand]\nforce = [0, 0, 1]", r"dynamics\.wrenches: expected .*arm"),
+        ("[dynamics.wrenches.arm]\nforce = [0, 1]", r"wrenches\.arm\.force: expected three numbers"),
+        ("[dynamics.wrenches.arm]\nmoment = [0, 1, 0]", r"wrenches\.arm\.moment: expected"),
+        ('[dynamics]\nuntil = "elbow - 1"', r"dynamics\.until: .*elbow"),
+        ('[dynamics]\nuntil = "1"', r"dynamics\.until: expected an expression"),
+        ("[dynamics]\nforce1 = [1, 0, 0]", r"dynamics\.force1: expected 0"),
         ("[dynamics.lift]\nq_0 = 2\nstops = [-1, 1]\nstop_restitution = 0", r"dynamics\.lift\.q_0: expected"),
         ("[dynamics]\nv1_0 = [1, 0, 0]", r"dynamics\.v1_0: expected"),
     ],
@@ -127,6 +138,45 @@ def test_all_bases_are_compared_with_pinocchio(tmp_path, base):
 def test_what_cannot_be_used_is_named(tmp_path, text, message):
     with pytest.raises(hp.SceneError, match=message):
         hp.load_scene(scene(tmp_path, text))
+
+
+LOADED = """
+[dynamics]
+base = "pinned"
+force1 = [0, 1, 0]
+torque1 = ["0.3*t", 0, 0.1]
+until = "armd + 2.5"
+[dynamics.wrenches.arm]
+force = [0, "2*sin(3*t)", 1]
+torque = [0.1, 0, "t"]
+[motion]
+lift = "0.1*sin(4*t)"
+"""
+
+
+@pytest.mark.slow
+def test_wrenches_act_on_links_and_joints_of_motion_move_as_given(tmp_path):
+    found = hp.load_scene(scene(tmp_path, LOADED, 'base = "free"', BODY1))
+    given = {
+        "driven": {"lift": lambda t: (0.1 * np.sin(4 * t), 0.4 * np.cos(4 * t), -1.6 * np.sin(4 * t))},
+        "wrenches": {"arm": (
+            lambda t, _: np.stack([0 * t, 2 * np.sin(3 * t), 0 * t + 1], axis=-1),
+            lambda t, _: np.stack([0 * t + 0.1, 0 * t, t], axis=-1),
+        )},
+        "force1": (0, 1, 0), "torque1": lambda t, _: np.stack([0.3 * t, 0 * t, 0 * t + 0.1], axis=-1),
+        "until": lambda _, now: now.qd[:, 1] + 2.5,
+    }  # fmt: skip
+    robot = found.mechanism
+    expected = hp.simulate(robot, np.linspace(0, 1, 101), [0, 0], base="pinned", **given)
+    assert expected.ended_by_event
+    np.testing.assert_allclose(found.t, expected.t, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.evaluate(["q"]).q, expected.q, rtol=0, atol=1e-9)
+    assert found.notes() == (f"until ends the motion at t = {found.t[-1]:.6g} s",)
+    report = found.cross_validate()
+    assert report.ok, str(report)
+    assert [row.output for row in report.forces] == ["tau", "torque1"]
+    assert np.abs(found.energy_balance().residual).max() < 1e-9
+    np.testing.assert_allclose(found.forces().tau, expected.tau, rtol=0, atol=1e-7)  # what the wrenches do not do
 
 
 def test_an_energy_balance_needs_a_simulation():

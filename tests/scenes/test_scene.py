@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import hingepair as hp
 from hingepair.cli.main import app
-from hingepair.scenes.load import load_pair
+from hingepair.scenes.load import SceneFile
 from hingepair.scenes.motions.waypoints import PROFILES, interpolate_way_points
 from hingepair.scenes.pair_scene import PairScene
 from support.work import bounded_calls
@@ -298,7 +298,7 @@ def test_result_says_what_it_has(tmp_path: Path) -> None:
     assert result.state.R2 is result.R2
     names = ["R2", "arrays", "described", "outputs", "psi", "q", "save", "scene", "shape", "state", "t"]
     assert dir(result) == [*names, "to_dataframe", "to_xarray"]
-    assert dir(result.state) == ["R2", "arrays", "outputs", "shape"]
+    assert dir(result.state) == ["R2", "arrays", "outputs", "shape", "to_dataframe", "to_xarray"]
     for one in (result, result.state):
         with pytest.raises(AttributeError, match=f"has no 'R3'; it has {', '.join(dir(one))}$"):
             _ = one.R3
@@ -387,7 +387,7 @@ shapes = [{ sphere = 0.2, center = [0, 0, 1] }]
 def test_a_pair_needs_no_motion(tmp_path: Path) -> None:
     path = tmp_path / "pair.toml"
     path.write_text(GOOD.split("[motion]", maxsplit=1)[0] + '[motion]\nfile = "not there.csv"\n')
-    assert load_pair(path).u1.tolist() == [0.5, 0.2, 0.1]
+    assert SceneFile(path).pair.u1.tolist() == [0.5, 0.2, 0.1]
 
 
 POINTS = "{ t = [0, 0.5, 2], value = [0, -1, 'pi/2'], profile = 'PROFILE' }"
@@ -570,6 +570,7 @@ def test_a_motion_in_millimetres_is_suspected_and_a_flight_is_not(tmp_path: Path
     assert moved("7500*t + 4*t**2") == moved("0.02*sin(300*t)") == moved("0.3*sin(3*t)") == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", sorted(MODELS.glob("*.toml")), ids=lambda path: path.stem)
 def test_no_example_is_suspected(scene: Path) -> None:
     assert hp.load_scene(scene).suspicions() == ()
@@ -625,6 +626,10 @@ def pointed_at(path: Path, text: str) -> tuple[str, str, str]:
         ('"0.1*"', "an end where something is missing at column 5", ""),
         ('"5t"', "a product is written 5*t", "5t"),
         ('"1e-3 t"', "a product is written 1e-3*t", "t"),
+        ('"2000 mm"', "lengths are in metres: 2000*1e-3", "mm"),
+        ('"85 deg"', "degrees are written deg(85)", "deg"),
+        ('"85°"', "degrees are written deg(x)", "°"),
+        ("80,5", "decimals follow a point", ",5"),
         ('"0.2*sin t"', "a function is called as sin(t)", "t"),
         ('"0.2*sine(t)"', "nearest: sin", "sine(t)"),
         ('"30*deg"', "expected deg(x), got deg at column 4", "deg"),

@@ -139,11 +139,12 @@ def test_a_missing_sample_that_cannot_be_differentiated_is_said_to_need_smoothin
     lines[300] = lines[300].rpartition(",")[0] + ","
     (tmp_path / "log.csv").write_text("\n".join(lines))
     with pytest.raises(
-        hp.SceneError, match=r"differentiated \(motion.smooth = true fills missing samples\), got nan"
+        hp.SceneError, match=r"differentiated; motion.smooth = true fills up to 0\.055 s without samples, .*, got nan"
     ):
         hp.load_scene(path)
 
 
+@pytest.mark.slow
 def test_a_loss_makes_outliers_of_a_log_count_little(tmp_path):
     path, _ = written(tmp_path)
     lines = (tmp_path / "log.csv").read_text().splitlines()
@@ -158,3 +159,54 @@ def test_a_loss_makes_outliers_of_a_log_count_little(tmp_path):
     path.write_text(PAIR.replace("smooth = true", 'differentiate = true\nloss = "cauchy"'))
     with pytest.raises(hp.SceneError, match=r"motion\.loss: expected no such key without smooth = true"):
         hp.load_scene(path)
+
+
+def slow_log(folder, absent, motion=""):
+    """A scene with a log at 20 Hz without the rows `absent`; its instants."""
+    t = np.arange(240) / 20
+    noise = 1e-3 * np.random.default_rng(3).standard_normal((2, 240))
+    columns = {"t": t, "x": np.cos(t) + noise[0], "y": 0 * t, "phi_z": np.sin(t) + noise[1], "psi": np.sin(2 * t)}
+    kept = np.delete(np.arange(240), absent)
+    Record(t[kept], {name: column[kept] for name, column in columns.items() if name != "t"}, "log").save(
+        folder / "log.csv"
+    )
+    (folder / "scene.toml").write_text(PAIR + motion)
+    return hp.load_scene(folder / "scene.toml"), t[kept]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("missing", [1, 4])
+def test_absent_rows_of_a_slow_log_are_bridged_up_to_five_steps(tmp_path, missing):
+    scene, t = slow_log(tmp_path, np.arange(120, 120 + missing))
+    assert not any("cut" in note for note in scene.motion.notes)
+    error = np.abs(scene.evaluate(outputs=("a1",)).a1[:, 0] + np.cos(t))
+    assert error[110:130].max() < 2 * error[40:200].max()
+    assert error[110:130].max() < 0.05
+
+
+@pytest.mark.slow
+def test_a_note_names_the_places_where_smoothing_is_cut(tmp_path):
+    absent = [60, *range(120, 126), *range(130, 150)]
+    scene, _ = slow_log(tmp_path, absent)
+    (cut,) = (note for note in scene.motion.notes if "cut" in note)
+    assert cut.startswith(
+        "position, attitude, psi: smoothing is cut, with no samples from 5.95 to 6.3 s, 6.45 to 7.5 s;"
+    )
+    left_out = "position, attitude, psi: samples recorded but left out, in series of fewer than 8 between gaps: 4;"
+    assert any(note.startswith(left_out) for note in scene.motion.notes)
+    scene, _ = slow_log(tmp_path, absent, "gaps = 2\n")
+    assert not any("cut" in note for note in scene.motion.notes)
+    scene, _ = slow_log(tmp_path, absent, "gaps = 0.06\n")
+    assert any("from 2.95 to 3.05 s, 5.95 to 6.3 s, 6.45 to 7.5 s" in note for note in scene.motion.notes)
+
+
+@pytest.mark.parametrize("motion", ["gaps = 0\n", "gaps = 'a'\n"])
+def test_gaps_is_a_positive_time(tmp_path, motion):
+    with pytest.raises(hp.SceneError, match=r"motion\.gaps"):
+        slow_log(tmp_path, [], motion)
+
+
+def test_gaps_goes_with_smoothing_alone(tmp_path):
+    (tmp_path / "scene.toml").write_text(PAIR.replace("smooth = true", "differentiate = true\ngaps = 0.1"))
+    with pytest.raises(hp.SceneError, match=r"motion\.gaps: expected no such key without smooth"):
+        hp.load_scene(tmp_path / "scene.toml")

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from hingepair.formats.robots import robot_urdf
-from hingepair.mechanism.building import tree_of_urdf
+from hingepair.mechanism.building.urdf import tree_of_urdf
 
 U = 2.0**-53
 

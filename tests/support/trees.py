@@ -18,7 +18,8 @@ class Robot(hp.Mechanism):
     __slots__ = ()
 
     def __init__(self, tree, base="fixed"):
-        self._set(tree, base)
+        object.__setattr__(self, "tree", tree)
+        object.__setattr__(self, "base", base)
 
 
 def weightless(pairs):

@@ -93,6 +93,7 @@ def test_a_condition_that_cannot_hold_is_not_found(arm: Path) -> None:
     np.testing.assert_allclose(found.results["R2_z_last"], 3, atol=0.05)  # the most that it can be
 
 
+@pytest.mark.slow
 def test_what_no_number_reaches_says_why(arm: Path) -> None:
     late = hp.search(arm, "constants.a", "R2_z_t_at(2) = 2.5")
     assert late.notes == ("R2_z_t_at(2) = 2.5 is not within the motion, which ends at t = 2 s (time.stop)",)
@@ -102,6 +103,7 @@ def test_what_no_number_reaches_says_why(arm: Path) -> None:
     assert jump.notes[0] in str(jump)
 
 
+@pytest.mark.slow
 def test_the_damping_of_a_door_is_that_of_the_closed_form(tmp_path: Path) -> None:
     """Critically damped, psi = (1 + w t) exp(-w t), which is 0.01 at t = 4 where w t = -1 - W(-0.01/e)."""
     inertia = 1 + 0.45**2
@@ -111,6 +113,51 @@ def test_the_damping_of_a_door_is_that_of_the_closed_form(tmp_path: Path) -> Non
     found = hp.search(path, {"dynamics.damping": (inertia * w, 4 * inertia * w)}, "psi_t_below(0.01) = 4")
     assert found.ok
     np.testing.assert_allclose(found.values["dynamics.damping"], 2 * inertia * w, rtol=1e-4)
+
+
+def test_a_time_just_before_the_end_of_the_motion_is_found(tmp_path: Path) -> None:
+    """With more damping, psi is not below the level before the motion ends, and the time is NaN."""
+    path = tmp_path / "door.toml"
+    path.write_text(DOOR.replace("stop = 20", "stop = 2"))
+    found = hp.search(path, "dynamics.damping", "psi_t_below(0.8) = 1.9")
+    assert found.ok
+    np.testing.assert_allclose(found.results["psi_t_below(0.8)"], 1.9, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_an_inequality_that_decides_is_met_exactly(tmp_path: Path) -> None:
+    """The lid of a hatch shuts in 5 s, and touches its frame at 0.08 m/s."""
+    text = (Path(__file__).parents[2] / "models/hatch.toml").read_text()
+    path = tmp_path / "hatch.toml"
+    text = text.replace("stops = true ", 'until = "psi"  # ').replace("stop_restitution = 0.2\n", "")
+    path.write_text(text.replace("stop = 6", "stop = 12").replace("samples = 601", "samples = 1201"))
+    keys = "dynamics.damping", "dynamics.stiffness"
+    found = hp.search(path, keys, ("psi_t_below(0.001) = 5", "edge_v_z_last >= -0.08"))
+    assert found.ok
+    np.testing.assert_allclose(found.results["edge_v_z_last"], -0.08, rtol=1e-6)
+
+
+def test_conditions_and_results_are_in_the_units_that_are_asked_for(arm: Path) -> None:
+    found = hp.search(arm, "constants.a", "R2_z_last = 2000", units="mm, deg")
+    np.testing.assert_allclose(found.values["constants.a"], np.pi / 24, rtol=1e-10)
+    assert found.units == {"R2_z_last": "mm"}
+    timed = hp.search(arm, "constants.a", "psi_t_at(30) = 1000", units="ms, deg")  # a = 30 deg / s^2
+    np.testing.assert_allclose(timed.values["constants.a"], np.radians(30), rtol=1e-6)
+    assert timed.units == {"psi_t_at(30)": "ms"}
+    assert "ms" in str(timed)
+
+
+def test_magnitudes_of_vectors_are_results(arm: Path) -> None:
+    """At 2 m from the hinge, the speed is 2 m times the rate, 2 a t."""
+    found = hp.search(arm, "constants.a", "v2_norm_max = 4000", units="mm")
+    np.testing.assert_allclose(found.values["constants.a"], 0.5, rtol=1e-10)
+    assert found.units == {"v2_norm_max": "mm/s"}
+    with pytest.raises(hp.ArgumentError, match="v2_z_absmax, v2_norm_absmax, got 'v2_absmax'"):
+        hp.search(arm, "constants.a", "v2_absmax = 4")
+    t, turn, u = np.arange(2.0), np.ones((1, 2, 3, 3)), np.array([[[3.0, 4.0], [0, 0]]])
+    reduced = reduce_arrays(t, {"S2": turn, "v2": u, "psi": u[..., 0]}, ("max", "t_last"))
+    assert [name for name in reduced if "norm" in name] == ["v2_norm_max", "v2_norm_t_last"]
+    assert (reduced["v2_norm_max"], reduced["psi_t_last"]) == (5, 1)
 
 
 def test_times_at_levels_are_linear_between_instants() -> None:
@@ -125,6 +172,7 @@ def test_times_at_levels_are_linear_between_instants() -> None:
     np.testing.assert_allclose(found["psi_t_above(-1)"], (0, 0, np.nan))
 
 
+@pytest.mark.slow
 def test_the_command_prints_what_it_found(arm: Path) -> None:
     shown = run_command("search", arm, "--vary", "constants.a=0.1:0.3", "--until", "R2_z_last = 2").stdout
     assert "0.1309" in shown
@@ -151,3 +199,12 @@ def test_the_command_prints_what_it_found(arm: Path) -> None:
 )
 def test_what_cannot_be_searched_is_named(words: tuple[str, ...], message: str, arm: Path) -> None:
     assert message in refusal("search", arm, *words)
+
+
+@pytest.mark.slow
+def test_forces_are_results_too(tmp_path: Path) -> None:
+    path = tmp_path / "door.toml"
+    path.write_text(DOOR.replace("stop = 20", "stop = 1").replace("samples = 2001", "samples = 11"))
+    found = hp.search(path, "pair.body2.mass", "hinge_force_norm_max = 2")
+    assert found.ok
+    np.testing.assert_allclose(found.results["hinge_force_norm_max"], 2, rtol=1e-6)

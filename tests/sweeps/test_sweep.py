@@ -151,6 +151,28 @@ def test_a_grid_is_every_scene_with_its_numbers():
             assert found[name][i] == pytest.approx(value, rel=1e-12, abs=1e-15), name
 
 
+@pytest.mark.slow
+def test_results_are_in_the_units_of_the_sweep_or_of_the_command():
+    text = 'scene = "arm.toml"\noutputs = ["R2", "psi"]\nunits = "deg, mm"\n{}'
+    text += '[[vary]]\nkey = "pair.u1[0]"\nvalues = [1, 2]\n'
+    reduced = table(swept("units", "units.parquet", text.format('reduce = ["max", "t_above(90)"]\n')))
+    motion = scene_with(ARM, ("u1 = [0.5,", "u1 = [2,")).evaluate(("R2", "psi"))
+    assert reduced["R2_x_max [mm]"][1] == pytest.approx(1e3 * motion.R2[:, 0].max(), rel=1e-12)
+    assert reduced["psi_t_above(90) [s]"][1] == pytest.approx(np.pi / 2)  # psi = t
+    assert reduced["pair.u1[0]"].tolist() == [1, 2]
+    whole = table(swept("whole", "whole.parquet", text.format("")))
+    np.testing.assert_allclose(whole["R2_x [mm]"][31:], 1e3 * motion.R2[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(whole["psi [deg]"][31:], np.degrees(motion.psi), rtol=1e-12)
+    assert_array_equal(whole["t [s]"][31:], motion.t)
+    group = zarr.open_group(swept("whole", "whole.zarr"))
+    assert group["R2"].attrs["units"] == "mm"
+    np.testing.assert_allclose(group["R2"][1], 1e3 * motion.R2, rtol=1e-12)
+    run_sweep(load_sweep("whole.toml", "rpm, m"), Path("other.parquet"))
+    assert "R2_x [m]" in table(Path("other.parquet"))
+    with pytest.raises(hp.SceneError, match="units: expected one of"):
+        swept("bad", "bad.parquet", text.format("").replace("deg, mm", "degrees"))
+
+
 KINDS = {
     "geometry": ("arm", ARM, "pair.n[1]", ("n = [1, 2, 0]", "n = [1, {}, 0]"), "S2"),
     "motion": ("arm", ARM, "constants.speed", ("speed = 1.5", "speed = {}"), "omega2"),

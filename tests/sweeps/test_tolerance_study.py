@@ -77,6 +77,29 @@ def test_tolerances_of_the_scene_are_taken_unless_named(scene_path):
     assert study_tolerances(scene, 10, u1_std=0.0, axis_std=1e-3).shares() == {"axis": (1.0, 1.0)}
 
 
+@pytest.mark.slow
+def test_limits_of_the_scene_are_those_of_drawings(tmp_path):
+    path = tmp_path / "drawn.toml"
+    path.write_text(
+        SCENE + """[tolerances]\nu1 = ["+-3 mm", "0", "0"]\naxis = "+-0.1 deg uniform"\nu2_std = 1e-3\n"""
+    )
+    scene = hp.load_scene(path)
+    study = study_tolerances(scene, 10)
+    same = study_tolerances(scene, 10, u1_std=(1e-3, 0, 0), axis_std=np.radians(0.05))
+    np.testing.assert_allclose(study.std, same.std, rtol=1e-12)
+    assert [note for note in study.notes if "three standard deviations" in note]
+    assert same.notes == ()  # options replace limits
+    shown = run_command("tolerance", path, "--u2", "+-0,2 mm").stdout
+    assert "a tilt of the axis is taken with the bodies adjusted at psi = 0" in shown
+    assert shown.count("as a mean over the motion") == 1
+    assert "u1 = +-3 mm, 0, 0; axis = +-0.1 deg uniform; u2 = +-0,2 mm" in shown
+    assert "_std" not in shown
+    assert "three standard deviations of a normal distribution" in " ".join(shown.split())
+    told = json.loads(run_command("tolerance", path, "--u1", "+-1 mm uniform", "--u2-std", "0", "--json").stdout)
+    assert told["tolerances"] == {"u1": "+-1 mm uniform", "axis": "+-0.1 deg uniform", "u2_std": 0.0}
+    assert told["notes"] == []
+
+
 def test_the_dimension_that_matters_most_is_named(scene_path):
     study = study_tolerances(hp.load_scene(scene_path), 10, u1_std=(0, 1e-2, 1e-3), axis_std=1e-5)
     assert [*study.shares()][:2] == ["axis", "u1_y"]  # all of the attitude, most of the position
@@ -129,6 +152,18 @@ def test_the_figure_has_a_band_for_each_component(scene_path):
     assert all(len(axes.lines) == 2 and len(axes.collections) == 1 for axes in figure.axes[:6])
 
 
+def test_bands_are_in_the_units_that_are_asked_for(scene_path):
+    study = study_tolerances(hp.load_scene(scene_path), 10)
+    for si, other in zip(study.bands(), study.bands("deg, mm, ms"), strict=True):
+        factor, unit = (1e3, "mm") if si.unit == "m" else (180 / np.pi, "deg")
+        assert other.unit == unit
+        np.testing.assert_allclose(other[2:], [*factor * np.array(si[2:6]), 1e3 * si.t], rtol=1e-14)
+    assert study.tables("ms")[0][0][-1] == "at t [ms]"
+    assert json.loads(study.to_json("deg"))["bands"][5]["unit"] == "deg"
+    labels = [axes.get_ylabel() for axes in study.plot("deg").axes]
+    assert labels[2:4] == ["R2_z [mm]", "attitude_x [deg]"]
+
+
 @pytest.mark.slow
 def test_the_command_prints_both_and_draws(scene_path, tmp_path):
     picture = tmp_path / "bands.svg"
@@ -156,7 +191,11 @@ def test_the_command_prints_both_and_draws(scene_path, tmp_path):
         (["models", "--u1-std", "1,2"], ("--u1-std: ", "(3,)")),
         (["models", "--axis-std", "1,2,3"], ("--axis-std: ",)),
         (["models", "--home-std", "-1"], ("--home-std: ",)),
-        (["models"], ("tolerances: ", "u1_std = 0.001")),
+        (["models"], ("tolerances: ", 'u1 = "+-0.2 mm"')),
+        (["models", "--u1", "+-0.2"], ("--u1: ", "mm", "'+-0.2'")),
+        (["models", "--u1", "+-1 mm", "--u1-std", "1"], ("--u1-std: ", "since u1 gives the tolerance")),
+        (["twice"], ("twice.toml: tolerances.u1_std: ", "beside u1")),
+        (["number"], ("number.toml: tolerances.u1: ", '"+-0.2 mm"', "u1_std", "got 1")),
         (["models", "--u1-std", "1", "--plot", "x.gif"], ("--plot: ", ".png")),
         (["crane"], ("crane.toml: pair: ",)),
         (["bad"], ("bad.toml: tolerances.u3_std: ", "u1_std, u2_std, axis_std, home_std")),
@@ -165,6 +204,9 @@ def test_the_command_prints_both_and_draws(scene_path, tmp_path):
 def test_what_cannot_be_used_is_named(arguments, words, tmp_path):
     paths = {"models": MODELS / "reference_3d.toml", "bad": tmp_path / "bad.toml", "crane": tmp_path / "crane.toml"}
     paths["crane"].write_text(CRANE)
+    for name, lines in (("twice", "u1 = '+-1 mm'\nu1_std = 1"), ("number", "u1 = 1")):
+        paths[name] = tmp_path / f"{name}.toml"
+        paths[name].write_text(f"{SCENE}[tolerances]\n{lines}\n")
     paths["bad"].write_text(SCENE + "[tolerances]\nu3_std = 1\n")
     message = refusal("tolerance", paths[arguments[0]], *arguments[1:])
     assert all(word in message for word in words), message

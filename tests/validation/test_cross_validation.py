@@ -144,6 +144,7 @@ class Faulty:
         self.u1, self.u2, self.n, self.home, self.name = pair.u1, pair.u2, pair.n, pair.home, "faulty"
         self.constants = pair.constants
         self.limits = self.torque_limit = self.rate_limit = self.body1 = self.body2 = None
+        self.points1 = self.points2 = {}
 
     def forward_kinematics(self, q, qd, qdd, **options):
         state = self.pair.forward_kinematics(

@@ -260,6 +260,7 @@ def test_what_a_singular_mass_matrix_leaves_is_said():
     assert report.verdict == "PASSED: 17 outputs of 3 samples within 16 u*scale of Pinocchio"
 
 
+@pytest.mark.slow
 def test_accelerations_that_are_missing_fail(monkeypatch):
     """What the mass matrix does not excuse."""
     robot, q = hp.load_robot("ur5_robot"), np.linspace(-2, 2, 24).reshape(4, 6)
@@ -284,6 +285,7 @@ def harmed_tree(part):
     return dataclasses.replace(tree, joints=(dataclasses.replace(first, **changes[part]), *others))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["names", "placements", "inertias"])
 def test_an_error_of_reading_fails(part):
     robot = hp.Mechanism.from_urdf(LADEN)
@@ -318,6 +320,7 @@ def test_pinocchio_holds_locked_joints_and_what_follows_them(base):
         assert len(report.description) == 3
 
 
+@pytest.mark.slow
 def test_the_report_says_what_a_robot_was_compared_with():
     own = "a model built from the robot as hingepair holds it, since "
     robot = hp.Mechanism.from_urdf(LADEN)
@@ -334,6 +337,7 @@ def test_the_report_says_what_a_robot_was_compared_with():
     assert hp.cross_validate(pickle.loads(pickle.dumps(robot)), np.ones(robot.dof)).description
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::hingepair.DynamicsWarning")
 @pytest.mark.parametrize(("masses", "base"), [(("1e-200", "1e-200"), "fixed"), (("-1", "2"), "free")])
 def test_masses_that_pinocchio_adds_wrongly_are_compared_all_the_same(masses, base):

@@ -229,6 +229,7 @@ def test_a_sample_that_is_not_finite_is_left_out(scenes):
     assert report.rates[0].samples < 101 - 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [10, None])
 def test_the_slopes_are_those_of_all_instants(scenes, most):
     report = scenes(SPACE, "fixed").cross_validate(most)

@@ -33,9 +33,10 @@ from hingepair.bench.harness import (
 from hingepair.dynamics.simulate import simulate
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
-from hingepair.pair.dynamics import DEFAULT_GRAVITY, Forces
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.states import Forces
 from hingepair.rotations.matrices import rotation_exp
 
 Array: TypeAlias = NDArray[np.float64]
@@ -99,7 +100,7 @@ def make_task(pair: HingePair, workload: str, count: int) -> Task:
     states = engines.pair_states(workload, pair, body1, list(hinge))
     if workload == FORWARD:
         to_body1 = np.swapaxes(body1.S, -1, -2)
-        vectors = [(to_body1 @ vector[..., None])[..., 0] for vector in forces[:2]]
+        vectors = [(to_body1 @ vector[..., None])[..., 0] for vector in (forces.force1, forces.torque1)]
         w = np.concatenate([*vectors, forces.hinge_torque[:, None]], axis=-1)
         states = states._replace(rows=(*states.rows[:2], w))
     return Task(pair, workload, body1, hinge, forces, states)

@@ -210,7 +210,9 @@ def mujoco_job(states: States) -> Job:
 
 
 def _mujoco_rows(rows: Sequence[Array], *, w_are_forces: bool) -> tuple[Array, ...]:
-    """Return q, v, w of a free base as MuJoCo takes them: quaternions wxyz, linear parts in world axes."""
+    """Return q, v and accelerations or forces w of a free base, given as Pinocchio has them, as MuJoCo takes them:
+    quaternions wxyz, linear parts in world axes.
+    """
     q, *others = rows
     S = BodyMotion.from_quaternion_xyzw(R=q[:, :3], quat_xyzw=q[:, 3:7]).S
     found = [np.hstack([q[:, :3], q[:, 6:7], q[:, 3:6], q[:, 7:]])]

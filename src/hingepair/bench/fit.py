@@ -11,16 +11,15 @@ import functools
 import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
-from importlib.util import find_spec
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.bench.harness import Case, Method, Report, batch_case, installed, measure, print_progress
-from hingepair.errors import MissingDependencyError
 from hingepair.measured.hinge_fit import fit
 from hingepair.measured.inertial.axis_and_point import fit_axis
+from hingepair.numeric.optional import require
 from hingepair.pair.body_motion import BodyMotion
 
 Array: TypeAlias = NDArray[np.float64]
@@ -70,8 +69,7 @@ def bench_fit(sizes: Sequence[int], repeats: int) -> Report:
         sizes: numbers of samples of the recordings.
         repeats: of each measurement.
     """
-    if find_spec("scipy") is None:
-        raise MissingDependencyError("bench fit", "the package scipy: pip install 'hingepair[bench]'", "none")
+    require("scipy", "bench fit")
     axis_methods, left_out = installed(AXIS_METHODS, {})
     if left_out:
         left_out.append("qmt: pip install qmt (its last wheels, of 2023, are for Python 3.11 and before)")

@@ -23,7 +23,7 @@ from statistics import median
 from timeit import timeit
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from hingepair.numeric.tables import json_text, ruled_table
+from hingepair.tables.sheets import json_text, ruled_table
 
 if TYPE_CHECKING:
     from hingepair.bench.plot import Panel

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from math import inf, isfinite
 from typing import IO, Any, NamedTuple
 
-from hingepair.errors import MissingDependencyError
+from hingepair.numeric.optional import new_figure
 
 # Colours that colour-blind readers can tell apart (Okabe and Ito; grey in place of yellow).
 COLOURS = ("#000000", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#888888")
@@ -38,7 +38,7 @@ class Panel(NamedTuple):
 
 def draw_panels(panel_rows: Sequence[Sequence[Panel]]) -> Any:
     """Return a Matplotlib figure of the panels, row by row, with one legend of all methods below."""
-    figure = new_figure((4.1 * len(panel_rows[0]) + 0.4, 3.4 * len(panel_rows) + 0.8))
+    figure = new_figure(4.1 * len(panel_rows[0]) + 0.4, 3.4 * len(panel_rows) + 0.8, "--plot")
     names = list(dict.fromkeys(c.name for panels in panel_rows for panel in panels for c in panel.curves))
     styles = {name: (COLOURS[i % len(COLOURS)], _MARKERS[i % len(_MARKERS)]) for i, name in enumerate(names)}
     axes_grid = figure.subplots(len(panel_rows), len(panel_rows[0]), squeeze=False)
@@ -121,17 +121,3 @@ def _draw_panel(axes: Any, panel: Panel, styles: dict[str, tuple[str, str]]) -> 
     if panel.x_descending:
         axes.invert_xaxis()
     axes.grid(visible=True, which="major", color="0.9")
-
-
-def new_figure(size_inches: tuple[float, float]) -> Any:
-    """Return an empty Matplotlib figure.
-
-    Raises:
-        MissingDependencyError: Matplotlib is not installed.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        needed = "matplotlib (pip install '.[bench]' in the project's folder)"
-        raise MissingDependencyError("--plot", needed, str(error)) from None
-    return Figure(figsize=size_inches, layout="constrained")

@@ -19,8 +19,8 @@ import numpy as np
 
 from hingepair.bench.direct import PAIR_ARGUMENTS
 from hingepair.bench.harness import Case, Job, Report, Row, measure, print_progress
-from hingepair.errors import MissingDependencyError
 from hingepair.formats.robots import load_robot
+from hingepair.numeric.optional import require
 from hingepair.pair.hinge_pair import HingePair
 
 MAX_CHUNK = 1_000_000  # samples
@@ -101,11 +101,7 @@ def bench_scale(samples: int, reduction: int, threads: int, repeats: int) -> Rep
     Raises:
         MissingDependencyError: Dask is not installed.
     """
-    try:
-        import dask.array  # noqa: F401
-    except ImportError as error:
-        needed = "the package dask: pip install 'hingepair[dask]'"
-        raise MissingDependencyError("bench scale", needed, str(error)) from None
+    require("dask.array", "bench scale")
     rows = []
     for case, plain, lazy, arrays in workloads(samples):
         rows += _measure_beside_dask(f"{case}, N = {samples:,}", plain, lazy, arrays, threads, repeats)

@@ -14,7 +14,7 @@ from hingepair.cli.options import with_option_names
 from hingepair.cli.output import check_picture_suffix, terminal_width
 from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import check_choice
-from hingepair.numeric.whole_file import whole_file
+from hingepair.tables.whole_file import whole_file
 
 if TYPE_CHECKING:
     from hingepair.bench.harness import Report
@@ -67,10 +67,11 @@ def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
     """Return a context manager that opens the picture file `path` for writing and yields a function that draws a
     Report into the file.
     """
-    from hingepair.bench.plot import new_figure, write_picture
+    from hingepair.bench.plot import write_picture
+    from hingepair.numeric.optional import new_figure
 
     check_picture_suffix("--plot", path)
-    new_figure((1, 1))  # raises an error if Matplotlib is not installed
+    new_figure(1, 1, "--plot")  # raises an error if Matplotlib is not installed
     with contextlib.ExitStack() as exit_stack:
         try:
             file = exit_stack.enter_context(whole_file(path))

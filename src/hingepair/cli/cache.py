@@ -10,7 +10,7 @@ import typer
 
 from hingepair.cli.output import JsonOption
 from hingepair.engine.llvm.object_cache import MAX_BYTES, MAX_FILES, cache_files, cache_folder, clear_cache
-from hingepair.numeric.tables import json_text
+from hingepair.tables.sheets import json_text
 
 
 def cache_command(

@@ -16,7 +16,6 @@ from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgum
 from hingepair.errors import HingePairError
 from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.scenes.load import load_mechanism, load_scene
 from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
 
 if TYPE_CHECKING:
@@ -118,14 +117,13 @@ def _pair_forms(source: Source, symbols: Sequence[str]) -> _PairForms:
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
-    if source.has_motion:
-        scene = load_scene(source.text).require_pair()
+    if source.has_motion and source.dynamics() is None:
+        scene = source.scene_file.scene().require_pair()
         named = tuple(name for name in scene.outputs or () if name not in FURTHER_OUTPUTS)
-        if not scene.motion.simulated:
-            return _PairForms(closed_forms(scene, symbols), scene.title, named)
+        return _PairForms(closed_forms(scene, symbols), scene.title, named)
     pair = source.pair()
     # The exact values of a file count.
-    forms = derive_any_motion(source.text, symbols) if source.is_scene else closed_forms(pair, symbols)
+    forms = derive_any_motion(source.scene_file, symbols) if source.is_scene else closed_forms(pair, symbols)
     return _PairForms(forms, pair.name, ())
 
 
@@ -162,7 +160,7 @@ def _load_snapped_robot(source: Source, snap: float | None) -> tuple[Mechanism, 
     most one sentence.
     """
     if source.is_scene:
-        described = load_mechanism(source.text) if snap is None else None
+        described = source.scene_file.mechanism if snap is None else None
         return None if described is None else (described, ())
     robot = source.robot()
     if robot is None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.numeric.tables import align_columns
+from hingepair.tables.sheets import align_columns
 
 _ALL = "all"
 """The NAME that stands for every example."""

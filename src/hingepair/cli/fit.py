@@ -22,16 +22,16 @@ from hingepair.cli.output import (
     save_figure,
 )
 from hingepair.errors import ArgumentError, FitError, quoted
-from hingepair.formats.recordings import read_recording
-from hingepair.measured.hinge import GAUGES, RULES_OF_SIGN
+from hingepair.formats.recordings import ColumnAdvice, no_body_error, read_poses
+from hingepair.measured.hinge import GAUGES
 from hingepair.measured.hinge_fit import HingeFit, fit
 from hingepair.measured.robust import LOSSES
-from hingepair.numeric.instants import checked_gaps
-from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.results import RESULT_FILE_SUFFIXES, Record, check_ending
 from hingepair.rotations.matrices import rotation_vector
 from hingepair.scenes.motions.known import quaternion_columns
+from hingepair.tables.units import Units
+from hingepair.tables.whole_file import whole_file
 
 
 def fit_command(
@@ -47,8 +47,23 @@ def fit_command(
         str,
         typer.Option(help=f"Point of the hinge axis that u1 and u2 lead to: {', '.join(GAUGES)}."),
     ] = GAUGES[0],
+    n_along: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Direction in body 1's axes, such as 0,0,-1, along which n is to point, which gives psi its sign.",
+        ),
+    ] = None,
     ignore: Annotated[
         list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=COLUMN[:UNIT]",
+            help="Column of another program, such as t=Zeit or x1=Ost:mm; may be repeated. Unknown columns are then "
+            "not read.",
+        ),
     ] = None,
     gaps: Annotated[
         float,
@@ -97,6 +112,14 @@ def fit_command(
             "Default: it is estimated.",
         ),
     ] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UNITS",
+            help='Units of what is printed and drawn and of --out, such as "deg, mm"; JSON and scenes are in SI '
+            "units. Default: m, and mm and deg for what is left.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit a hinge to the recorded motion of two bodies.
@@ -107,23 +130,53 @@ def fit_command(
     body has a file of its own, the first file is that of body 1, and names need no digit. The exit code is 1 if the
     recordings do not determine a hinge.
     """
-    outputs = _Outputs(files, out, plot, scene, report)
+    Units.of(units)  # refuses unknown ones before anything is computed
+    outputs = _Outputs(files, out, plot, scene, report, units)
     outputs.check()
-    recording = read_recording(files, ignore or (), checked_gaps(gaps), encoder)
+    along = None if n_along is None else _parse_direction(n_along)
+    columns = _parse_columns(column or ())
+    recording = read_poses(files, columns, ignore or (), gaps, encoder, _COLUMN_OPTIONS)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
+    if recording.body2 is None:
+        raise no_body_error("2", files)
     body1, body2, t = recording.body1, recording.body2, recording.t
     try:
-        fitted = fit(body1, body2, loss, gauge, t, clock_offset=clock_offset, encoder=recording.encoder)
+        fitted = fit(
+            body1, body2, loss, gauge, t, clock_offset=clock_offset, encoder=recording.encoder, n_along=along
+        )
     except FitError as error:
         outputs.write_report(_report_without_hinge(error, files))
         print(json.dumps({"ok": False, "findings": [str(error)]}, indent=2) if as_json else f"NO HINGE: {error}")
         raise typer.Exit(1) from None
     outputs.write(fitted, body1)
-    print(fitted.to_json() if as_json else fitted)
+    print(fitted.to_json() if as_json else fitted.text(units))
     for path in () if as_json else outputs.written:
         print(f"written: {path}")
     raise typer.Exit(0 if fitted.ok else 1)
+
+
+_COLUMN_OPTIONS = ColumnAdvice(
+    "--column '{ours}={name}'", "--column '{ours}={name}:{unit}'", "--encoder {name!r}", "--ignore {name!r}"
+)
+
+
+def _parse_columns(options: Sequence[str]) -> dict[str, dict[str, str]]:
+    columns = {}
+    for option in options:
+        name, equals, rest = option.partition("=")
+        column, colon, unit = rest.rpartition(":") if ":" in rest else (rest, "", "")
+        if not (name.strip() and equals and column.strip()):
+            raise ArgumentError("column", "such as t=Zeit or x1=Ost:mm", quoted(option))
+        columns[name.strip()] = {"name": column.strip()} | ({"unit": unit.strip()} if colon else {})
+    return columns
+
+
+def _parse_direction(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ArgumentError("n_along", "three numbers separated by commas", repr(text)) from None
 
 
 @dataclass
@@ -135,6 +188,7 @@ class _Outputs:
     plot: Path | None
     scene: Path | None
     report: Path | None
+    units: str | None
     written: list[Path] = field(default_factory=list)
 
     def check(self) -> None:
@@ -166,9 +220,9 @@ class _Outputs:
         """Write all files; an error says which are complete."""
         try:
             if self.out is not None:
-                self.written.append(_residuals(fitted).save(self.out, self.files))
+                self.written.append(fitted.record().save(self.out, self.files, self.units))
             if self.plot is not None:
-                save_figure("plot", fitted.plot(), self.plot, self.files)
+                save_figure("plot", fitted.plot(self.units), self.plot, self.files)
                 self.written.append(self.plot)
             if self.scene is not None:
                 with naming_option("scene"):
@@ -176,7 +230,7 @@ class _Outputs:
             figure = None
             if self.plot is not None and self.report is not None:
                 figure = os.path.relpath(self.plot, self.report.parent)
-            self.write_report(_report(fitted, self.files, figure))
+            self.write_report(_report(fitted, self.files, figure, self.units))
         except ArgumentError as error:
             if self.written:
                 error.add_note(f"written before: {', '.join(map(str, self.written))}")
@@ -188,14 +242,6 @@ class _Outputs:
             with naming_option("report"):
                 _save_text(self.report, text, self.files)
             self.written.append(self.report)
-
-
-def _residuals(fitted: HingeFit) -> Record:
-    t = np.arange(float(fitted.psi.size)) if fitted.t is None else fitted.t
-    arrays = {"psi": fitted.psi, "gap": fitted.gap, "tilt": fitted.tilt, "weight": fitted.weights}
-    if fitted.body2.S is None:
-        del arrays["tilt"]
-    return Record(t, arrays, "what is left of each sample")
 
 
 def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
@@ -244,8 +290,10 @@ def _report_without_hinge(error: FitError, inputs: list[Path]) -> str:
     return "\n".join((*_heading(inputs), "**No hinge.** These recordings determine none:", "", f"- {error}", ""))
 
 
-def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
+def _report(fitted: HingeFit, inputs: list[Path], figure: str | None, units: str | None) -> str:
     """Return the Markdown text of the report on a HingeFit."""
+    lengths = Units.of(units)
+    fine = lengths.over(Units("deg, mm"))
     verdict = "**ok**: the motion shows a hinge and determines it." if fitted.ok else "**Not reliable.**"
     missing = fitted.psi.size - fitted.samples
     lines = [
@@ -254,15 +302,15 @@ def _report(fitted: HingeFit, inputs: list[Path], figure: str | None) -> str:
         "",
         "## Hinge",
         "",
-        *_hinge_table(fitted),
+        *_hinge_table(fitted, lengths, fine),
         "",
         f"u1 and u2 lead to the point on the axis {fitted.gauge.replace('_', ' ')}; along the axis, motion "
         "determines only their difference. home is a rotation vector in the axes of body 1. Each number is followed "
-        f"by its standard deviation. {RULES_OF_SIGN}",
+        f"by its standard deviation. {fitted.conventions}",
         "",
         "## Residuals",
         "",
-        *_residual_table(fitted),
+        *_residual_table(fitted, fine),
         "",
         *(() if figure is None else (f"![Hinge angle and residuals over time]({figure.replace(os.sep, '/')})", "")),
         "## Findings",
@@ -287,21 +335,22 @@ def _heading(inputs: list[Path]) -> list[str]:
     return [f"# The hinge of {' and '.join(f'`{path.name}`' for path in inputs)}", ""]
 
 
-def _hinge_table(fitted: HingeFit) -> list[str]:
+def _hinge_table(fitted: HingeFit, lengths: Units, fine: Units) -> list[str]:
     """Return a list of the lines of a Markdown table of a HingeFit: u1, u2, n and, if body 2 has attitudes, home with
     standard deviations, the range of psi, and the clock offset and the encoder if they were fitted.
     """
-    turn = np.degrees(rotation_vector(fitted.pair.home))
-    vectors = [(name, getattr(fitted.pair, name), np.asarray(fitted.std[name]), "m") for name in ("u1", "u2")]
-    vectors += [("n", fitted.pair.n, np.asarray(fitted.std["n"]), "1")]
+    pair, angle = fitted.pair, fine.unit("rad")
+    vectors = [(name, getattr(pair, name), lengths.factor("m"), lengths.unit("m")) for name in ("u1", "u2")]
+    vectors += [("n", pair.n, 1.0, "1")]
     if fitted.body2.S is not None:
-        vectors += [("home", turn, np.degrees(fitted.std["home"]), "deg")]
-    rows = [
-        (name, ", ".join(f"{v:.6g} ± {s:.2g}" for v, s in zip(values, stds, strict=True)), unit)
-        for name, values, stds, unit in vectors
-    ]
-    low, high = np.degrees(fitted.psi_range)
-    rows.append(("psi", f"{low:.4g} to {high:.4g}", "deg"))
+        vectors += [("home", np.asarray(rotation_vector(pair.home)), fine.factor("rad"), angle)]
+    rows = []
+    for name, values, factor, unit in vectors:
+        both = zip(factor * values, factor * np.asarray(fitted.std[name]), strict=True)
+        rows.append((name, ", ".join(f"{value:.6g} ± {std:.2g}" for value, std in both), unit))
+    each = float(np.nanmedian(fitted.std["psi"]))
+    low, high, each = (fine.factor("rad") * size for size in (*fitted.psi_range, each))
+    rows.append(("psi", f"{low:.4g} to {high:.4g}, each ± {each:.2g}", angle))
     if fitted.clock_offset is not None:
         std = 1e3 * float(fitted.std["clock_offset"])
         spread = f"± {std:.2g}" if std else "(given)"
@@ -319,17 +368,18 @@ def _hinge_table(fitted: HingeFit) -> list[str]:
     return _table(("", "value", "unit"), rows)
 
 
-def _residual_table(fitted: HingeFit) -> list[str]:
+def _residual_table(fitted: HingeFit, fine: Units) -> list[str]:
     """Return a list of the lines of a Markdown table of the residuals of a HingeFit: the rms, median, 95 % quantile,
     largest value (with its time or sample) and noise of the position gap and, if body 2 has attitudes, of the tilt of
     the axis.
     """
-    kinds = [("gap", 1e3 * fitted.gap, 1e3 * fitted.rms_position, 1e3 * fitted.noise_position, "mm")]
+    kinds = [("gap", fitted.gap, fitted.rms_position, fitted.noise_position, "m")]
     if fitted.body2.S is not None:
-        rms, noise = np.degrees((fitted.rms_angle, fitted.noise_angle))
-        kinds.append(("tilt", np.degrees(fitted.tilt), float(rms), float(noise), "deg"))
+        kinds.append(("tilt", fitted.tilt, fitted.rms_angle, fitted.noise_angle, "rad"))
     rows = []
-    for name, values, rms, noise, unit in kinds:
+    for name, sizes, *rms_and_noise, si in kinds:
+        values, unit = fine.converted(sizes, si), fine.unit(si)
+        rms, noise = (fine.factor(si) * size for size in rms_and_noise)
         worst = int(np.nanargmax(values))
         place = f"sample {worst}" if fitted.t is None else f"t = {fitted.t[worst]:.6g} s"
         middle, most = np.nanquantile(values, (0.5, 0.95))

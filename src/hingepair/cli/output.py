@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import csv
 import functools
+import itertools
 import os
+import re
 import shutil
 import signal
 import sys
@@ -18,11 +20,11 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from hingepair.errors import ArgumentError, printable, quoted
-from hingepair.numeric.tables import ruled_table
-from hingepair.numeric.whole_file import check_writable, whole_file
 from hingepair.pair.results import RESULT_ROWS_PER_BLOCK
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
 from hingepair.scenes.pair_scene import FURTHER_OUTPUTS
+from hingepair.tables.sheets import ruled_table
+from hingepair.tables.whole_file import check_writable, whole_file
 
 Piece = TypeVar("Piece")
 
@@ -41,7 +43,7 @@ OutputsOption = Annotated[
         metavar="NAMES",
         help=f"Outputs, separated by commas: {', '.join(SPATIAL_MOTION_KIND.levels)}; of a planar pair: "
         f"{', '.join(PLANAR_MOTION_KIND.levels)}; coordinates and, unless planar, quaternions: "
-        f"{', '.join(FURTHER_OUTPUTS)}.",
+        f"{', '.join(FURTHER_OUTPUTS)}; of a point, here tip: tip, tip_v, tip_a.",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
@@ -52,13 +54,37 @@ def out_option(text: str) -> Any:
     return typer.Option("--out", "-o", metavar="FILE", help=text)
 
 
+UnitsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="UNITS",
+        help='Units in place of SI units, such as "deg, mm"; also km/h, g, rpm, ms, N mm. A unit of lengths or '
+        "angles stands for their rates too. Default: [outputs] units of the scene, otherwise SI units.",
+    ),
+]
+
+
 def print_component_table(lines: Sequence[Sequence[str]]) -> None:
-    """Print a table of components, with an empty line below each vector. The first of the rows is the heading; the
+    """Print a table of components, with an empty line between vectors. The first of the rows is the heading; the
     first two columns are names and units.
     """
-    spaced = [row for line in lines for row in ((line, ()) if line[0].endswith(("_z", "_zz")) else (line,))]
-    spaced = spaced[:-1] if not spaced[-1] else spaced
+    heading, *rows = lines
+    spaced: list[Sequence[str]] = [heading]
+    for row, following in itertools.zip_longest(rows, rows[1:]):
+        spaced.append(row)
+        if following is not None and _vector_of(following[0]) != _vector_of(row[0]):
+            spaced.append(())
     print("", *ruled_table(spaced, 2, terminal_width()), "", sep="\n")
+
+
+def _vector_of(component: str) -> str:
+    """Return the vector or matrix of a component; "" if there is none.
+
+    >>> _vector_of("R2_x - 691607"), _vector_of("|v2|"), _vector_of("tau_elbow")
+    ('R2', 'v2', '')
+    """
+    match = re.match(r"(.+)_[xyz]{1,2}(?= |$)|\|(.+)\|", component)
+    return match[1] or match[2] if match else ""
 
 
 def print_title(title: str) -> None:

@@ -12,23 +12,28 @@ import numpy as np
 import typer
 
 from hingepair.cli.output import out_option, write_text
-from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgument, Source, SourceArgument
+from hingepair.cli.sources import Body1FrameOption, Body2FrameOption, JointArgument, Source
 from hingepair.errors import ArgumentError, HingePairError
 from hingepair.formats.model_writers import to_mjcf, to_urdf
 from hingepair.formats.xml_text import commented
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
-from hingepair.scenes.load import (
-    load_mechanism,
-)
 from hingepair.scenes.motions.motion import PRESCRIBED
 
 if TYPE_CHECKING:
     from hingepair.scenes.motions.simulated import DynamicsSetup
 
+ExportedArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="Scene file (TOML), which needs no motion; or a robot's name or a URDF file, whole or with JOINT.",
+    ),
+]
 TextFileOption = Annotated[Path | None, out_option("Write to FILE instead of standard output.")]
 FixedBaseOption = Annotated[bool, typer.Option("--fixed-base", help="Fix body 1 in the world.")]
 GravityOption = Annotated[
@@ -42,7 +47,7 @@ GravityOption = Annotated[
 
 
 def urdf_command(
-    source: SourceArgument,
+    source: ExportedArgument,
     joint: JointArgument = None,
     body1_frame: Body1FrameOption = None,
     body2_frame: Body2FrameOption = None,
@@ -54,16 +59,16 @@ def urdf_command(
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a URDF file.
 
-    By default the base is free, and the program that loads the file must add a root joint. Of a scene with [dynamics]
-    the base, damping, friction and stops are written as well; a comment and a warning list the keys that URDF cannot
-    express.
+    A robot or URDF file without JOINT is written whole. By default the base is free, and the program that loads the
+    file must add a root joint. Of a scene with [dynamics] the base, damping, friction and stops are written as well;
+    a comment and a warning list the keys that URDF cannot express.
     """
     if fixed_base and floating_base:
         raise HingePairError("--fixed-base and --floating-base exclude each other; give one of them")
     named = Source(source, joint, body1_frame, body2_frame)
     named.print_suspicions()
     requested_base = "fixed" if fixed_base else "floating" if floating_base else None
-    robot = load_mechanism(source) if named.is_scene else None
+    robot = _whole_robot(named)
     if robot is not None:
         return write_text(to_urdf(robot, base=requested_base or "free"), out, named.files)
     pair = named.spatial_pair()
@@ -79,7 +84,7 @@ def urdf_command(
 
 
 def mjcf_command(
-    source: SourceArgument,
+    source: ExportedArgument,
     joint: JointArgument = None,
     body1_frame: Body1FrameOption = None,
     body2_frame: Body2FrameOption = None,
@@ -90,15 +95,15 @@ def mjcf_command(
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a MuJoCo model (MJCF).
 
-    Of a scene with [dynamics] the base, the pose of body 1 at the start, gravity, spring, damping, friction and stops
-    are written; a comment and a warning list the keys that MJCF cannot express. Otherwise body 1 has a free joint if
-    it has a mass, and is fixed in the world if it has none.
+    A robot or URDF file without JOINT is written whole. Of a scene with [dynamics] the base, the pose of body 1 at
+    the start, gravity, spring, damping, friction and stops are written; a comment and a warning list the keys that
+    MJCF cannot express. Otherwise body 1 has a free joint if it has a mass, and is fixed in the world if it has none.
     """
     if fixed_base and free_base:
         raise HingePairError("--fixed-base and --free-base exclude each other; give one of them")
     named = Source(source, joint, body1_frame, body2_frame)
     named.print_suspicions()
-    robot = load_mechanism(source) if named.is_scene else None
+    robot = _whole_robot(named)
     if robot is not None:
         chosen = "fixed" if fixed_base else "free" if free_base else None
         fall = DEFAULT_GRAVITY if gravity is None else parse_gravity(gravity, 3)
@@ -139,6 +144,13 @@ def mjcf_command(
     return write_text(text, out, named.files)
 
 
+def _whole_robot(named: Source) -> Mechanism | None:
+    """Return the robot of a scene, or that named without a hinge; None for a pair."""
+    if named.is_scene:
+        return named.scene_file.mechanism
+    return named.robot() if named.is_whole else None
+
+
 def parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
     """Return the finite numbers in the text of the option --gravity, which are separated by commas, as a tuple of
     floats.
@@ -159,7 +171,7 @@ def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, wri
     """Return the text of a model with an added comment that lists the keys of a DynamicsSetup that are not in
     `written_keys` (tol and breaks are never listed), and emit a DynamicsWarning with the same sentence.
     """
-    keys = [key for key in setup.keys if key not in {*written_keys, "tol", "breaks"}]
+    keys = [key for key in setup.keys if key not in {*written_keys, "tol", "breaks", "max_steps", "until"}]
     if not keys:
         return text
     shown = ", ".join(f'base = "{setup.base}"' if key == "base" else key for key in keys)

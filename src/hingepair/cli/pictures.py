@@ -10,6 +10,7 @@ import typer
 from hingepair.cli.output import (
     PICTURE_SUFFIXES,
     OutputsOption,
+    UnitsOption,
     check_output,
     check_picture_suffix,
     out_option,
@@ -34,21 +35,22 @@ def plot_command(
         out_option(f"Write the figure to FILE ({', '.join(PICTURE_SUFFIXES)}); {_DEFAULT_OUT}"),
     ] = None,
     outputs: OutputsOption = None,
+    units: UnitsOption = None,
 ) -> None:
     """Draw the motion of a scene over time and in space.
 
-    The figure of a pair shows position, attitude, rates and psi over time, the paths of both bodies, and the residual
-    of E1 (common hinge point). That of a mechanism shows position, rate and torque of each moving joint with their
-    limits, and the paths of its frames. With --outputs the figure shows these outputs over time.
+    The figure of a pair shows position, attitude, rates and psi over time, torque and force of the hinge if body 2
+    has masses, the paths of both bodies, and the residual of E1 (common hinge point). That of a mechanism shows
+    position, rate and torque of each moving joint with their limits, and the paths of its frames. With --outputs the
+    figure shows these outputs over time; of a pair with masses also hinge_torque, bearing_torque, hinge_force, force1
+    and torque1.
     """
     if out is not None:
         check_picture_suffix("--out", out)
     out = out or _check_new_file(f"{scene_file.stem}.png")
     check_output("--out", out, [scene_file])
     scene, names = load_named_scene(scene_file), split_names("--outputs", outputs)
-    if names is not None:
-        scene.plan(names)  # raises an error about an unknown output
-    figure = plot_figure(scene, names)
+    figure = plot_figure(scene, names, units)
     save_figure("--out", figure, out, scene.files, dpi=110)
     print(f"written: {out}")
 

@@ -14,12 +14,12 @@ from hingepair.formats.robots import robot_names, robot_urdf
 from hingepair.formats.urdf_reader import hinge_pair
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Tree
-from hingepair.numeric.tables import align_columns, json_text
 from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.tables.sheets import align_columns, json_text
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import (
-    HINGE_JOINT_TYPE_NAMES,
-    SLIDER_JOINT_TYPE_NAMES,
+    HINGE_TYPES,
+    SLIDER_TYPES,
     JointRecord,
     MimicRecord,
     RobotRecord,
@@ -90,10 +90,7 @@ def robots_command(
 def _robot_table_row(robot: str) -> dict[str, Any]:
     """Return the row of the table of robots for the robot named `robot`, a dict by heading."""
     joints = read_urdf(robot_urdf(robot)).joints
-    hinges, sliders = (
-        [joint for joint in joints if joint.type in types]
-        for types in (HINGE_JOINT_TYPE_NAMES, SLIDER_JOINT_TYPE_NAMES)
-    )
+    hinges, sliders = ([joint for joint in joints if joint.type in types] for types in (HINGE_TYPES, SLIDER_TYPES))
     names = {joint.name for joint in joints}
     following = sum(
         joint.follows in names for joint in hinges + sliders
@@ -106,11 +103,7 @@ def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
     """Return the report on a robot, given by its name or the path of a URDF file, as a dict for JSON."""
     path = name_or_urdf_file if Source(name_or_urdf_file).is_urdf else robot_urdf(name_or_urdf_file)
     robot = read_urdf(path)
-    moving = [
-        joint
-        for joint in robot.joints
-        if joint.type in (*HINGE_JOINT_TYPE_NAMES, *SLIDER_JOINT_TYPE_NAMES) and joint.name
-    ]
+    moving = [joint for joint in robot.joints if joint.type in (*HINGE_TYPES, *SLIDER_TYPES) and joint.name]
     fixed = [joint.name for joint in robot.joints if joint.type == "fixed"]
     report: dict[str, Any] = {"robot": robot.name, "dof": None, "joints": [], "folded": fixed, "notes": []}
     try:
@@ -146,10 +139,8 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
 
 
 def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
-    """Return a dict of the report's facts on a hinge or slider: the name, the kind, the names of the links, the axis,
-    n, u1, home and the limits.
-    """
-    kind = "hinge" if joint.type in HINGE_JOINT_TYPE_NAMES else "slider"
+    """Return a dict of the report's facts on a hinge or slider, those of its JSON; `error` if it cannot be loaded."""
+    kind = "hinge" if joint.type in HINGE_TYPES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
     row |= {"parent": joint.parent, "child": joint.child, "follows": joint.follows, "mimic": None}
     row |= dict.fromkeys(("mass1", "mass2", "mass_moved"))

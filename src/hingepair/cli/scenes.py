@@ -13,6 +13,7 @@ import typer
 from hingepair.cli.output import (
     JsonOption,
     OutputsOption,
+    UnitsOption,
     check_output,
     out_option,
     print_component_table,
@@ -25,10 +26,10 @@ from hingepair.cli.pairs import GravityOption, parse_gravity
 from hingepair.cli.sources import Source, load_named_scene
 from hingepair.cli.summary import RunSummary
 from hingepair.errors import ArgumentError, printable
-from hingepair.numeric.tables import json_text
 from hingepair.pair.results import RESULT_FILE_SUFFIXES, check_ending, result_file
 from hingepair.scenes.load import load_scene
 from hingepair.scenes.scene import Scene
+from hingepair.tables.sheets import json_text
 from hingepair.validation.cross_validate import cross_validate
 from hingepair.validation.states import random_and_hard_states
 
@@ -40,6 +41,7 @@ def run_command(
     scene_file: SceneArgument,
     out: ResultsOption = None,
     outputs: OutputsOption = None,
+    units: UnitsOption = None,
     explain: Annotated[
         bool, typer.Option("--explain", help="Explain what is computed, what is skipped, and why.")
     ] = False,
@@ -50,11 +52,12 @@ def run_command(
 ) -> None:
     """Compute and print the motion of body 2 or of a mechanism.
 
-    The table shows each component at three instants and its range; --out writes all instants. A .csv or .parquet file
-    is written piece by piece, so that a motion of any length needs little memory.
+    The table shows each component at three instants and its range, except what is zero throughout and, unless
+    --outputs names it, the matrix S2; --out writes all columns and instants. A .csv or .parquet file is written piece
+    by piece, so that a motion of any length needs little memory.
 
     R2 and S2 are position and attitude of body 2, d is R2 - R1, v2 and a2 are velocity and acceleration, omega2 and
-    alpha2 the angular ones; 1 in place of 2 stands for body 1.
+    alpha2 the angular ones; 1 in place of 2 stands for body 1. |v2| is the magnitude of v2.
     """
     if out is not None:
         check_ending(out)
@@ -63,12 +66,12 @@ def run_command(
     names = split_names("--outputs", outputs)
     plan = scene.plan(names) if explain else None
     balance = scene.energy_balance() if energy else None
-    summary = RunSummary(scene)
+    columns, summary = scene.in_units(units), RunSummary(scene, names, units)
     with contextlib.ExitStack() as exit_stack:
         add = None
         if out is not None:
             exit_stack.enter_context(report_if_stopped(out))
-            add = exit_stack.enter_context(result_file(out, scene.samples, scene.title, scene.files, scene.unit))
+            add = exit_stack.enter_context(result_file(out, scene.samples, scene.title, scene.files, columns))
         for part in with_progress_bar(scene.blocks(names), scene.samples):
             summary.add(part)
             if add is not None:
@@ -89,6 +92,7 @@ def run_command(
         print(balance)
     for frame, shown in summary.coincident_frames.items():
         print(printable(f"{frame} moves exactly as {shown} and is not shown"))
+    print(*map(printable, summary.omissions()), sep="\n", end="\n" * bool(summary.omissions()))
     some = summary.lost < scene.samples
     if summary.lost:
         others = "ranges and residuals are those of the other instants" if some else "the table has no numbers"
@@ -141,6 +145,7 @@ def forces_command(
     scene_file: SceneArgument,
     gravity: GravityOption = None,
     out: ResultsOption = None,
+    units: UnitsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compute and print the forces that a motion requires.
@@ -159,21 +164,22 @@ def forces_command(
         check_ending(out)
         check_output("--out", out, [scene_file])
     scene = load_named_scene(scene_file)
+    scene.in_units(units)  # refuses unknown ones before anything is computed
     fall = None if gravity is None else parse_gravity(gravity, scene.dimensions)
     try:
         result = scene.forces(fall)
     except ArgumentError as error:
         raise error.renamed(f"{scene_file}: {error.name}") if error.name.startswith("pair.") else error from None
-    written = None if out is None else str(result.save(out))
+    written = None if out is None else str(result.save(out, units=units))
     doubt = getattr(scene.motion, "doubt", "") if result.noise else ""  # the note on noise is more precise
     notes = (*result.notes, *(note for note in scene.notes() if note != doubt))
     if as_json:
         facts = {"scene": str(scene.path), "samples": scene.samples, "file": written}
-        print(json_text(facts | result.facts() | {"notes": notes}))
+        print(json_text(facts | result.facts(units) | {"notes": notes}))
         return
     _print_heading(scene)
     print(f"gravity = ({', '.join(f'{component:g}' for component in result.gravity)}) m/s^2")
-    for rows in result.tables():
+    for rows in result.tables(units):
         print_component_table(rows)
     _print_notes(notes, out)
 

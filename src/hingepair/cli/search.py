@@ -9,8 +9,8 @@ import typer
 from hingepair.cli.output import JsonOption, print_title
 from hingepair.cli.scenes import SceneArgument
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.tables import json_text
 from hingepair.sweeps.search import Range, search
+from hingepair.tables.sheets import json_text
 
 
 def search_command(
@@ -33,6 +33,10 @@ def search_command(
         str | None, typer.Option(metavar="RESULT", help="Result to be smallest, such as hinge_torque_absmax.")
     ] = None,
     maximize: Annotated[str | None, typer.Option(metavar="RESULT", help="Result to be largest.")] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(metavar="UNITS", help='Units of results and conditions, such as "deg, mm". Default: SI units.'),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find numbers of a scene for which results have wanted values.
@@ -41,11 +45,13 @@ def search_command(
     level: psi_t_below(0.01), psi_t_settled(0.02). --minimize and --maximize need a range for each number. Exit code
     1: no such numbers were found; the closest are printed.
     """
-    found = search(scene_file, dict(map(_read_range, vary)), until or (), minimize=minimize, maximize=maximize)
+    found = search(
+        scene_file, dict(map(_read_range, vary)), until or (), minimize=minimize, maximize=maximize, units=units
+    )
     if as_json:
         facts = {
             field: getattr(found, field)
-            for field in ("values", "start", "results", "conditions", "notes", "ok", "evaluations")
+            for field in ("values", "start", "results", "units", "conditions", "notes", "ok", "evaluations")
         }
         print(json_text(facts))
     else:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,18 +14,11 @@ from hingepair.errors import ArgumentError, HingePairError, MissingDependencyErr
 from hingepair.formats.robots import load_robot, robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import RESULT_FILE_SUFFIXES
-from hingepair.scenes.load import (
-    describes_motion,
-    load_dynamics_setup,
-    load_mechanism,
-    load_pair,
-    load_scene,
-    load_suspicions,
-    scene_files,
-)
+from hingepair.scenes.load import SceneFile, load_scene
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.urdf.reader import read_urdf
 
@@ -57,20 +51,24 @@ Body2FrameOption = Annotated[
 ]
 
 
-class Source(NamedTuple):
+@dataclass(frozen=True)
+class Source:
     """What a command line names."""
 
-    #: a scene file, a robot's name or a URDF file
-    text: str
+    text: str  # a scene file, a robot's name or a URDF file
     joint: str | None = None
-    #: links whose frames become those of the bodies; by default those of the joint
-    body1_frame: str | None = None
+    body1_frame: str | None = None  # links whose frames become those of the bodies; by default those of the joint
     body2_frame: str | None = None
+
+    @lock_free_cached_property
+    def scene_file(self) -> SceneFile:
+        """The scene file, if the text names one."""
+        return SceneFile(self.text)
 
     @property
     def is_whole(self) -> bool:
         """Whether no hinge of a robot is named."""
-        return not any(self[1:])
+        return not any((self.joint, self.body1_frame, self.body2_frame))
 
     @property
     def is_urdf(self) -> bool:
@@ -87,7 +85,7 @@ class Source(NamedTuple):
     @property
     def has_motion(self) -> bool:
         """Whether this is a scene file with a motion."""
-        return self.is_scene and describes_motion(self.text)
+        return self.is_scene and self.scene_file.has_motion
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -95,11 +93,11 @@ class Source(NamedTuple):
         path = Path(self.text)
         if not os.path.isfile(path):
             return ()
-        return (path,) if self.is_urdf else scene_files(path)
+        return (path,) if self.is_urdf else self.scene_file.files
 
     def pair(self) -> HingePair | PlanarPair:
         """Return the pair of a scene file, or that of the hinge."""
-        text, joint, *frames = self
+        text, joint, frames = self.text, self.joint, (self.body1_frame, self.body2_frame)
         if joint is not None and text.lower().endswith(".toml"):
             raise ArgumentError("JOINT", "no JOINT after a scene file, which describes its own pair", repr(joint))
         if self.is_urdf or (joint is not None and os.path.isfile(text)):
@@ -110,7 +108,7 @@ class Source(NamedTuple):
             raise HingePairError("--body1-frame and --body2-frame: expected a JOINT, whose links they name, got none")
         if names_robot(text):
             self._require_joint()
-        return load_pair(text)
+        return self.scene_file.pair
 
     def spatial_pair(self) -> HingePair:
         """Return the pair; a planar one in space."""
@@ -121,17 +119,17 @@ class Source(NamedTuple):
         """Return the robot of a URDF file, of a name, or of a scene file without a motion; None for anything else."""
         if self.is_urdf:
             return Mechanism.from_urdf(self.text)
-        if os.path.isfile(self.text) and not describes_motion(self.text):
-            return load_mechanism(self.text)
+        if os.path.isfile(self.text) and not self.scene_file.has_motion:
+            return self.scene_file.mechanism
         return load_robot(self.text) if names_robot(self.text) else None
 
     def dynamics(self) -> DynamicsSetup | None:
         """Return what the table [dynamics] of a scene file says."""
-        return load_dynamics_setup(self.text) if self.is_scene else None
+        return self.scene_file.dynamics if self.is_scene else None
 
     def print_suspicions(self) -> None:
         """Print notes on numbers of a scene file that are probably in another unit to standard error."""
-        for sentence in load_suspicions(self.text) if self.is_scene else ():
+        for sentence in self.scene_file.suspicions if self.is_scene else ():
             print(f"hingepair: note: {printable(sentence)}", file=sys.stderr)
 
     def _require_joint(self) -> str:
@@ -147,7 +145,10 @@ def load_named_scene(path: Path) -> PairScene | RobotScene:
     word = str(path)
     if names_robot(word):
         expected = f"a scene file with a motion, and [mechanism] robot = {word!r}"
-        raise ArgumentError(word, expected, "a robot, which alone has no motion")
+        raise ArgumentError(word, expected, "a robot, which alone has no motion (hingepair view shows it)")
+    if path.suffix.lower() in {".urdf", ".xml"}:
+        expected = f"a scene file with a motion, and [mechanism] urdf = {word!r}"
+        raise ArgumentError(word, expected, "a URDF file, which has no motion (hingepair view shows it)")
     return load_scene(path)
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.numeric.tables import instant_text, number_texts
-from hingepair.pair.results import column_names
 from hingepair.scenes.scene import Scene, SceneResult
+from hingepair.tables.data_frames import column_names
+from hingepair.tables.sheets import instant_text, number_texts, offset_text, round_offset
+from hingepair.tables.units import UnitsLike
+
+_SIZED = frozenset({"m/s", "m/s^2", "rad/s", "rad/s^2", "N", "N m"})  # units of vectors whose magnitude is shown
 
 
 class LargestResidual(NamedTuple):
@@ -25,18 +29,25 @@ class LargestResidual(NamedTuple):
 class RunSummary:
     """Summary of a scene's run, from results block by block in order of time.
 
+    Args:
+        scene: the scene.
+        names: the requested outputs; None for those of the scene.
+        units: units of the numbers; None for those of the scene.
+
     Attributes:
         lost: number of instants with a value that is not finite.
         coincident_frames: frames of a robot that move exactly as an earlier one in all blocks, and these.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+    def __init__(self, scene: Scene, names: Iterable[str] | None = None, units: UnitsLike = None) -> None:
+        self._scene, self._columns = scene, scene.in_units(units)
+        self._hides_matrices = names is None and scene.outputs is None
         self._notes = scene.note_collector()
         self._instants = sorted({0, (scene.samples - 1) // 2, scene.samples - 1})
         self._t: list[float] = []  # times of these instants, and the components at them
         self._values: list[NDArray[np.float64]] = []
-        self._names: list[str] = []
+        self._components: dict[str, list[str]] = {}  # by array
+        self._matrices: list[str] = []
         self._smallest = self._largest = np.array(np.nan)
         self._residuals = np.full((len(scene.residuals), 2), np.nan)
         self.coincident_frames: dict[str, str] = {}
@@ -48,8 +59,14 @@ class RunSummary:
         coincident = part.coincident_frames()
         together = coincident.items() if part.first == 0 else coincident.items() & self.coincident_frames.items()
         self.coincident_frames = dict(together)
-        self._names = column_names(arrays)
-        values = np.concatenate([array.reshape(len(part.t), -1) for array in arrays.values()], axis=1, dtype=float)
+        columns = {name: array.reshape(len(part.t), -1) for name, array in arrays.items()}
+        self._components = {name: column_names({name: array}) for name, array in arrays.items()}
+        for name, array in arrays.items():
+            if array.shape[1:] in {(2,), (3,)} and self._scene.unit(name) in _SIZED:
+                self._components[name].append(f"|{name}|")
+                columns[name] = np.column_stack((array, np.hypot.reduce(array, axis=1)))
+        self._matrices = [name for name, array in arrays.items() if array.ndim == 3]
+        values = np.concatenate([*columns.values()], axis=1, dtype=float)
         for at in (i - part.first for i in self._instants):
             if 0 <= at < len(part.t):
                 self._t.append(float(part.t[at]))
@@ -73,19 +90,81 @@ class RunSummary:
 
     def table(self) -> list[tuple[str, ...]]:
         """Return the rows of a table, headings first: of each component its unit, its values at the first, middle and
-        last instant, and its range. The `coincident_frames` are left out.
+        last instant, and its range; then the magnitude of a vector with several components that are not zero. The
+        `coincident_frames` and what `omissions` names are left out.
+
+        Of numbers that are large against their variation, an offset is subtracted, which stands behind the name.
         """
-        numbers = np.stack([*self._values, self._smallest, self._largest], axis=1).tolist()
-        heading = ("", "unit", *(f"t = {instant_text(t)}" for t in self._t), "smallest", "largest")
-        texts = number_texts(self._names, numbers)
-        rows = [(name, self._scene.unit(name), *row) for name, row in zip(self._names, texts, strict=True)]
-        hidden = tuple(f"_{frame}" for frame in self.coincident_frames)
-        return [heading, *(row for row in rows if not row[0].rpartition("_")[0].endswith(hidden))]
+        rows = self._rows()
+        hidden = {own for name in self._hidden_arrays() for own in self._components[name]} | {*self._zeros(rows)}
+        for name, components in self._components.items():
+            if sum({*rows[own][2:]} != {"0"} for own in components) < 3:  # one component, and the magnitude
+                hidden.add(f"|{name}|")
+        return [self._heading(), *((name, *row) for own, (name, *row) in rows.items() if own not in hidden)]
+
+    def omissions(self) -> list[str]:
+        """Return sentences on what the table leaves out, but for the `coincident_frames`."""
+        sentences = []
+        if self._hides_matrices and self._matrices:
+            output = self._matrices[0] if len(self._matrices) == 1 else "S"
+            be, them = ("is", "it") if len(self._matrices) == 1 else ("are", "them")
+            sentences.append(f"{', '.join(self._matrices)} {be} not shown (--outputs {output} shows {them})")
+        if zeros := self._zeros(self._rows()):
+            whole = {name: own for name, own in self._components.items() if len(own) > 1 and {*own} <= {*zeros}}
+            part_of = {component: name for name, own in whole.items() for component in own}
+            names = dict.fromkeys(part_of.get(name, name) for name in zeros)
+            sentences.append(f"zero at all instants and not shown: {', '.join(names)}")
+        return sentences
+
+    def _heading(self) -> tuple[str, ...]:
+        units = self._columns.units
+        offset, name = units.offset_of_instants(self._scene.start, self._scene.stop)
+        texts = [instant_text(units.factor("s") * t - offset) for t in self._t]
+        if name:
+            return (f"{name} =", "unit", *texts, "smallest", "largest")
+        unit = "" if units.unit("s") == "s" else f" {units.unit('s')}"
+        return ("", "unit", *(f"t = {text}{unit}" for text in texts), "smallest", "largest")
+
+    def _rows(self) -> dict[str, list[str]]:
+        """Return the cells of each component: name, unit, numbers."""
+        rows = {}
+        numbers = np.stack([*self._values, self._smallest, self._largest], axis=1)
+        start = 0
+        for array, names in self._components.items():
+            part = self._columns.converted(array, numbers[start : start + len(names)])
+            start += len(names)
+            variation = float(np.fmax.reduce(part[:, -1] - part[:, -2], initial=0.0))
+            offsets = np.array([round_offset(low, high, variation) for low, high in part[:, -2:].tolist()])[:, None]
+            with np.errstate(invalid="ignore"):
+                shifted = part - offsets
+                shifted[np.abs(shifted) < 64 * np.finfo(float).eps * np.abs(offsets)] = 0.0
+            shown = [offset_text(name, offset) for name, offset in zip(names, offsets.ravel().tolist(), strict=True)]
+            for name, title, texts in zip(names, shown, number_texts(names, shifted.tolist()), strict=True):
+                rows[name] = [title, self._columns.unit(array), *texts]
+        return rows
+
+    def _hidden_arrays(self) -> list[str]:
+        """Return the arrays of which no component is shown."""
+        coincident = tuple(f"_{frame}" for frame in self.coincident_frames)
+        matrices = self._matrices if self._hides_matrices else []
+        return [*matrices, *(name for name in self._components if name.endswith(coincident))]
+
+    def _zeros(self, rows: Mapping[str, Sequence[str]]) -> list[str]:
+        """Return the components that are zero at all instants and not hidden otherwise; none if all are."""
+        hidden = {own for name in self._hidden_arrays() for own in self._components[name]}
+        shown = {name: texts for name, (_, _, *texts) in rows.items() if name not in hidden}
+        zeros = [name for name, texts in shown.items() if {*texts} == {"0"}]
+        return zeros if len(zeros) < len(shown) else []
 
     def ranges(self) -> dict[str, dict[str, float]]:
-        """Return the first, last, smallest and largest value of each component by its name."""
-        columns = {"first": self._values[0], "last": self._values[-1]}
-        columns |= {"smallest": self._smallest, "largest": self._largest}
+        """Return the first, last, smallest and largest value of each component by its heading."""
+        values = {"first": self._values[0], "last": self._values[-1]}
+        values |= {"smallest": self._smallest, "largest": self._largest}
+        names = [own for components in self._components.values() for own in components]
         return {
-            name: {key: float(values[i]) for key, values in columns.items()} for i, name in enumerate(self._names)
+            self._columns.heading(name): {
+                key: float(self._columns.converted(name, own[i])) for key, own in values.items()
+            }
+            for i, name in enumerate(names)
+            if not name.startswith("|")
         }

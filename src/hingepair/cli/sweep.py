@@ -11,9 +11,9 @@ from typing import Annotated
 import typer
 
 from hingepair.cli.output import JsonOption, out_option, print_title
-from hingepair.numeric.tables import json_text
 from hingepair.sweeps.stores import STORE_SUFFIXES
 from hingepair.sweeps.sweep import Progress, load_sweep, run_sweep
+from hingepair.tables.sheets import json_text
 
 SweepArgument = Annotated[Path, typer.Argument(metavar="SWEEP", help="Sweep file (TOML).")]
 StoreOption = Annotated[
@@ -32,6 +32,13 @@ def sweep_command(
         ),
     ] = None,
     workers: Annotated[int, typer.Option(help="Threads of this process; -1: one for each core.")] = -1,
+    units: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UNITS",
+            help='Units of results and levels, such as "deg, mm". Default: units of the sweep, or else SI units.',
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compute all variants of a sweep, and write the results.
@@ -41,7 +48,7 @@ def sweep_command(
     without computing finished chunks again. To compute on other machines, start `dask scheduler` on one and `dask
     worker ADDRESS` on each, and give --scheduler ADDRESS. A log or URDF file that the scene names is read there too.
     """
-    loaded = load_sweep(sweep_file)
+    loaded = load_sweep(sweep_file, units)
     path = loaded.default_store() if out is None else out
     with _sweep_progress_bar() as progress, _report_stopped_sweep(path):
         run_sweep(loaded, path, scheduler, workers, progress)

@@ -10,6 +10,7 @@ import typer
 from hingepair.cli.output import (
     PICTURE_SUFFIXES,
     JsonOption,
+    UnitsOption,
     check_output,
     check_picture_suffix,
     print_title,
@@ -19,11 +20,18 @@ from hingepair.cli.output import (
 from hingepair.cli.scenes import SceneArgument
 from hingepair.cli.sources import load_named_scene
 from hingepair.errors import ArgumentError
-from hingepair.numeric.tables import ruled_table
+from hingepair.pair.tolerances import DEVIATIONS
 from hingepair.sweeps.tolerance import study_tolerances
+from hingepair.tables.sheets import ruled_table
 
 _EXPECTED = "a number, or three separated by commas"
-"""Values of an option that has one or three components."""
+"""Values of an option for standard deviations of one or three components."""
+
+
+def _limit_option(quantity: str, example: str, numbers: str = "; or three of these separated by commas") -> Any:
+    """Return a Typer option for the limits of a quantity."""
+    text = f'Tolerance of {quantity}: "{example}" or "{example} uniform"{numbers}.'
+    return typer.Option(metavar="LIMIT", help=text)
 
 
 def _std_option(quantity: str, unit: str, numbers: str = _EXPECTED) -> Any:
@@ -33,6 +41,10 @@ def _std_option(quantity: str, unit: str, numbers: str = _EXPECTED) -> Any:
 
 def tolerance_command(
     scene_file: SceneArgument,
+    u1: Annotated[str | None, _limit_option("u1", "+-0.2 mm")] = None,
+    u2: Annotated[str | None, _limit_option("u2", "+-0.2 mm")] = None,
+    axis: Annotated[str | None, _limit_option("the tilt of the axis", "+-0.1 deg", "")] = None,
+    home: Annotated[str | None, _limit_option("the rotation vector of home", "+-0.1 deg")] = None,
     u1_std: Annotated[str | None, _std_option("u1", "m")] = None,
     u2_std: Annotated[str | None, _std_option("u2", "m")] = None,
     axis_std: Annotated[str | None, _std_option("the tilt of the axis in each direction", "rad", "a number")] = None,
@@ -46,30 +58,43 @@ def tolerance_command(
             help=f"Draw the bands over time and the share of each dimension ({', '.join(PICTURE_SUFFIXES)}).",
         ),
     ] = None,
+    units: UnitsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show how manufacturing tolerances affect the pose of body 2.
 
-    The standard deviations come from the options or from the table [tolerances] of the scene. The first table shows
-    the tolerance band, computed to first order and by sampled pairs, at 101 instants at most. The second table shows
-    which dimension contributes most.
+    The tolerances come from the options or from the table [tolerances] of the scene. A tolerance +- is taken for
+    three standard deviations of a normal distribution, unless it is uniform. The first table shows the tolerance
+    band, computed to first order and by sampled pairs, at 101 instants at most. The second table shows which
+    dimension contributes most.
     """
     if plot is not None:
         check_picture_suffix("--plot", plot)
     check_output("--plot", plot, [scene_file])
-    option_texts = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
-    std = {name: _parse_numbers(name, text) for name, text in option_texts.items() if text is not None}
+    deviations = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
+    tolerances: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
+    tolerances |= {name: None if text is None else _parse_numbers(name, text) for name, text in deviations.items()}
     scene = load_named_scene(scene_file)
-    study = study_tolerances(scene, samples, seed, **std)
+    scene.in_units(units)  # refuses unknown ones before anything is computed
+    given = {name: value for name, value in tolerances.items() if value is not None}
+    study = study_tolerances(scene, samples, seed, **given)
     if plot is not None:
-        save_figure("--plot", study.plot(), plot, scene.files, dpi=110)
+        save_figure("--plot", study.plot(units), plot, scene.files, dpi=110)
     if as_json:
-        print(study.to_json())
+        print(study.to_json(units))
         return
     print_title(study.title)
-    sizes = ", ".join(f"{name} = {value}" for name, value in study.tolerances.items())
-    print(f"{study.samples} pairs at {len(study.t)} instants; {sizes} (standard deviations, m and rad)", "", sep="\n")
-    bands, shares = study.tables()
+    sizes = "; ".join(
+        f"{name} = {', '.join(map(str, value)) if isinstance(value, list) else value}"
+        for name, value in study.tolerances.items()
+    )
+    print(f"{study.samples} pairs at {len(study.t)} instants; {sizes}")
+    if {*DEVIATIONS} & {*study.tolerances}:
+        print("names with _std are standard deviations in m and rad")
+    if {"axis", "axis_std"} & {*study.tolerances}:
+        print("a tilt of the axis is taken with the bodies adjusted at psi = 0, which keep their attitude there")
+    print()
+    bands, shares = study.tables(units)
     print(*ruled_table(bands, 2, terminal_width()), "", sep="\n")
     print(*ruled_table(shares, 1, terminal_width()), "", sep="\n")
     print(study.verdict)

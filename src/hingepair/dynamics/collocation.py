@@ -38,7 +38,7 @@ _SERIES: Final[Array] = np.stack(  # to the coefficients of the Legendre series;
     [(2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODES)[k]) for k in range(NODES)]
 )
 _antiderivatives = [legendre.legint(unit, lbnd=-1) for unit in np.eye(NODES)]
-_INTEGRAL_SERIES: Final[Array] = (  # to those of the integral; (9, 8)
+_INTEGRAL_SERIES: Final[Array] = (  # to the coefficients of the Legendre series of the integral; (9, 8)
     np.stack([np.pad(c, (0, NODES + 1 - len(c))) for c in _antiderivatives], axis=1) @ _SERIES / 2
 )
 

@@ -12,7 +12,7 @@ import numpy as np
 from hingepair.dynamics.collocation import NODE_TIMES, NODES, WEIGHTS
 from hingepair.dynamics.run import Run
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.tables import ruled_table
+from hingepair.tables.sheets import ruled_table
 
 _CHUNK = 20_000  # intervals whose work is computed at a time
 

@@ -197,17 +197,15 @@ class JointEvents:
         return ends
 
     def _user_values(self, t: Array, states: Array) -> Array:
-        """Return the values of the user's event, (m,).
-
-        Raises:
-            DtypeError, ShapeError: it does not return one number for each instant.
-        """
-        result = call_with_arrays("until", self._user_event, t, self._motion.motion_at(t, states))  # type: ignore[arg-type]
+        """Return the values of the user's event, (m,)."""
+        now = self._motion.motion_at(t, states)
+        result = call_with_arrays("until", self._user_event, t, now)  # type: ignore[arg-type]
+        example = "now.psi - 0.3" if hasattr(now, "psi") else "now.q[:, 1] - 0.3"
         if isinstance(result, bool) or getattr(result, "dtype", None) == np.bool_:
-            raise DtypeError("until", "a number that passes 0, such as now.psi - 0.3", "a bool")
+            raise DtypeError("until", f"a number that passes 0, such as {example}", "a bool")
         values = real_array("until", result)
         if values.shape != t.shape:
-            expected = f"shape (n,), one value for each instant of t (here {len(t)}), such as now.psi - 0.3"
+            expected = f"shape (n,), one value for each instant of t (here {len(t)}), such as {example}"
             raise ShapeError("until", expected, values.shape)
         return np.array(values, np.float64)
 

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any, Final, cast
+from typing import Any, ClassVar, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.events import JointEvents
 from hingepair.dynamics.linearize_robot import linearize_robot
-from hingepair.dynamics.loads import BaseArgument, LoadArgument, PairLoads
+from hingepair.dynamics.pair_loads import BaseArgument, LoadArgument, pair_loads
 from hingepair.dynamics.robot_motion import RobotMotion
-from hingepair.dynamics.simulate import PairEquations, initial_state, to_spatial_pair
+from hingepair.dynamics.simulate import initial_state, pair_motion, to_spatial_pair
+from hingepair.dynamics.small_motion import SmallMotion
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, read_only
-from hingepair.numeric.tables import ruled_table
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque, is_plain_hinge_load
+from hingepair.pair.hinge_load import HingeTorque
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.tables.sheets import ruled_table
 
 _STEP: Final = 1e-5  # of differences of order 4, in sizes of the state's components
-_DRIFT: Final = 1e-5  # of the largest pole: smaller ones are drifts of the whole pair, without restoring load
 _MAX_CHANGE = 0.3  # rad: of an angle in one iteration towards an equilibrium
 
 _OUT_OF_PLANE: Final = (2, 5, 6, 7, 9, 10)  # z of R and P, x and y of L and phi
@@ -39,13 +39,11 @@ _NAMES: Final = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Linearization:
+class Linearization(SmallMotion):
     """Linearized motion of a pair, x' = rates + A x + B hinge_torque for small changes x of the state. `print` shows
     the poles.
     """
 
-    #: derivatives of the state's rates with respect to the state; shape (k, k)
-    A: Array
     #: derivatives of the state's rates with respect to a torque at the hinge; shape (k,)
     B: Array
     #: names of the components of the state: psi and psid; for a free or pinned base, before them the common centre of
@@ -58,21 +56,10 @@ class Linearization:
     body1: BodyMotion | None
     #: derivatives of the state; 0 at an equilibrium; shape (k,)
     rates: Array
-    #: eigenvalues of A that are not 0 [1/s], sorted by magnitude, of each conjugate pair the one with a positive
-    #: imaginary part
-    poles: NDArray[np.complex128]
     #: whether the state is an equilibrium; if not, the poles are those of this instant alone
     equilibrium: bool
 
-    @property
-    def natural_frequencies(self) -> Array:
-        """Absolute values of the poles [rad/s]."""
-        return np.abs(self.poles)
-
-    @property
-    def damping_ratios(self) -> Array:
-        """Damping ratio of each pole; 0 without damping, 1 for real poles, below 0 if the motion grows."""
-        return np.asarray(-self.poles.real / np.abs(self.poles), np.float64)
+    _drift: ClassVar[float] = 1e-5  # A holds errors of differences
 
     def __str__(self) -> str:
         rows = [
@@ -108,11 +95,24 @@ def linearize(
     backend: str = "auto",
 ) -> Linearization:
     """Linearize the motion of a pair under loads about the state (body1, psi_0, psid_0) at the instant t, or with
-    `equilibrium` about the stable equilibrium near this state. With a robot in the place of the pair, arguments and
-    results are those of `linearize_robot`.
+    `equilibrium` about the stable equilibrium near this state; or the motion of a robot about one state or many (T11)
+    by `hp.linearize(robot, q, qd, tau)`, whose arguments are below.
 
     Arguments that `simulate` has too mean the same here, at one instant. Derivatives are finite differences of order
-    4.
+    4, those of robots exact up to rounding.
+
+    Of a robot, `t`, `gravity` and `backend` are as for pairs. The others are
+
+    - `q`: coordinates, shape (..., dof) [rad for hinges, m for sliders].
+    - `qd`: first time derivatives of q; 0 by default.
+    - `tau`: torques of hinges [N m] and forces of sliders [N]; by default those that make qdd = 0.
+    - `loads`: `HingeLoad`s by joint, which add to tau, as for `simulate`; `joint_loads` must then be None. Dry
+      friction without `friction_rate` is no load of a joint at rest here, which it holds.
+    - `joint_loads`: whether springs, dampers and dry friction of the joints act, as for `inverse_dynamics`.
+    - `wrenches`: loads on links, which keep their values in world axes, as for `inverse_dynamics`.
+    - `force1`, `torque1`: force and torque on a free base, as for `forward_dynamics`.
+    - `base_motion`: motion of the base, as for `forward_dynamics`.
+    - `workers`: number of threads.
 
     Args:
         pair: a pair whose moving bodies have mass properties: body 2, and also body 1 if `base` is "free" or
@@ -139,7 +139,8 @@ def linearize(
         The Linearization x' = rates + A x + B u, where x is the deviation of the state and u that of the torque at
         the hinge [N m]. `.poles` [1/s], `.natural_frequencies` [rad/s] and `.damping_ratios` describe the motion near
         an equilibrium; `.equilibrium` says whether the state is one. The state has 2 components if the base is
-        "fixed" or a callable, and 14 if it is free or pinned; `.names` names them.
+        "fixed" or a callable, and 14 if it is free or pinned; `.names` names them. Of a robot, a RobotLinearization,
+        whose u are changes of tau.
 
     Raises:
         ArgumentError: an argument cannot be used, a stop or friction holds the hinge, or no equilibrium is found; the
@@ -153,21 +154,21 @@ def linearize(
     >>> small = hp.linearize(pair, held, 1.0, hinge_torque=damper, base="fixed", equilibrium=True)
     >>> round(small.psi, 6), small.natural_frequencies.round(4), small.damping_ratios.round(4)
     (1.570796, array([2.5573]), array([0.0391]))
+    >>> hp.linearize(hp.Mechanism([pair]), [np.pi / 2]).natural_frequencies.round(4)
+    array([2.5573])
     """
     space = to_spatial_pair(pair)
     is_planar = space is not pair
     if gravity is None:
         gravity = PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    if not callable(hinge_torque):
-        hinge_torque = finite_number("hinge_torque", hinge_torque)
-    load = hinge_torque if is_plain_hinge_load(hinge_torque) else HingeLoad(motor=hinge_torque)
     start = initial_state(base, body1, is_planar, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
     if equilibrium and (start.v.any() or start.omega.any() or start.psid):
         raise ArgumentError("psid_0, body1", "a state at rest, from which an equilibrium is sought", quoted(body1))
-    motion = PairEquations(space, base, PairLoads(forces, load, gravity, is_planar=is_planar), backend).motion(start)
+    loads = pair_loads(forces, hinge_torque, gravity, is_planar=is_planar)
+    motion = pair_motion(space, base, start, loads, backend)()
     JointEvents(motion, 0.0, 0.0, None)  # sets the side of each kink
-    if motion.held.any() or (equilibrium and load.sticking_friction):
+    if motion.held.any() or (equilibrium and loads.joint_loads[0].sticking_friction):
         expected = (
             "a torque with a linearization: friction that sticks (without friction_rate) or a stop holds the hinge"
         )
@@ -178,10 +179,6 @@ def linearize(
     A, rates = _state_derivatives(motion, instant, state, np.arange(len(state)), is_planar=is_planar)
     B = np.zeros(len(state))
     B[-1] = motion.joint_mobility(instant, state)[0, 0]
-    poles = np.linalg.eigvals(A)
-    poles = poles[(np.abs(poles) > _DRIFT * np.abs(poles).max(initial=0.0)) & (poles.imag >= 0)]
-    # Sorted by size, and poles of equal size by their real parts, whatever rounding says.
-    sizes = [float(f"{abs(pole):.9g}") for pole in poles]
     motion_now = motion.motion_at(np.full(1, instant), state[None])
     body1_motion = (
         None
@@ -195,7 +192,6 @@ def linearize(
         float(state[motion.q.start]),
         body1_motion,
         read_only(rates),
-        read_only(poles[np.lexsort((poles.real, sizes))].astype(np.complex128)),
         bool(np.abs(rates / motion.sizes).max() <= 1e-9 * max(1.0, np.abs(A).max())),
     )
 

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hingepair.errors import ArgumentError
+from hingepair.dynamics.loads import has_callable
+from hingepair.dynamics.robot_loads import loads_by_joint
+from hingepair.dynamics.small_motion import SmallMotion
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.methods import Wrenches
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import read_only, vectors
+from hingepair.numeric.arrays import finite_number, read_only, vectors
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
-
-_DRIFT = 1e-7  # of the largest pole: double poles at 0 come out as the root of rounding errors
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque
 
 
 @dataclass(frozen=True, eq=False)
-class RobotLinearization:
+class RobotLinearization(SmallMotion):
     """Linearized motion of a robot, x' = rates + A x + B u for small changes x of the state and u of the loads."""
 
-    #: derivatives of the state's rates by the state; shape (..., k, k)
-    A: Array
     #: derivatives of the state's rates by tau; with a free base by force1, torque1 and tau; shape (..., k, k/2)
     B: Array
     #: rates of the state; 0 at an equilibrium; shape (..., k)
@@ -33,31 +34,6 @@ class RobotLinearization:
     #: before q, v1 and omega1 before qd, all along world axes
     names: tuple[str, ...]
 
-    @property
-    def poles(self) -> NDArray[np.complex128]:
-        """Eigenvalues of A that are not 0 [1/s], sorted by magnitude, of each conjugate pair the one with a positive
-        imaginary part; of one state.
-
-        Raises:
-            ArgumentError: there are several states.
-        """
-        if self.A.ndim > 2:
-            raise ArgumentError("poles", "the linearization about one state", f"{self.A.shape[:-2]} of them")
-        found: NDArray[np.complex128] = np.linalg.eigvals(self.A).astype(np.complex128)
-        found = found[(np.abs(found) > _DRIFT * np.abs(found).max(initial=0.0)) & (found.imag >= 0)]
-        return np.asarray(found[np.argsort(np.abs(found))])
-
-    @property
-    def natural_frequencies(self) -> Array:
-        """Absolute values of the poles [rad/s]."""
-        return np.abs(self.poles)
-
-    @property
-    def damping_ratios(self) -> Array:
-        """Damping ratio of each pole; 0 without damping, 1 for real poles, below 0 if the motion grows."""
-        poles = self.poles
-        return np.asarray(-poles.real / np.abs(poles), np.float64)
-
 
 def linearize_robot(
     robot: Mechanism,
@@ -65,6 +41,8 @@ def linearize_robot(
     qd: ArrayLike | None = None,
     tau: ArrayLike | None = None,
     *,
+    loads: Mapping[str, HingeTorque] | None = None,
+    t: float = 0.0,
     gravity: ArrayLike = DEFAULT_GRAVITY,
     wrenches: Wrenches = None,
     joint_loads: bool | None = None,
@@ -74,46 +52,28 @@ def linearize_robot(
     workers: int = 1,
     backend: str = "auto",
 ) -> RobotLinearization:
-    """Linearize the motion of a robot about one state or many, exactly up to rounding (T11); `hp.linearize` does so
-    for robots.
-
-    Args:
-        robot: the robot.
-        q: coordinates, shape (..., dof) [rad for hinges, m for sliders].
-        qd: first time derivatives of q; 0 by default.
-        tau: torques of hinges [N m] and forces of sliders [N]; by default those of `inverse_dynamics` at qdd = 0.
-        gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-        wrenches: loads on links, which keep their values in world axes, as for `inverse_dynamics`.
-        joint_loads: whether springs, dampers and dry friction of the joints act, as for `inverse_dynamics`.
-        force1: force on a free base, as for `forward_dynamics`.
-        torque1: torque on a free base.
-        base_motion: motion of the base, as for `forward_dynamics`.
-        workers: number of threads.
-        backend: as for `forward_kinematics`.
-
-    Raises:
-        ArgumentError: an argument cannot be used, or the robot has too many joints.
-
-    >>> import numpy as np
-    >>> import hingepair as hp
-    >>> rod = hp.Body(mass=2, inertia=(0.01, 1, 1), centre_of_mass=(1, 0, 0))
-    >>> arm = hp.Mechanism([hp.HingePair(u1=(0, 0, 0), u2=(0, 0, 0), n=(0, 1, 0), body2=rod)])
-    >>> hp.linearize(arm, [np.pi / 2]).natural_frequencies.round(4)
-    array([2.5573])
-    """
+    """Linearize the motion of a robot; `hp.linearize` says what the arguments are."""
     free, zeros = robot.base == "free", np.zeros(robot.dof)
     common: dict[str, Any] = {"gravity": gravity, "wrenches": wrenches, "base_motion": base_motion}
-    common["joint_loads"] = joint_loads
     run: dict[str, Any] = {"workers": workers, "backend": backend}
     q, qd = vectors("q", q, robot.dof), zeros if qd is None else vectors("qd", qd, robot.dof)
+    if loads is not None and joint_loads is not None:
+        raise ArgumentError("joint_loads", "None beside loads", quoted(joint_loads))
+    common["joint_loads"] = joint_loads if loads is None else False
+    efforts, efforts_q, efforts_qd = _joint_efforts(robot, loads, q, qd, finite_number("t", t))
     if tau is None:
-        tau = robot.inverse_dynamics(q, qd, zeros, outputs=("tau",), **common, **run).tau
-    loads: dict[str, Any] = {"force1": force1, "torque1": torque1}
-    a = robot.forward_dynamics(q, qd, tau, **common, **loads, **run)
-    d = robot.forward_dynamics_derivatives(q, qd, tau, **common, **loads, **run)
+        total = robot.inverse_dynamics(q, qd, zeros, outputs=("tau",), **common, **run).tau
+    else:
+        total = vectors("tau", tau, robot.dof) + efforts
+    on_base: dict[str, Any] = {"force1": force1, "torque1": torque1}
+    a = robot.forward_dynamics(q, qd, total, **common, **on_base, **run)
+    d = robot.forward_dynamics_derivatives(q, qd, total, **common, **on_base, **run)
     n, lead = d.qdd_q.shape[-1], a.qdd.shape[:-1]
     A = np.zeros((*lead, 2 * n, 2 * n))
     A[..., :n, n:], A[..., n:, :n], A[..., n:, n:] = np.eye(n), d.qdd_q, d.qdd_qd
+    of_joints = d.qdd_tau[..., n - robot.dof :]
+    A[..., n:, n - robot.dof : n] += of_joints * efforts_q[..., None, :]
+    A[..., n:, 2 * n - robot.dof :] += of_joints * efforts_qd[..., None, :]
     B = np.concatenate((np.zeros_like(d.qdd_tau), d.qdd_tau), axis=-2)
     parts: list[Any] = [qd, a.qdd]
     if free:
@@ -128,3 +88,36 @@ def linearize_robot(
     base_rates = [f"{letter}_{axis}" for letter in ("v1", "omega1") for axis in "xyz"] if free else []
     names = (*base, *robot.names, *base_rates, *(f"{name}_dot" for name in robot.names))
     return RobotLinearization(read_only(A), read_only(B), read_only(rates), names)
+
+
+def _joint_efforts(
+    robot: Mechanism, loads: Mapping[str, HingeTorque] | None, q: Array, qd: Array, t: float
+) -> tuple[Array, Array, Array]:
+    """Return the efforts of HingeLoads in states (..., dof), and their derivatives by q and by qd."""
+    q, qd = np.broadcast_arrays(np.asarray(q, np.float64), np.asarray(qd, np.float64))
+    efforts, by_q, by_qd = (np.zeros(q.shape) for _ in range(3))
+    for k, (name, load) in enumerate(zip(robot.names, loads_by_joint(robot, loads), strict=True)):
+        if load == HingeLoad():
+            continue
+        x, rate = q[..., k].ravel(), qd[..., k].ravel()
+        lower, upper = load.rigid_range
+        if (load.sticking_friction and not rate.all()) or ((x <= lower) | (x >= upper)).any():
+            expected = "a load with a linearization: friction that sticks (without friction_rate) or a stop holds it"
+            raise ArgumentError(f"loads[{name!r}]", expected, quoted(load))
+        times = np.full(x.shape, t)
+        efforts[..., k] = np.reshape(load.smooth((x, rate), times, x, rate) + 0 * x, q.shape[:-1])
+        by_q[..., k] = _slope(load, times, x, rate, (1, 0)).reshape(q.shape[:-1])
+        by_qd[..., k] = _slope(load, times, x, rate, (0, 1)).reshape(q.shape[:-1])
+    return efforts, by_q, by_qd
+
+
+def _slope(load: HingeLoad, t: Array, q: Array, qd: Array, direction: tuple[int, int]) -> Array:
+    """Return the derivative of a load along a direction of (q, qd), (n,)."""
+
+    def at(step: complex) -> Any:
+        return load.smooth((q, qd), t, q + step * direction[0], qd + step * direction[1]) + 0 * q
+
+    if has_callable(load):  # which need not take complex numbers
+        h = 1e-5
+        return np.asarray((8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h), np.float64)
+    return np.asarray(np.imag(at(1e-30j)) / 1e-30, np.float64)

@@ -1,34 +1,22 @@
-"""Loads on a pair: constants, and functions of time and motion."""
+"""Loads on a robot, or on a pair as on a robot of one joint: constants, and functions of time and motion."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hingepair.dynamics.events import Side
-from hingepair.dynamics.robot_loads import RobotMotionAtInstants, broadcast_load, has_callable
-from hingepair.errors import ArgumentError
+from hingepair.errors import ArgumentError, ShapeError
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.numeric.arrays import finite_number, is_zero, one_constant
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.hinge_load import (
-    TORQUE_PARTS,
-    HingeLoad,
-    HingeTorque,
-    call_with_arrays,
-    check_callable,
-    is_plain_hinge_load,
-)
+from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
+from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad, call_with_arrays, is_plain_hinge_load
 
-BODY2 = "body2"
-"""Name of body 2 in the robot of one joint."""
-LoadArgument: TypeAlias = ArrayLike | Callable[[Array, "MotionAtInstants"], ArrayLike]
-"""A force or torque on a body as users give it: a constant, or a callable of (t, now)."""
-BaseArgument: TypeAlias = str | Callable[[Array], BodyMotion]
-"""What holds body 1, as users give it: the name of a base, or a callable of t that returns the motion of body 1."""
+ON_BASE = ("force1", "torque1")
+"""Names of the force and the torque on the base in results."""
 
 
 class MotionAtInstants(NamedTuple):
@@ -55,140 +43,223 @@ class MotionAtInstants(NamedTuple):
         raise AttributeError(f"now has no {name!r}; known: {', '.join(self._fields)}")
 
 
-class PairLoads:
-    """Checked loads on a pair, constants and callables, as the loads on a robot of one joint.
+class RobotMotionAtInstants(NamedTuple):
+    """Motion of a robot at n instants. Loads and events that are callables get an object of this class as their
+    argument `now`.
 
-    Args:
-        forces: force1, torque1, force2 and torque2: constants, the number 0, or callables of (t, now).
-        hinge_torque: torque at the hinge [N m]: a number, a HingeLoad, or a callable of (t, psi, psid).
-        gravity: acceleration of free fall [m/s^2].
-        is_planar: whether the pair is planar: forces and gravity have two components then, and torques one.
-
-    Raises:
-        ArgumentError: a constant is not finite or of the wrong shape, or a callable takes other arguments.
+    Attributes:
+        q: coordinates [rad, m]; shape (n, dof).
+        qd: their rates; shape (n, dof).
+        R1: reference point of the base, world axes [m]; shape (n, 3).
+        S1: rotation of the base, base to world; shape (n, 3, 3).
+        v1: velocity of R1, world axes [m/s]; shape (n, 3).
+        omega1: angular velocity of the base, world axes [rad/s]; shape (n, 3).
     """
 
-    coordinate_names: Sequence[tuple[str, str]] = (("psi", "psi'"),)
+    q: Array
+    qd: Array
+    R1: Array
+    S1: Array
+    v1: Array
+    omega1: Array
 
-    def __init__(
-        self,
-        forces: Mapping[str, LoadArgument],
-        hinge_torque: HingeTorque,
-        gravity: ArrayLike,
-        *,
-        is_planar: bool,
-    ) -> None:
-        self._is_planar = is_planar
-        self._loads: dict[str, Any] = {}  # by name
-        for name, load in forces.items():
-            if callable(load):
-                check_callable(name, load, "t", "now")
-            self._loads[name] = load if callable(load) else np.array(self._checked_constant(name, load))
-        self.gravity = self._checked_constant("gravity", gravity)
-        on_body2 = [self._loads[name] for name in ("force2", "torque2")]
-        acts = any(callable(load) or load.any() for load in on_body2)
-        self.wrenches: tuple[str, ...] = (BODY2,) if acts else ()
-        self.acts_on_bodies = any(callable(load) or load.any() for load in self._loads.values())
-        self.need_motion = any(callable(load) for load in self._loads.values())
-        self._torque = hinge_torque if callable(hinge_torque) else finite_number("hinge_torque", hinge_torque)
-        if callable(hinge_torque):
-            check_callable("hinge_torque", hinge_torque, "t", "psi", "psid")
-        self._is_hinge_load = is_plain_hinge_load(hinge_torque)
-        hinge_load = hinge_torque if is_plain_hinge_load(hinge_torque) else HingeLoad()
-        self.joint_loads: tuple[HingeLoad, ...] = (hinge_load,)
-        lower, upper = hinge_load.rigid_range
-        if not upper - lower > 1e-9:  # rad; impacts closer together could not be told apart
-            expected = "rigid stops at least 1e-9 rad apart (hinge= holds an angle)"
-            raise ArgumentError("hinge_torque", expected, f"{lower!r} to {upper!r} rad")
-        callables = [name for name, load in self._loads.items() if callable(load)]
-        self.callable_names: tuple[str, ...] = (*callables, *["hinge_torque"] * has_callable(hinge_torque))
-        """Names of the loads that are callables, known only at the instants at which they are called."""
+    @property
+    def base_motion(self) -> BodyMotion:
+        """Motion of the base, for the argument of this name of the robot's methods."""
+        return motion_of_rotations(R=self.R1, S=self.S1, v=self.v1, omega=self.omega1)
 
-    def driven_label(self, _: int) -> str:
-        """Return the name of the motion of the hinge in messages."""
-        return "hinge"
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(f"now has no {name!r}; known: {', '.join(self._fields)}, base_motion")
 
-    def now(self, motion: RobotMotionAtInstants) -> MotionAtInstants:
-        """Return the motion as callables of users see it."""
-        q, qd, R1, S1, v1, omega1 = motion
-        return MotionAtInstants(R1, S1, v1, omega1, q[:, 0], qd[:, 0])
 
-    def efforts(self, t: Array, motion: RobotMotionAtInstants, side: Side) -> Array:
-        """Return the torque at the hinge, (n, 1); `side` selects the branch of a HingeLoad."""
-        psi, psid, torque = motion.q[:, 0], motion.qd[:, 0], self._torque
-        if self._is_hinge_load:
-            torque = self.joint_loads[0].smooth((side[0][..., 0], side[1][..., 0]), t, psi, psid)
-        elif callable(torque):
-            torque = call_with_arrays("hinge_torque", torque, t, psi, psid)
-        return broadcast_load("hinge_torque", torque, t.shape)[:, None]
+class GivenLoad(NamedTuple):
+    """A force, a torque, or the efforts at all joints, as given."""
+
+    label: str  # in messages
+    value: Any  # constants (k,), or a callable of (t, now) that returns (n, k)
+    size: int = 3  # k
+
+    @property
+    def acts(self) -> bool:
+        """Whether it is not zero for certain."""
+        return callable(self.value) or bool(np.any(self.value))
+
+    def at(self, t: Array, now: Any) -> Array:
+        """Return it at n instants, (n, k)."""
+        if callable(self.value):
+            return called_load(self.label, self.value, t, now, (self.size,))
+        return broadcast_load(self.label, self.value, (len(t), self.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Checked loads on the joints and bodies of a robot."""
+
+    #: acceleration of free fall [m/s^2]
+    gravity: tuple[float, ...]
+    #: efforts at all joints, to which those of HingeLoads are added
+    efforts: GivenLoad
+    #: HingeLoad of each joint
+    joint_loads: tuple[HingeLoad, ...]
+    #: their names in messages
+    joint_labels: tuple[str, ...]
+    #: names of the coordinates in messages
+    coordinates: tuple[str, ...]
+    #: forces and torques by their names in results, among them those on the base
+    vectors: Mapping[str, GivenLoad]
+    #: names of the force and the torque on each link on which a wrench acts
+    wrenches: Mapping[str, tuple[str, str]]
+    #: whether callables are given the motion of the base
+    need_motion: bool
+    #: turns the motion into what callables of users see
+    now: Callable[[RobotMotionAtInstants], Any] = lambda motion: motion
+    #: name of the efforts that no spring, damper, friction or stop exerts, in results
+    motor: str = "motor"
+
+    @functools.cached_property
+    def acts_on_bodies(self) -> bool:
+        """Whether any load acts on the base or on a link."""
+        return bool(self.wrenches) or any(self.vectors[name].acts for name in ON_BASE)
+
+    @functools.cached_property
+    def callable_names(self) -> tuple[str, ...]:
+        """Names of the loads that are known only at the instants at which they are called."""
+        return (*(load.label for load in self._callables), *(self.joint_labels[k] for k in self._callable_motors))
+
+    @functools.cached_property
+    def _callables(self) -> tuple[GivenLoad, ...]:
+        return tuple(load for load in (self.efforts, *self.vectors.values()) if callable(load.value))
+
+    @functools.cached_property
+    def _callable_motors(self) -> tuple[int, ...]:
+        return tuple(k for k in self._loaded if has_callable(self.joint_loads[k]))
+
+    @functools.cached_property
+    def _loaded(self) -> tuple[int, ...]:
+        """Joints with a HingeLoad that exerts something."""
+        return tuple(k for k, load in enumerate(self.joint_loads) if load != HingeLoad())
+
+    def efforts_at(self, t: Array, motion: RobotMotionAtInstants, side: Side) -> Array:
+        """Return the efforts at the joints, (n, dof); `side` selects the branches of HingeLoads."""
+        efforts = self.efforts.at(t, self.now(motion))
+        if self._loaded:
+            efforts = efforts.copy()
+        angles, rates = side
+        for k in self._loaded:
+            branch = angles[..., k], rates[..., k]
+            value = self.joint_loads[k].smooth(branch, t, motion.q[:, k], motion.qd[:, k])
+            efforts[:, k] += broadcast_load(self.joint_labels[k], value, t.shape)
+        return efforts
 
     def on_bodies(self, t: Array, motion: RobotMotionAtInstants) -> tuple[Array, Array]:
-        """Return force1 and torque1 as (n, 6), and force2 and torque2 as (n, 1, 6); (n, 0, 6) of none."""
-        loads = self._bodies_at(t, motion)
-        base, body2 = (np.concatenate([loads[f"force{k}"], loads[f"torque{k}"]], axis=1) for k in (1, 2))
-        return base, body2[:, None, :] if self.wrenches else np.zeros((len(t), 0, 6))
+        """Return force1 and torque1 as (n, 6), and the wrenches on links as (n, links, 6)."""
+        values = self._vectors_at(t, motion)
+        base = np.concatenate([values[name] for name in ON_BASE], axis=1)
+        parts = [values[name] for names in self.wrenches.values() for name in names]
+        return base, np.stack(parts, axis=1).reshape(len(t), -1, 6) if parts else np.zeros((len(t), 0, 6))
 
     def callables_at(self, t: Array, motion: RobotMotionAtInstants, side: Side) -> dict[str, Array]:
-        """Return the loads that are callables, by name."""
-        loads = self._bodies_at(t, motion) | {"hinge_torque": self.efforts(t, motion, side)[:, 0]}
-        return {name: loads[name] for name in self.callable_names if name in loads}
+        """Return the loads that are callables, by their names in messages."""
+        now, efforts = self.now(motion), self.efforts_at(t, motion, side)
+        given = {load.label: load.at(t, now) for load in self._callables}
+        return given | {self.joint_labels[k]: efforts[:, k] for k in self._callable_motors}
 
     def all_at(
         self, t: Array, motion: RobotMotionAtInstants, side: Side, holding: Array, driven: tuple[int, ...]
     ) -> dict[str, Array]:
-        """Return all loads but gravity by name, and the parts of a HingeLoad, such as motor_torque. `holding` are the
-        torques that hold or drive the hinge, (n, 1).
+        """Return all loads but gravity by name: "tau", the sum at each joint, and its parts, such as "spring", (n,
+        dof); forces and torques, (n, 3). `holding` are the efforts that hold joints or drive those in `driven`, (n,
+        dof).
         """
-        psi, psid, held = motion.q[:, 0], motion.qd[:, 0], holding[:, 0]
-        loads = self._bodies_at(t, motion) | {"hinge_torque": self.efforts(t, motion, side)[:, 0] + held}
-        if self._is_hinge_load:
-            branch = side[0][..., 0], side[1][..., 0]
-            for part, torque in self.joint_loads[0].parts(t, psi, psid, branch).items():
-                loads[f"{part}_torque"] = broadcast_load("hinge_torque", torque, t.shape)
-            friction = self.joint_loads[0].sticking_friction
-            sticking = np.clip(held, -friction, friction)
-            additions = {"motor": held} if driven else {"friction": sticking, "stop": held - sticking}
-            for part, torque in additions.items():
-                if f"{part}_torque" in loads:
-                    loads[f"{part}_torque"] = loads[f"{part}_torque"] + torque
-        return loads
+        angles, rates = side
+        motor = self.efforts.at(t, self.now(motion)).copy()
+        parts = {"motor": motor}
+        for k in self._loaded:
+            branch = angles[..., k], rates[..., k]
+            of_joint = self.joint_loads[k].parts(t, motion.q[:, k], motion.qd[:, k], branch)
+            for part, value in of_joint.items():
+                parts.setdefault(part, np.zeros(motor.shape))
+                parts[part][:, k] += broadcast_load(self.joint_labels[k], value, t.shape)
+        motor[:, driven] += holding[:, driven]
+        held = holding.copy()
+        held[:, driven] = 0.0
+        friction = np.array([load.sticking_friction for load in self.joint_loads])
+        sticking = np.clip(held, -friction, friction)
+        for part, value in (("friction", sticking), ("stop", held - sticking)):
+            if part in parts:
+                parts[part] = parts[part] + value
+        named = {self.motor if name == "motor" else name: parts[name] for name in TORQUE_PARTS if name in parts}
+        return {"tau": sum(parts.values(), np.zeros(motor.shape)), **named, **self._vectors_at(t, motion)}
 
     def parts_of(self, loads: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the parts of the torque at the hinge out of the result of `all_at`, (n, 1) each."""
-        parts = {name: loads[f"{name}_torque"] for name in TORQUE_PARTS if f"{name}_torque" in loads}
-        return {name: part[:, None] for name, part in (parts or {"hinge_torque": loads["hinge_torque"]}).items()}
+        """Return the parts of the efforts out of the result of `all_at`, (n, dof) each."""
+        return {name: loads[name] for name in (self.motor, *TORQUE_PARTS) if name in loads}
 
-    def wrench_names(self, _: str) -> tuple[str, str]:
-        """Return the names of the force and the torque on body 2 in the result of `all_at`."""
-        return "force2", "torque2"
+    def wrenches_of(self, loads: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
+        """Return the wrenches by link out of the result of `all_at`."""
+        return {link: (loads[force], loads[torque]) for link, (force, torque) in self.wrenches.items()}
 
-    def _bodies_at(self, t: Array, motion: RobotMotionAtInstants) -> dict[str, Array]:
-        found = {}
-        for name, load in self._loads.items():
-            if not callable(load):
-                found[name] = np.broadcast_to(load, (len(t), 3))
-                continue
-            tail = self._load_shape(name)
-            value = broadcast_load(name, call_with_arrays(name, load, t, self.now(motion)), (len(t), *tail))
-            found[name] = _to_space(value, len(tail)) if self._is_planar else value
-        return found
-
-    def _load_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of one value of a load as users give it."""
-        if not self._is_planar:
-            return (3,)
-        return () if name.startswith("torque") else (2,)
-
-    def _checked_constant(self, name: str, load: Any) -> tuple[float, ...]:
-        """Return a constant force, torque or gravity as three components in space."""
-        tail = self._load_shape(name)
-        if is_zero(load):
-            return (0.0, 0.0, 0.0)
-        value = one_constant(name, load, *tail) if tail else np.array(finite_number(name, load))
-        return tuple((_to_space(value, len(tail)) if self._is_planar else value).tolist())
+    def _vectors_at(self, t: Array, motion: RobotMotionAtInstants) -> dict[str, Array]:
+        now = self.now(motion)
+        return {name: load.at(t, now) for name, load in self.vectors.items()}
 
 
-def _to_space(value: Array, rank: int) -> Array:
-    """Return values for planar pairs as vectors in space: vectors in the plane (rank 1), or torques (rank 0)."""
-    columns = [value[..., 0], value[..., 1], 0 * value[..., 0]] if rank else [0 * value, 0 * value, value]
-    return np.stack(columns, axis=-1)
+def called_load(name: str, function: Callable[..., Any], t: Array, now: Any, tail: tuple[int, ...]) -> Array:
+    """Return what a callable of (t, now) returns at n instants, (n, *tail). One value holds at all instants.
+
+    Raises:
+        ArgumentError: the result has another shape, or is that of one of the instants.
+    """
+    result = call_with_arrays(name, function, t, now)
+    values = broadcast_load(name, result, (len(t), *tail))
+    if np.ndim(result) > len(tail):
+        return values
+    for one in (slice(0, 1), slice(-1, None)):  # now.q[0] is the first instant, not the first coordinate
+        try:
+            again = np.broadcast_to(np.asarray(function(t[one], type(now)(*(x[one] for x in now)))), (1, *tail))
+            is_constant = np.array_equal(again[0], values[0], equal_nan=True)
+        except (IndexError, ValueError):
+            is_constant = False
+        if not is_constant:
+            example = "-50 * now.q, where now.q[:, 1] is joint 2" if name == "tau" else "-20 * now.v1"
+            expected = (
+                f"shape ({', '.join(['n', *map(str, tail)])}), a row for each of the n instants, such as {example}"
+            )
+            raise ShapeError(name, expected, f"shape {np.shape(result)}, of one instant")
+    return values
+
+
+def broadcast_load(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return the result of a callable load in its shape.
+
+    Raises:
+        ArgumentError: it has another shape; the error names the load.
+    """
+    try:
+        if value is None:  # NumPy reads it as NaN
+            raise TypeError
+        return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
+    except (TypeError, ValueError):
+        expected = f"a callable that returns shape {shape}, the instants first, or one value for all of them"
+        raise ArgumentError(name, expected, value) from None
+
+
+def check_start(loads: Loads, names: Sequence[str], q: Array) -> None:
+    """Refuse coordinates at the first instant, (dof,), that are not between the rigid stops."""
+    for name, load, x in zip(names, loads.joint_loads, q, strict=True):
+        lower, upper = load.rigid_range
+        if not lower <= x <= upper:
+            raise ArgumentError(name, f"a coordinate between the rigid stops, {lower:g} to {upper:g}", float(x))
+
+
+def check_rigid_stops(label: str, load: HingeLoad, held_by: str) -> None:
+    """Refuse rigid stops that are too close together; `held_by` is the argument that holds a joint instead."""
+    lower, upper = load.rigid_range
+    if not upper - lower > 1e-9:  # impacts closer together could not be told apart
+        expected = f"rigid stops at least 1e-9 rad or m apart ({held_by}= holds a joint)"
+        raise ArgumentError(label, expected, f"{lower!r} to {upper!r}")
+
+
+def has_callable(torque: Any) -> bool:
+    """Return whether a torque is a callable other than a HingeLoad, or has one as its motor."""
+    return has_callable(torque.motor) if is_plain_hinge_load(torque) else callable(torque)

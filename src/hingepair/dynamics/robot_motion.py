@@ -12,15 +12,16 @@ point of a pinned base, and those of joints that move as given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.dynamics.collocation import StepPolynomial
 from hingepair.dynamics.events import Side
-from hingepair.dynamics.robot_loads import JointAndBodyLoads, RobotMotionAtInstants, wrenches_of
+from hingepair.dynamics.given_motions import GivenBase, GivenJoint
+from hingepair.dynamics.loads import Loads, RobotMotionAtInstants
 from hingepair.dynamics.robot_programs import RobotPrograms
 from hingepair.equations import dynamics as dyn
 from hingepair.errors import ArgumentError
@@ -28,17 +29,9 @@ from hingepair.integration.methods import quaternion_product
 from hingepair.integration.trajectory import quaternions_to_matrices
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array as Array
-from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
-from hingepair.pair.hinge_load import call_with_arrays
-from hingepair.plans.plan import SPATIAL_MOTION_KIND
+from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.plans.simulation import MOTION
 from hingepair.rotations.matrices import matrix_to_quaternion
-
-BASES = ("fixed", "free", "pinned", "moving")
-BaseCallable: TypeAlias = Callable[[Array], BodyMotion]
-"""Motion of the base at instants (n,) [s]."""
-JointCallable: TypeAlias = Callable[[Array], Any]
-"""Coordinate of a joint and its first two derivatives at instants (n,) [s]; (n,) each."""
 
 _P, _G = slice(3, 6), slice(9, 12)  # momentum and Cayley coordinates in the state
 _Q = 12  # index of q in the state of a free or pinned base
@@ -97,13 +90,12 @@ class RobotMotion:
     Args:
         robot: a robot, with base="free" if the base is free or pinned.
         base: "fixed", "free", "pinned" at R1, or "moving".
-        base_motion: motion of the base: at the first instant, or, of a moving base, a callable.
+        base_motion: motion of the base: at the first instant, or, of a moving base, the whole motion.
         q0: coordinates at the first instant; shape (dof,).
         qd0: their rates; shape (dof,).
         loads: loads on links and joints.
         programs: the robot's equations.
         driven: joints that move as given, by number.
-        base_label: name of a callable `base_motion` in messages.
 
     Raises:
         ArgumentError: no mass resists some motion.
@@ -113,24 +105,22 @@ class RobotMotion:
         self,
         robot: Mechanism,
         base: str,
-        base_motion: BodyMotion | BaseCallable,
+        base_motion: BodyMotion | GivenBase,
         q0: Array,
         qd0: Array,
-        loads: JointAndBodyLoads,
+        loads: Loads,
         programs: RobotPrograms,
-        driven: Mapping[int, JointCallable] | None = None,
-        base_label: str = "base_motion",
+        driven: Mapping[int, GivenJoint] | None = None,
     ) -> None:
         self.robot, self.loads, self.base, self._driven, self._programs = robot, loads, base, driven or {}, programs
-        self._base_label = base_label
         self.joint_loads = loads.joint_loads
         self.dof = robot.dof
         self.has_momenta = base in ("free", "pinned")
-        self._base_callable = base_motion if callable(base_motion) else None
+        self._given_base = base_motion if isinstance(base_motion, GivenBase) else None
         self.side: Side = (np.zeros(self.dof), np.zeros(self.dof))
         self._resting: dict[int, dict[str, Array]] = {}  # motion of a base at rest, by the number of instants
         self.held: NDArray[np.bool_] = np.zeros(self.dof, np.bool_)
-        start = _REST if callable(base_motion) else base_motion
+        start = _REST if isinstance(base_motion, GivenBase) else base_motion
         R, S, v, omega = (_ZERO if x is None else x for x in (start.R, start.S, start.v, start.omega))
         self._R, self._S = np.asarray(R, np.float64), np.asarray(S, np.float64)
         self.quat = matrix_to_quaternion(self._S)
@@ -168,8 +158,8 @@ class RobotMotion:
     @property
     def callable_names(self) -> tuple[str, ...]:
         """Names of the arguments of `simulate` that are callables."""
-        of_joints = [self.loads.driven_label(k) for k in self._driven]
-        return (*self.loads.callable_names, *of_joints, *[self._base_label] * (self._base_callable is not None))
+        base = [] if self._given_base is None else [self._given_base.label]
+        return (*self.loads.callable_names, *(joint.label for joint in self._driven.values()), *base)
 
     @property
     def _qd(self) -> slice:
@@ -211,7 +201,7 @@ class RobotMotion:
             return self._rates_with_known(t, states)
         now = self._now(t, states)
         on_bodies = self.loads.on_bodies(t, now) if self.loads.acts_on_bodies else None
-        inputs = {"tau": self.loads.efforts(t, now, self.side)}
+        inputs = {"tau": self.loads.efforts_at(t, now, self.side)}
         if self.has_momenta:
             inputs |= {"state": states, "S0": np.broadcast_to(self._S0, (len(t), 3, 3))}
             rates: Array = self._programs.rates(inputs, on_bodies)
@@ -315,13 +305,12 @@ class RobotMotion:
         if self.has_momenta:
             powers["force1"] = (loads["force1"] * now.v1).sum(axis=-1)
             powers["torque1"] = (loads["torque1"] * now.omega1).sum(axis=-1)
-        wrenches = wrenches_of(self.loads, loads)
+        wrenches = self.loads.wrenches_of(loads)
         if wrenches:
             frames = self.robot.forward_kinematics(now.q, now.qd, base_motion=samples.base, frames=tuple(wrenches))
             for link, wrench in wrenches.items():
-                for name, load, rate in zip(
-                    self.loads.wrench_names(link), wrench, (frames[link].v, frames[link].omega), strict=True
-                ):
+                rates = frames[link].v, frames[link].omega
+                for name, load, rate in zip(self.loads.wrenches[link], wrench, rates, strict=True):
                     powers[name] = (load * rate).sum(axis=-1)
         if self.base == "moving":
             support = self.robot.inverse_dynamics(
@@ -369,14 +358,14 @@ class RobotMotion:
         qdd = np.zeros_like(q)
         if self._driven:
             q, qd = q.copy(), qd.copy()
-            for k, motion in self._driven.items():
-                q[:, k], qd[:, k], qdd[:, k] = driven_at(self.loads.driven_label(k), motion, t)
+            for k, joint in self._driven.items():
+                q[:, k], qd[:, k], qdd[:, k] = joint.at(t)
         return q, qd, qdd
 
     def _base_inputs(self, t: Array) -> dict[str, Array]:
         """Return the motion of a base that rests or moves as given, arrays of n rows by name."""
-        if self._base_callable is not None:
-            return base_at(self._base_label, self._base_callable, t)
+        if self._given_base is not None:
+            return self._given_base.at(t)
         found = self._resting.get(len(t))
         if found is None:
             rest = {"R1": self._R, "S1": self._S, **dict.fromkeys(("v1", "omega1", "a1", "alpha1"), _ZERO)}
@@ -387,7 +376,7 @@ class RobotMotion:
     def _generalized(self, t: Array, moment: _Moment, side: Side) -> Array:
         """Return the generalized forces of all loads but gravity, (n, velocities)."""
         base, wrenches = self.loads.on_bodies(t, moment.now)
-        efforts = self.loads.efforts(t, moment.now, side)
+        efforts = self.loads.efforts_at(t, moment.now, side)
         forces = np.concatenate([base, efforts], axis=1) if self.has_momenta else efforts
         return forces + np.einsum("nlij,nli->nj", moment.jacobians, wrenches) if wrenches.size else forces
 
@@ -409,36 +398,6 @@ class RobotMotion:
         accelerations = _solved(_with_known(moment.M, known), rest)
         needed = (moment.M @ accelerations[..., None])[..., 0] - forces
         return accelerations, np.where(known, needed, 0.0)
-
-
-def base_at(label: str, base: BaseCallable, t: Array) -> dict[str, Array]:
-    """Return the motion of a base that moves as given, arrays of n rows by name: R1, S1, v1, omega1, a1 and alpha1.
-
-    Raises:
-        ArgumentError: the callable returns something else.
-    """
-    letters = ("R", "S", "v", "omega", "a", "alpha")
-    arrays = motion_arrays(f"{label}1", call_with_arrays(label, base, t), *letters)
-    try:
-        return {name: np.broadcast_to(x, (len(t), *SPATIAL_MOTION_KIND.shapes[name])) for name, x in arrays.items()}
-    except ValueError:
-        expected = f"a callable that returns the motion of the base at {len(t)} instants"
-        raise ArgumentError(label, expected, {name: array.shape for name, array in arrays.items()}) from None
-
-
-def driven_at(label: str, motion: JointCallable, t: Array) -> tuple[Array, Array, Array]:
-    """Return the coordinate, rate and acceleration of a joint that moves as given, (n,) each.
-
-    Raises:
-        ArgumentError: the callable returns something else.
-    """
-    values = call_with_arrays(label, motion, t)
-    try:
-        q, qd, qdd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
-    except (TypeError, ValueError):
-        expected = f"a callable that returns (psi, psi', psi'') at {len(t)} instants"
-        raise ArgumentError(label, expected, values) from None
-    return q, qd, qdd
 
 
 def _length(robot: Mechanism) -> float:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,17 +20,15 @@ from hingepair.dynamics.collocation import (
 )
 from hingepair.dynamics.events import JointEvents, UserEvent
 from hingepair.dynamics.robot_motion import (
-    JointCallable,
     RobotMotion,
     RobotSamples,
     StepRecord,
-    driven_at,
 )
 from hingepair.errors import ArgumentError, HingePairError, quoted
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, real_array
-from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.hinge_load import check_callable
+from hingepair.tables.suspicions import suspicions
 
 _EVALUATIONS = 509 * 17  # of callables over the whole motion, at least
 _FINER = 1e-3  # tolerance of the second run, from which errors are estimated, to that of the first
@@ -113,6 +112,38 @@ def run_motion(motion: RobotMotion, t: Array, options: RunOptions) -> Run:
     return Run(motion, first_state, steps, _sample_steps(motion, first_state, steps, t), end is not None)
 
 
+class Simulation:
+    """A simulated motion, and a second run at its instants with a smaller tolerance, which tells its errors.
+
+    Args:
+        make_motion: makes the equations of motion, in their first state.
+        t: instants.
+        options: options of the first run.
+
+    Raises:
+        SimulationError: the motion cannot be continued.
+    """
+
+    def __init__(self, make_motion: Callable[[], RobotMotion], t: Array, options: RunOptions) -> None:
+        self._make_motion, self._options = make_motion, options
+        self.run = run_motion(make_motion(), t, options)
+        self.samples = self.run.samples
+
+    @functools.cached_property
+    def _finer(self) -> RobotSamples:
+        return run_motion(self._make_motion(), self.samples.t, self._options.finer).samples
+
+    def attitude_error(self) -> float:
+        """Return the error of the base's attitude at the worst instant [rad]."""
+        first, second = self.samples.quats, self._finer.quats
+        chord = np.minimum(np.linalg.norm(first - second, axis=-1), np.linalg.norm(first + second, axis=-1))
+        return float((4 * np.arcsin(np.minimum(chord / 2, 1))).max(initial=0.0))
+
+    def coordinate_error(self, joint: int) -> float:
+        """Return the error of a coordinate at the worst instant [rad or m]."""
+        return float(np.abs(self.samples.motion.q - self._finer.motion.q)[:, joint].max(initial=0.0))
+
+
 def joint_extremes(run: Run, joint: int) -> tuple[Extreme, Extreme]:
     """Return the smallest and the largest coordinate of a joint in a whole motion, between the instants too."""
     samples, column = run.samples, run.motion.q.start + joint
@@ -134,56 +165,29 @@ def joint_extremes(run: Run, joint: int) -> tuple[Extreme, Extreme]:
     return Extreme(float(q[lowest]), float(t[lowest])), Extreme(float(q[highest]), float(t[highest]))
 
 
+def joint_range(
+    run: Run, joint: int, name: str, limits: tuple[float, float], tol: float
+) -> tuple[tuple[float, float], list[str]]:
+    """Return the smallest and the largest coordinate of a joint in a whole motion, and a sentence if it passes its
+    stops, and if it passes, by more than `tol`, a limit at or inside which there is no stop.
+    """
+    lowest, highest = joint_extremes(run, joint)
+    unit, stops = run.motion.robot.tree.coordinates[joint].unit, run.motion.joint_loads[joint].tightest_stops
+    overrun = stop_overrun(name, unit, stops, lowest.q, highest.q)
+    doubts = [f"{overrun}; HingeLoad(stop_stiffness=...) hardens them"] if overrun else []
+    passed = [lowest] if lowest.q < limits[0] - tol and stops[0] < limits[0] else []
+    passed += [highest] if highest.q > limits[1] + tol and stops[1] > limits[1] else []
+    if passed:
+        reached = " and ".join(f"{extreme.q:.6g} {unit} at t = {extreme.t:g} s" for extreme in passed)
+        leaves = f"{name} leaves its limits, {limits[0]:g} to {limits[1]:g} {unit}: it reaches {reached}"
+        doubts.append(f"{leaves}; HingeLoad(stops=...) enforces them")
+    return (lowest.q, highest.q), doubts
+
+
 def stop_overrun(name: str, unit: str, stops: tuple[float, float], lowest: float, highest: float) -> str:
     """Return a clause that says by how much a joint passes its stops; empty if by 0.02 rad or m at most."""
     depth = max(stops[0] - lowest, highest - stops[1])
     return f"{name} passes the stops by {depth:.3g} {unit}, for they are springs" if depth > 0.02 else ""
-
-
-def angle_between(first: Array, second: Array) -> float:
-    """Return the largest angle [rad] between attitudes, unit quaternions (n, 4), row by row."""
-    chord = np.minimum(np.linalg.norm(first - second, axis=-1), np.linalg.norm(first + second, axis=-1))
-    return float((4 * np.arcsin(np.minimum(chord / 2, 1))).max(initial=0.0))
-
-
-def check_rates(name: str, motion: Callable[[Array], dict[str, Array]], t: Array, derived: Mapping[str, str]) -> None:
-    """Refuse a rate of a given motion that differs by more than a tenth, over the whole motion, from the central
-    difference of the quantity that `derived` names for it. S1 is an attitude; names may end with the number of a
-    body.
-    """
-    span = float(t[-1] - t[0])
-    if not span:
-        return
-    middles = t[0] + span * (np.arange(16) + 0.5) / 16
-    given = motion(middles)
-    excess = dict.fromkeys(derived, np.nan)
-    # A rate counts as right if one step fits it: long ones are coarse. Short ones that drown in rounding say nothing.
-    for step in span * np.array([1e-3, 1e-5, 1e-7]):
-        before, after = motion(middles - step), motion(middles + step)
-        for rate, quantity in derived.items():
-            size, change = float(np.abs(after[quantity]).max()), after[quantity] - before[quantity]
-            if quantity == "S1":
-                turn = after[quantity] @ np.swapaxes(before[quantity], -1, -2)
-                change = np.stack([turn[:, i, j] - turn[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2
-            slopes, rates = change / (2 * step), given[rate]
-            rounding = np.spacing(size) + np.spacing(abs(t[0]) + span) * float(np.abs(rates).max())
-            allowed = 0.1 * max(float(np.abs(slopes).sum()), float(np.abs(rates).sum()))
-            if 64 * slopes.size * rounding < step * allowed:
-                excess[rate] = np.fmin(excess[rate], float(np.abs(slopes - rates).sum()) - allowed)
-    for rate, quantity in derived.items():
-        if excess[rate] > 0:
-            letters = rate.removesuffix("1"), quantity.removesuffix("1")
-            expected = f"a callable whose {letters[0]} is the derivative of its {letters[1]}"
-            raise ArgumentError(name, expected, f"another {letters[0]}")
-
-
-def check_joint_rates(name: str, move: JointCallable, t: Array) -> None:
-    """Raise an ArgumentError unless psi' and psi'' of a joint that moves as given are the derivatives of psi."""
-
-    def motion(times: Array) -> dict[str, Array]:
-        return dict(zip(("psi", "psid", "psidd"), driven_at(name, move, times), strict=True))
-
-    check_rates(name, motion, t, {"psid": "psi", "psidd": "psid"})
 
 
 def _run_steps(motion: RobotMotion, t: Array, options: RunOptions) -> tuple[list[StepRecord], float | None]:
@@ -263,10 +267,10 @@ def _sample_steps(motion: RobotMotion, first_state: Array, steps: list[StepRecor
 def _explain_failure(motion: RobotMotion, start: float, stepper: Stepper) -> str:
     """Return which load is no number or jumps at the present time and state, and what to do; "" if none does."""
     worst = (1e-3, "")
-    names = motion.loads.coordinate_names
+    names = motion.loads.coordinates
     probes = [("t", -1, 1e-9)]
-    for k, (coordinate, rate) in enumerate(names):
-        probes += [(coordinate, motion.q.start + k, 1e-9), (rate, motion.q.stop + k, 1e-6)]
+    for k, name in enumerate(names):
+        probes += [(name, motion.q.start + k, 1e-9), (f"{name}'", motion.q.stop + k, 1e-6)]
     t, states = np.full(2, start + stepper.t), np.stack([stepper.state] * 2)
     for name, column, increment in probes:
         times, shifted = t.copy(), states.copy()
@@ -281,7 +285,7 @@ def _explain_failure(motion: RobotMotion, start: float, stepper: Stepper) -> str
             low, high = values.reshape(2, -1)
             if not np.isfinite(values).all():
                 number = values[~np.isfinite(values)][0]
-                where = ", ".join(f"{one} = {states[0, motion.q.start + k]:.6g}" for k, (one, _) in enumerate(names))
+                where = ", ".join(f"{one} = {states[0, motion.q.start + k]:.6g}" for k, one in enumerate(names))
                 return f"{load} is {number} near t = {t[0]:.6g}, {where}"
             k = int(np.abs(high - low).argmax())
             change = float(abs(high[k] - low[k]) / max(abs(high[k]), abs(low[k]), 1e-300))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, cast
 
@@ -13,37 +13,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.energy_balance import EnergyBalance, LazyBalance, energy_balance
 from hingepair.dynamics.events import UserEvent
-from hingepair.dynamics.loads import BODY2, BaseArgument, LoadArgument, PairLoads
-from hingepair.dynamics.robot_motion import JointCallable, RobotMotion, RobotSamples, base_at, driven_at
+from hingepair.dynamics.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
+from hingepair.dynamics.loads import Loads, check_start
+from hingepair.dynamics.pair_loads import BODY2, BaseArgument, LoadArgument, loads_of_pair, pair_loads
+from hingepair.dynamics.robot_motion import RobotMotion, RobotSamples
 from hingepair.dynamics.robot_programs import RobotPrograms
-from hingepair.dynamics.run import (
-    Extreme,
-    Run,
-    RunOptions,
-    angle_between,
-    check_joint_rates,
-    check_rates,
-    joint_extremes,
-    read_options,
-    run_motion,
-    stop_overrun,
-)
+from hingepair.dynamics.run import Simulation, joint_range, read_options
 from hingepair.dynamics.simulate_robot import simulate_robot
 from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.trajectory import LazyValue, PlanarTrajectory, Trajectory
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import check_choice, finite_number, read_only
-from hingepair.numeric.instants import instants_of
-from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_pair, check_single_pair
-from hingepair.pair.dynamics import DEFAULT_GRAVITY, Energy, Momentum, check_masses, tree_constants
+from hingepair.pair.dynamics import DEFAULT_GRAVITY, check_masses, tree_constants
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
+from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Outputs
+from hingepair.tables.instants import instants_of
+from hingepair.tables.suspicions import suspicions
 
 BASES: Final = ("free", "pinned", "fixed")
 _PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # in messages
@@ -176,14 +168,41 @@ def simulate(
     backend: str = "auto",
 ) -> SimulatedMotion | SimulatedPlanarMotion:
     """Simulate the motion of a pair under loads (D1-D6) at the instants t, from the state (body1, psi_0, psid_0) at
-    t[0]. With a robot in the place of the pair, arguments and results are those of `simulate_robot`.
+    t[0], or the motion of a robot (T1-T6) by `hp.simulate(robot, t, q0, qd0, tau=...)`, whose arguments are below.
 
     The method is Gauss collocation of order 16, with attitudes on the rotation group. If `base` is "free" and no
-    gravity and no external load acts, momentum and angular momentum are kept to rounding.
+    gravity and no external load acts, momentum and angular momentum are kept to rounding. Dry friction of several
+    joints is solved at once, and impacts at rigid stops are felt by all joints.
 
-    The `limits` of the pair do not stop the motion; `hinge_torque=HingeLoad(stops=pair.limits)` does. A
-    `DynamicsWarning` is issued if psi passes a limit at which there is no stop, or passes a stop by more than 0.02
-    rad.
+    The `limits` of the pair and the `position_limits` of a robot do not stop the motion; the `stops` of a `HingeLoad`
+    do. A `DynamicsWarning` is issued if a coordinate passes a limit at which there is no stop, or passes a stop by
+    more than 0.02 rad.
+
+    Of a robot, `t`, `gravity`, `breaks`, `until`, `tol`, `max_steps` and `backend` are as for pairs. The others are
+
+    - `q0`: coordinates at t[0] [rad, m]; shape (dof,), or a dict by joint.
+    - `qd0`: rates at t[0], in the same form; 0 by default.
+    - `tau`: efforts at the joints [N m, N]: a number or shape (dof,), held; a dict by joint; a callable of (t, now)
+      that returns (n, dof), such as ``lambda t, now: -50 * (now.q - 0.3)``; or a `Feedback` with constant references.
+      There t is an array of n instants, and `now` has the attributes q and qd, (n, dof), R1, S1, v1 and omega1 of the
+      base, and base_motion, a BodyMotion of these. The rate of the second joint is ``now.qd[:, 1]``.
+    - `loads`: `HingeLoad`s by joint: springs, dampers, dry friction, stops, motors that depend on the joint alone.
+      They add to tau; those of a joint that follows another act on its leader. For a slider, read m for rad and N for
+      N m. `robot.joint_loads` are those that a URDF or MJCF describes, with stops at the limits.
+    - `joint_loads`: in place of `loads`, whether the springs, dampers and dry friction that a file describes act,
+      without stops, as for `inverse_dynamics`.
+    - `driven`: motions of joints that move as given, by joint: callables of times (n,) that return the coordinate and
+      its first two derivatives, (n,) each; the first must not jump. Their q0 and qd0 are those of the callable; no
+      tau and no HingeLoad acts on them, and their part of `loads["motor"]` of the result is the effort that the
+      motion needs.
+    - `wrenches`: loads on links: (force, torque) by link, world axes, the force at the link's origin [N, N m]; each
+      has shape (3,), is the number 0, or a callable of (t, now) that returns (n, 3).
+    - `force1`, `torque1`: force at R1 and torque on a free or pinned base, world axes [N, N m], in the same forms.
+    - `base`: "fixed" where `base_motion` is, "free", "pinned" (R1 stays, the base can turn about it) or "moving". By
+      default that of the robot, or "moving" if `base_motion` is a callable.
+    - `base_motion`: the base at t[0]: a BodyMotion of R and S, of a free base also v and omega; at rest at the origin
+      by default. Of a moving base, a callable of times (n,) that returns a BodyMotion with all derivatives.
+    - `frames`: names of the frames that `.state()` of the result computes by default; the last links unless given.
 
     Args:
         pair: a pair whose bodies have mass properties. If the base is fixed or a callable, only body 2 needs them.
@@ -201,8 +220,8 @@ def simulate(
         psid_0: hinge rate at t[0] [rad/s]; required, except if `hinge` is a callable.
         hinge: "free" (the default): the loads determine the motion of the hinge. A callable of times (n,) that
             returns psi, psi' and psi'', each (n,), prescribes the motion of the hinge; psi' and psi'' must be the
-            derivatives of psi. The argument hinge_torque must
-            then be 0, and `loads["hinge_torque"]` of the result is the torque that this motion needs.
+            derivatives of psi, and psi' must not jump. The argument hinge_torque must then be 0, and
+            `loads["hinge_torque"]` of the result is the torque that this motion needs.
         hinge_torque: torque that body 1 exerts on body 2 about the hinge axis [N m]: a number (0 by default), a
             `HingeLoad` (spring, damper, friction, stops), or a callable of arrays (t, psi, psid), each (n,), that
             returns (n,).
@@ -221,7 +240,7 @@ def simulate(
               a PlanarPair);
             - "fixed": body 1 stays at its pose at t[0];
             - a callable of times (n,) that returns the BodyMotion of body 1, with v, omega, a and alpha, which must
-              be the derivatives of R and S.
+              be the derivatives of R and S; v and omega must not jump.
         breaks: instants at which loads jump [s]; shape (M,); none by default. Steps end at these instants, and
             callables are evaluated just before and just after them. A pulse of a load whose instants are not given
             here is found if it is longer than 1/8000 of the simulated time or covers one of the instants t.
@@ -248,7 +267,8 @@ def simulate(
         `.body1`, `.loads`, `.ended_by_event`, `.energy()`, `.momentum()`, `.energy_balance()` and the outputs of body
         2, such as `.R2`. `.error_estimate` (of the attitude of body 1) and `.psi_error_estimate` [rad] come from a
         second run with a smaller tolerance, at the first access. A DynamicsWarning says that arguments seem to be in
-        the wrong units.
+        the wrong units. Of a robot, a `SimulatedRobotMotion` with `.t`, `.q`, `.qd`, `.qdd`, `.tau`, `.loads`,
+        `.base_motion`, `.state()`, `["frame"]`, `.reactions()`, energies and error estimates.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.
@@ -263,6 +283,16 @@ def simulate(
     >>> swing = hp.simulate(pair, np.linspace(0, 2, 201), start, psi_0=0.0, psid_0=0.0, base="fixed")
     >>> round(float(swing.psi.max()), 4)  # released level, it swings to level on the other side
     3.1416
+
+    A robot with a controller, until its second joint has turned by 0.2 rad:
+
+    >>> bodies = [hp.HingePair(u1, (-1, 0, 0), (0, 1, 0), body2=rod) for u1 in ((0, 0, 0), (1, 0, 0))]
+    >>> found = hp.simulate(
+    ...     hp.Mechanism(bodies), [0, 1], q0=[0, 0], tau=lambda t, now: -50 * now.q - 5 * now.qd,
+    ...     until=lambda t, now: now.q[:, 1] - 0.2,
+    ... )
+    >>> found.ended_by_event, round(float(found.q[-1, 1]), 6)
+    (True, 0.2)
     """
     space = to_spatial_pair(pair)
     instants = instants_of("t", t)
@@ -270,44 +300,33 @@ def simulate(
     is_planar = space is not pair
     gravity = (PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    driven = {} if isinstance(hinge, str) else {0: hinge}
-    loads = PairLoads(forces, HingeLoad() if driven else hinge_torque, gravity, is_planar=is_planar)
+    driven = {} if isinstance(hinge, str) else {0: GivenJoint("hinge", hinge)}
+    loads = pair_loads(forces, HingeLoad() if driven else hinge_torque, gravity, is_planar=is_planar)
     initial_hinge = _initial_hinge_motion(hinge, hinge_torque, instants, psi_0, psid_0)
     start = initial_state(base, body1, is_planar, *initial_hinge)
     if callable(base):
-        derived = {"v1": "R1", "omega1": "S1", "a1": "v1", "alpha1": "omega1"}
-        check_rates("base", functools.partial(base_at, "base", base), instants, derived)
-    least, most = loads.joint_loads[0].rigid_range
-    if not least <= start.psi <= most:
-        raise ArgumentError("psi_0", f"an angle between the rigid stops, {least:g} to {most:g} rad", psi_0)
-
-    of_pair = PairEquations(space, base, loads, backend)
-
-    def run(options: RunOptions, t: Array) -> Run:
-        return run_motion(of_pair.motion(start, driven), t, options)
-
-    found = run(options, instants)
+        GivenBase("base", base).check(instants)
+    check_start(loads, ["psi_0"], np.array([start.psi]))
+    found = Simulation(pair_motion(space, base, start, loads, backend, driven), instants, options)
     samples = found.samples
-    stops = hinge_torque.tightest_stops if isinstance(hinge_torque, HingeLoad) else (-np.inf, np.inf)
-    _warn_of_units(space, base, start, stops, samples)
-    lowest, highest = joint_extremes(found, 0)
-    _warn_of_range(space.limits, stops, lowest, highest, options.tol)
-    finer = functools.cache(lambda: run(options.finer, samples.t).samples)
+    psi_range, passed = joint_range(found.run, 0, "psi", space.limits or (-np.inf, np.inf), options.tol)
+    for sentence in (*_unit_doubts(space, base, start, loads.joint_loads[0].tightest_stops, samples), *passed):
+        warnings.warn(sentence, DynamicsWarning, stacklevel=3)
     body1_motion, psi, psid, psidd = samples.base, samples.motion.q[:, 0], samples.motion.qd[:, 0], samples.qdd[:, 0]
     fields: dict[str, Any] = {
         "t": read_only(samples.t),
         "psi": read_only(psi),
-        "psi_range": (lowest.q, highest.q),
+        "psi_range": psi_range,
         "method": "collocation",
         "steps": samples.steps,
-        "ended_by_event": found.ended,
-        "_error": LazyValue(lambda: angle_between(samples.quats, finer().quats)),
-        "_psi_error": LazyValue(lambda: float(np.abs(psi - finer().motion.q[:, 0]).max(initial=0.0))),
-        "_balance": LazyBalance(lambda: energy_balance(found)),
+        "ended_by_event": found.run.ended,
+        "_error": LazyValue(found.attitude_error),
+        "_psi_error": LazyValue(lambda: found.coordinate_error(0)),
+        "_balance": LazyBalance(lambda: energy_balance(found.run)),
         "body1": body1_motion,
         "psid": read_only(psid),
         "psidd": read_only(psidd),
-        "loads": {name: read_only(np.array(load)) for name, load in samples.loads.items()},
+        "loads": {name: read_only(np.array(load)) for name, load in loads_of_pair(samples.loads).items()},
         "space": space,
         "gravity": loads.gravity,
         "base": "prescribed" if callable(base) else base,
@@ -325,29 +344,27 @@ def simulate(
 simulate.register(Mechanism, cast(Any, simulate_robot))
 
 
-class PairEquations:
-    """Equations of motion of a pair: those of a robot of one joint.
+def pair_motion(
+    pair: HingePair,
+    base: BaseArgument,
+    start: InitialState,
+    loads: Loads,
+    backend: str,
+    driven: Mapping[int, GivenJoint] | None = None,
+) -> Callable[[], RobotMotion]:
+    """Return a function that makes the equations of motion of a pair, those of a robot of one joint, at its start.
 
     Raises:
         ArgumentError: a body that moves lacks mass properties, or nothing resists its motion.
     """
-
-    def __init__(self, pair: HingePair, base: BaseArgument, loads: PairLoads, backend: str) -> None:
-        moves_body1 = base in ("free", "pinned")
-        _check_masses(pair, moves_body1=moves_body1)
-        self._robot = Mechanism([replace(pair, name=BODY2)], base="free" if moves_body1 else "fixed")
-        self._kind, self._base = "moving" if callable(base) else str(base), base
-        self._loads = loads
-        self._programs = RobotPrograms(self._robot, self._kind, loads.wrenches, loads.gravity, backend)
-
-    def motion(self, start: InitialState, driven: Mapping[int, JointCallable] | None = None) -> RobotMotion:
-        """Return the motion from a start."""
-        at_start = motion_of_rotations(R=start.R, S=start.S, v=start.v, omega=start.omega)
-        base_motion: Any = self._base if callable(self._base) else at_start
-        q, qd = np.array([start.psi]), np.array([start.psid])
-        return RobotMotion(
-            self._robot, self._kind, base_motion, q, qd, self._loads, self._programs, driven, base_label="base"
-        )
+    moves_body1 = base in ("free", "pinned")
+    _check_masses(pair, moves_body1=moves_body1)
+    robot = Mechanism([replace(pair, name=BODY2)], base="free" if moves_body1 else "fixed")
+    at_start = motion_of_rotations(R=start.R, S=start.S, v=start.v, omega=start.omega)
+    kind, base_motion = ("moving", GivenBase("base", base)) if callable(base) else (base, at_start)
+    programs = RobotPrograms(robot, kind, tuple(loads.wrenches), loads.gravity, backend)
+    q, qd = np.array([start.psi]), np.array([start.psid])
+    return functools.partial(RobotMotion, robot, kind, base_motion, q, qd, loads, programs, driven)
 
 
 def to_spatial_pair(pair: object) -> HingePair:
@@ -371,14 +388,14 @@ def _initial_hinge_motion(
     if isinstance(hinge, str):
         check_choice("hinge", hinge, ("free",))
         return finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
-    check_callable("hinge", hinge, "t")  # type: ignore[arg-type]
+    given = GivenJoint("hinge", hinge)  # type: ignore[arg-type]
+    given.check(t)
     for name, value in (("psi_0", psi_0), ("psid_0", psid_0)):
         if value is not None:
             raise ArgumentError(name, "None for a hinge that moves as given", quoted(value))
     if callable(hinge_torque) or np.any(hinge_torque != 0):
         raise ArgumentError("hinge_torque", "0 for a hinge that moves as given", quoted(hinge_torque))
-    check_joint_rates("hinge", hinge, t)  # type: ignore[arg-type]
-    psi, psid, _ = driven_at("hinge", hinge, t[:1])  # type: ignore[arg-type]
+    psi, psid, _ = given.at(t[:1])
     return finite_number("psi_0", psi[0]), finite_number("psid_0", psid[0])
 
 
@@ -404,10 +421,7 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
         expected = f"one start, such as {example}"
         raise ArgumentError("body1", expected, f"shape {body1.shape}")
     R, S, v, omega = (zero if x is None else x.astype(np.float64) for x in (body1.R, body1.S, body1.v, body1.omega))
-    zero_names = {"free": (), "pinned": ("v",), "fixed": ("v", "omega")}[base]
-    for name, speed in (("v", v), ("omega", omega)):
-        if name in zero_names and speed.any():
-            raise ArgumentError(f"body1.{name}", f"None or zeros for base={base!r}", speed)
+    check_rest("body1", base, body1)
     if is_planar and (R[2] or v[2] or omega[:2].any() or S[2, 2] != 1):
         example = _PLANAR_START
         expected = f"a start in the plane, R and v with z = 0, S and omega about z, such as {example}"
@@ -415,11 +429,11 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
     return InitialState(R, S, v, omega, psi, psid)
 
 
-def _warn_of_units(
+def _unit_doubts(
     pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float], samples: RobotSamples
-) -> None:
-    """Warn of angles or rates that look like degrees, of instants that look like milliseconds, and of inertias that
-    are probably not in kg m^2.
+) -> list[str]:
+    """Return sentences on angles or rates that look like degrees, on instants that look like milliseconds, and on
+    inertias that are probably not in kg m^2.
     """
     finite_stops = np.array([stop for stop in stops if np.isfinite(stop)])
     sentences = suspicions("written angles", "stops", finite_stops)
@@ -436,28 +450,7 @@ def _warn_of_units(
             levers.append(float(np.linalg.norm(lever - body.centre_of_mass)))
             radius = np.sqrt(np.linalg.eigvalsh(body.inertia)[-1] / body.mass)
             sentences += suspicions("gyration", f"{name}.inertia", [radius, max(levers)])
-    for sentence in sentences:
-        warnings.warn(sentence, DynamicsWarning, stacklevel=4)
-
-
-def _warn_of_range(
-    limits: tuple[float, float] | None,
-    stops: tuple[float, float],
-    lowest: Extreme,
-    highest: Extreme,
-    tolerance: float,
-) -> None:
-    """Warn if psi passes a stop or, by more than the tolerance, a limit at or inside which there is no stop."""
-    if overrun := stop_overrun("psi", "rad", stops, lowest.q, highest.q):
-        warnings.warn(f"{overrun}; HingeLoad(stop_stiffness=...) hardens them", DynamicsWarning, stacklevel=4)
-    if limits is None:
-        return
-    passed = [lowest] if lowest.q < limits[0] - tolerance and stops[0] < limits[0] else []
-    passed += [highest] if highest.q > limits[1] + tolerance and stops[1] > limits[1] else []
-    if passed:
-        reached = " and ".join(f"{extreme.q:.6g} rad at t = {extreme.t:g} s" for extreme in passed)
-        message = f"psi leaves the pair's limits, {limits[0]:g} to {limits[1]:g} rad: it reaches {reached}"
-        warnings.warn(f"{message}; HingeLoad(stops=pair.limits) enforces them", DynamicsWarning, stacklevel=4)
+    return sentences
 
 
 def _check_masses(pair: HingePair, *, moves_body1: bool) -> None:

@@ -24,7 +24,7 @@ from hingepair.engine.results import Results
 from hingepair.engine.rows import Output, Rows, rows_function
 from hingepair.engine.slices import run_slices
 from hingepair.engine.ufunc import MAX_OPERANDS, Layout, Operand, Ufunc
-from hingepair.errors import ArgumentError, quoted
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.caching import lock_free_cached_property
@@ -69,6 +69,7 @@ class Call:
             not exceed it.
         on_limit: called with the arguments by name where a limit is exceeded; raises the error.
         constants_name: name of the constants in messages.
+        samples_name: name in messages of the constants that have samples; by default `constants_name`.
         shared: whether few samples are computed by a kernel for any constants, which many calls share.
 
     Attributes:
@@ -89,6 +90,7 @@ class Call:
         limits: Mapping[str, Mapping[int, float]] | None = None,
         on_limit: Callable[[Mapping[str, Any]], None] | None = None,
         constants_name: str = "pair",
+        samples_name: str | None = None,
         shared: bool = False,
     ) -> None:
         self.loop = loop
@@ -96,6 +98,7 @@ class Call:
         self.result = result
         self._constants = {name: value for name, value in constants.items() if name not in argument_shapes}
         self._shape, self._backend, self._constants_name = shape, backend, constants_name
+        self._samples_name = samples_name or constants_name
         self._limits, self._on_limit = dict(limits or {}), on_limit
         self.outputs = tuple(name for name, _ in loop.outputs if name not in self._limits)
         self._bound_constants = {
@@ -325,7 +328,7 @@ class Call:
             dtype: dtype to compute in; by default float32 if all arrays are float32, else float64.
             labels: names of arguments in messages, where they are not those of the inputs.
         """
-        shape = broadcast_shape({**shapes, self._constants_name: self._shape})
+        shape = self._sample_shape(shapes)
         dtype = dtype or result_dtype(
             part for value in values.values() for part in (value if isinstance(value, tuple) else (value,))
         )
@@ -343,6 +346,17 @@ class Call:
             self.loop.run(inputs, outputs, shape, dtype, Execution(self._backend, workers))
         self._check_limits(outputs, [values[name] for name in self.argument_shapes], out)
         return self._make_result(outputs, shape)
+
+    def _sample_shape(self, shapes: Mapping[str, ArrayShape]) -> ArrayShape:
+        """Return the leading shape of the results, to which those of the arguments and of the constants broadcast."""
+        try:
+            return broadcast_shape({**shapes, self._samples_name: self._shape})
+        except ShapeError as error:
+            if error.name != self._samples_name:
+                raise
+            combined = (*self._shape, *[1] * len(broadcast_shape(shapes)))
+            got = f"{error.got}; shape {combined} combines each with every sample of the arguments"
+            raise ShapeError(error.name, error.expected, got) from None
 
     def _output_arrays(
         self, shape: ArrayShape, dtype: np.dtype[Any], out: Out, inputs: Mapping[str, Any]
@@ -380,7 +394,7 @@ class Call:
             raise ArgumentError("backend", f"'auto', since {library.name} runs the equations", self._backend)
         if workers != 1:
             raise ArgumentError("workers", f"1, since {library.name} has threads of its own", workers)
-        shape = broadcast_shape({**shapes, self._constants_name: self._shape})
+        shape = self._sample_shape(shapes)
         inputs = {**self._constants, **values}
         parts = {name: _foreign_parts(name, inputs[name], tail, library) for name, tail in self.loop.inputs}
         components = self.loop.foreign_outputs(parts, library)

@@ -49,7 +49,7 @@ from hingepair.engine.trace import (
 )
 from hingepair.engine.trace import Operand as TracedOperand
 from hingepair.engine.ufunc import FLOAT_TYPES, MAX_OPERANDS, Layout, Operand, Ufunc, loop_ir
-from hingepair.errors import CompilationError
+from hingepair.errors import CompilationError, ShapeError
 from hingepair.numeric.array_libraries import Library
 from hingepair.numeric.arrays import Block, load, split_into_blocks
 from hingepair.numeric.blocks import components, fill_blocks
@@ -211,7 +211,13 @@ class _TracedFunction(NamedTuple):
 
     def output_components(self, outputs: NamedShapes) -> list[TracedOperand]:
         """Return the components of the outputs in one list."""
-        return [component for name, _ in outputs for component in components(self.results[name])]
+        found: list[TracedOperand] = []
+        for name, tail in outputs:
+            parts = components(self.results[name])
+            if len(parts) != math.prod(tail):  # kernels would write beyond their arrays
+                raise ShapeError(name, f"{math.prod(tail)} components of shape {tail}", f"{len(parts)} results")
+            found += parts
+        return found
 
 
 class Program:

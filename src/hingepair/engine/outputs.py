@@ -77,7 +77,7 @@ def _check_memory(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) ->
     if _own_memory([*out.values()], [array for _, array in others]):
         return
     for name, array in out.items():
-        if not _steps_apart(array):
+        if not _elements_apart(array):
             raise ArgumentError(f"out[{name!r}]", "memory of its own", "an array that overlaps itself")
         for other_name, other in others:
             if np.may_share_memory(array, other) and np.shares_memory(array, other):
@@ -95,11 +95,13 @@ def _own_memory(outputs: Sequence[NDArray[Any]], inputs: Sequence[NDArray[Any]])
             return False
     if not owners.isdisjoint(id(one) if one.base is None else id(one.base) for one in inputs):
         return False
-    return all(one.base is None or one.flags.forc or _steps_apart(one) for one in outputs)
+    return all(one.base is None or one.flags.forc or _elements_apart(one) for one in outputs)
 
 
-def _steps_apart(array: NDArray[Any]) -> bool:
-    """Return whether each stride of an array leads beyond what the smaller ones reach."""
+def _elements_apart(array: NDArray[Any]) -> bool:
+    """Return whether the elements of an array do not overlap, as far as its strides tell: each leads beyond what the
+    smaller ones reach.
+    """
     reach = array.itemsize
     for step, n in sorted((abs(step), n) for step, n in zip(array.strides, array.shape, strict=True) if n > 1):
         if step < reach:

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from hingepair.equations.quantities import unit_of
+from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray, read_only
 from hingepair.numeric.dask_arrays import DaskCollection, holds_dask
-from hingepair.numeric.tables import Sheet, Shown, sheet_of
+from hingepair.tables.data_frames import data_frame, dataset, sample_rows
+from hingepair.tables.sheets import Sheet, Shown, sheet_of
+from hingepair.tables.units import Columns, Units
+
+_METHODS: Final = ("arrays", "outputs", "shape", "to_dataframe", "to_xarray")  # that `dir` lists
 
 
 class Results(DaskCollection, Shown):
@@ -44,6 +50,53 @@ class Results(DaskCollection, Shown):
     def arrays(self) -> dict[str, FloatArray]:
         """Return the outputs by name: read-only arrays, or a NumPy number where the output is a single number."""
         return {name: self._output(name) for name in self._content[0]}
+
+    def to_dataframe(self, units: str | None = None) -> Any:
+        """Return a pandas DataFrame with a row for each sample, and the columns that saved results have: R2_x of
+        vectors, S2_xy of matrices, psi of numbers. `attrs["units"]` holds the units by name.
+
+        Args:
+            units: units in place of SI units, such as "deg, mm"; the headings then say the units: "R2_x [mm]".
+
+        Raises:
+            ArgumentError: the samples have more than one axis, the arrays are Dask arrays, or a unit is unknown.
+            MissingDependencyError: pandas is not installed.
+        """
+        columns = Columns(Units.of(units), self._unit)
+        if len(self.shape) > 1:
+            raise ArgumentError("to_dataframe", "one sample, or samples along one axis", f"shape {self.shape}")
+        recorded = self._recorded()
+        if holds_dask(recorded):
+            raise ArgumentError("to_dataframe", "arrays in memory, such as those of compute()", "Dask arrays")
+        return data_frame(sample_rows(recorded, len(self.shape)), columns, type(self).__name__)
+
+    def to_xarray(self, units: str | None = None) -> Any:
+        """Return an xarray Dataset with a variable for each output, named as the columns of `to_dataframe` begin.
+
+        The samples have the dimension `sample`, or sample_0, sample_1, ...; a vector has `xyz` or `xy`, a matrix
+        `xyz` for its rows (world axes) and `body_xyz` for its columns. Dask arrays stay lazy.
+
+        Args:
+            units: units in place of SI units, such as "deg, mm"; the names stay as they are.
+
+        Raises:
+            ArgumentError: a unit is unknown.
+            MissingDependencyError: xarray is not installed.
+        """
+        axes = len(self.shape)
+        leading = ("sample",) if axes == 1 else tuple(f"sample_{k}" for k in range(axes))
+        recorded = {
+            name: array if holds_dask(array) else np.asarray(array) for name, array in self._recorded().items()
+        }
+        return dataset(recorded, leading, Columns(Units.of(units), self._unit), type(self).__name__)
+
+    def _recorded(self) -> dict[str, Any]:
+        """Return the outputs by the names that tables have: numbers, vectors and small matrices for each sample."""
+        return dict(self.arrays())
+
+    def _unit(self, name: str) -> str:
+        """Return the SI unit of an array of `_recorded`, or of one of its components."""
+        return unit_of(name)
 
     def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
         """Return the Dask arrays among the results, and a function that returns results with the computed ones."""
@@ -84,7 +137,7 @@ class Results(DaskCollection, Shown):
         raise AttributeError(f"{name}: a {type(self).__name__} cannot be changed")
 
     def __dir__(self) -> list[str]:
-        return [*(name for name in type(self).__slots__ if name in self.outputs), "arrays", "outputs", "shape"]
+        return [*(name for name in type(self).__slots__ if name in self.outputs), *_METHODS]
 
     def __repr__(self) -> str:
         names = ", ".join(self.outputs)

@@ -18,7 +18,7 @@ from hingepair.numeric.arrays import FloatArray
 
 _CALL_STEPS: Final = 200_000  # of all samples in a call, which no interrupt ends: some ten milliseconds
 _BYTES: Final = 8  # of a number
-_PROTOTYPE: Final = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *[ctypes.c_int64] * 4)
+_PROTOTYPE: Final = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *[ctypes.c_int64] * 4)  # of a compiled loop
 
 
 class Scan:

@@ -131,7 +131,7 @@ def _short_axes(arrays: Arrays, ranks: Sequence[int], shape: tuple[int, ...]) ->
 
 
 class _Chunks:
-    """The calls of one `run_in_threads` by other threads, none of which begins after a stop.
+    """A function that threads call for one `run_in_threads`; after a stop, no further call begins.
 
     Without a lock, which an interrupt could leave held: a call says that it has started, and then looks for a stop.
     """

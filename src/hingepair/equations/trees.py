@@ -528,22 +528,26 @@ class Matter(NamedTuple):
     second: Symmetric
 
 
+def with_carried(parent: Matter, joint: Placement, subtree: Matter) -> Matter:
+    """Return the `Matter` of a body together with that which a joint carries (T4)."""
+    first = to_parent(joint, subtree.first)
+    carried = scale(joint.r, subtree.mass)
+    second = symmetric_sum(
+        symmetric_to_parent(joint, subtree.second), outer_sum(joint.r, add(first, scale(carried, 0.5)))
+    )
+    return Matter(
+        parent.mass + subtree.mass, add(parent.first, add(first, carried)), symmetric_sum(parent.second, second)
+    )
+
+
 def composites(base: Base, links: Sequence[Link], placements: Sequence[Placement]) -> list[Matter]:
     """Return a list of the `Matter` of composite bodies, the base first: each body together with all bodies that it
     carries, in the axes of that body (T4).
     """
     matter = [Matter(body.mass, body.first, body.second) for body in _bodies(base, links)]
     for number in range(len(links), 0, -1):
-        link, joint, subtree = links[number - 1], placements[number - 1], matter[number]
-        first = to_parent(joint, subtree.first)
-        carried = scale(joint.r, subtree.mass)
-        second = symmetric_sum(
-            symmetric_to_parent(joint, subtree.second), outer_sum(joint.r, add(first, scale(carried, 0.5)))
-        )
-        p = matter[link.parent]
-        matter[link.parent] = Matter(
-            p.mass + subtree.mass, add(p.first, add(first, carried)), symmetric_sum(p.second, second)
-        )
+        parent = links[number - 1].parent
+        matter[parent] = with_carried(matter[parent], placements[number - 1], matter[number])
     return matter
 
 

@@ -20,19 +20,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.formats.robot_mjcf import MJCF_COMPILER, mjcf_joint_attributes, robot_to_mjcf
-from hingepair.formats.robot_writer import robot_to_urdf
+from hingepair.formats.robot_mjcf import MJCF_COMPILER, insert_mjcf_joint, robot_to_mjcf
+from hingepair.formats.robot_writer import add_moving_joint, robot_to_urdf
+from hingepair.formats.shape_writers import add_geom, add_visual
 from hingepair.formats.xml_text import (
     add_element,
     add_inertial,
     add_urdf_joint,
-    axis_for_urdf,
     check_xml_text,
     document,
     limits_sentences,
-    urdf_limits,
 )
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.tree import hinge_of_pair
 from hingepair.numeric.arrays import Float64Array, check_choice, one_constant
 from hingepair.pair.body import Body, Box, Cylinder, DynamicsWarning, Shape
 from hingepair.pair.body_motion import BodyMotion
@@ -74,6 +74,8 @@ def to_urdf(
       connects `body2_at_hinge` with `body1`. This joint is revolute if the pair has limits, else continuous.
     - `body2` has the frame (R2, S2); it is fixed to `body2_at_hinge` at -u2.
 
+    Points of the pair are links without mass, fixed to `body1` and `body2`.
+
     A URDF joint with any limit must state effort and velocity. For a missing torque_limit, effort="1000.0" [N m or N]
     is written, and for a missing rate_limit velocity="100.0" [rad/s or m/s]. For a body of a pair without mass
     properties, 1 kg and the inertia 0.01 kg m^2 about each axis are written, unless it is the fixed base. A
@@ -84,8 +86,8 @@ def to_urdf(
 
     For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
     Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
-    the mass of all links that they join is written to one of these links. The shapes of the links are not written.
-    Rotor inertias are not written either; a `DynamicsWarning` names the joints that have them.
+    the mass of all links that they join is written to one of these links. Boxes, cylinders and spheres are
+    written, meshes are not. Rotor inertias are not written either. A `DynamicsWarning` says what is not written.
 
     Args:
         pair: a `HingePair`, whose limits, torque_limit, rate_limit and mass properties (pair.body1 and pair.body2)
@@ -136,21 +138,15 @@ def to_urdf(
         if body1 is not None:
             R, S = _checked_pose(body1)
             add_element(to_body1, "origin", xyz=R, rpy=matrix_to_euler(S, "xyz"))
-    limits = hinge_load.stops or pair.limits
-    hinge = add_urdf_joint(
-        robot, HINGE_JOINT_NAME, "revolute" if limits else "continuous", BODY1_LINK_NAME, BODY2_AT_HINGE_LINK_NAME
-    )
-    add_element(hinge, "origin", xyz=pair.u1, rpy=matrix_to_euler(pair.home, "xyz"))
-    add_element(hinge, "axis", xyz=axis_for_urdf(_axis_in_body2(pair)))
-    made_up = ""
-    if limits is not None or pair.torque_limit is not None or pair.rate_limit is not None:
-        range_ = dict(zip(("lower", "upper"), limits or (), strict=False))
-        upper, made_up = urdf_limits(pair.torque_limit, pair.rate_limit)
-        add_element(hinge, "limit", **range_, **upper)
-    if hinge_load.damping or hinge_load.friction:
-        add_element(hinge, "dynamics", damping=hinge_load.damping, friction=hinge_load.friction)
+    hinge = hinge_of_pair(pair, hinge_load)
+    _, made_up = add_moving_joint(robot, hinge, BODY1_LINK_NAME, BODY2_AT_HINGE_LINK_NAME)
     to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE_LINK_NAME, BODY2_LINK_NAME)
     add_element(to_body2, "origin", xyz=-pair.u2, rpy=_NO_TURN)
+    for link, points in ((BODY1_LINK_NAME, pair.points1), (BODY2_LINK_NAME, pair.points2)):
+        for name, position in points.items():
+            add_element(robot, "link", name=name)
+            to_point = add_urdf_joint(robot, f"{name}_point", "fixed", link, name)
+            add_element(to_point, "origin", xyz=position, rpy=_NO_TURN)
     return document(robot, [*_assumptions(parts), *limits_sentences([(HINGE_JOINT_NAME, made_up)])])
 
 
@@ -170,14 +166,14 @@ def to_mjcf(
     - "body2_at_hinge", the child of "body1", has its origin at the hinge point and is rotated by the joint "hinge".
     - "body2", fixed to "body2_at_hinge", has the frame (R2, S2).
 
-    With a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1, psi'). The bodies do not
-    collide. For a body without mass properties, 1 kg and the inertia 0.01 kg m^2 about each axis are written, unless
-    it is the fixed base; a `DynamicsWarning` and a comment in the text say so. For a body without shapes, a box, a
-    rod to the hinge point and a cylinder along the hinge axis are written.
+    Points of the pair are sites. With a free base, qpos is (R1, quat_wxyz of S1, psi), and qvel is (v1, S1^T omega1,
+    psi'). The bodies do not collide. For a body without mass properties, 1 kg and the inertia 0.01 kg m^2 about each
+    axis are written, unless it is the fixed base; a `DynamicsWarning` and a comment in the text say so. For a body
+    without shapes, a box, a rod to the hinge point and a cylinder along the hinge axis are written.
 
     For a `Mechanism`, the model has all links as bodies, added frames as sites, and joints in the order of q with
     limits of position and effort, loads (`joint_loads`) and armatures; mimic joints are joint equalities. Limits of
-    rates and shapes are not written. `Mechanism.from_mjcf` reads the text back.
+    rates and meshes are not written, boxes, cylinders and spheres are. `Mechanism.from_mjcf` reads the text back.
 
     Args:
         pair: a `Mechanism`; or a `HingePair`, whose limits, torque_limit and mass properties (pair.body1 and
@@ -231,11 +227,12 @@ def to_mjcf(
     _add_mjcf_body(carrier, part1)
     quat_wxyz = matrix_to_quaternion(pair.home)
     at_hinge = add_element(carrier, "body", name=BODY2_AT_HINGE_LINK_NAME, pos=pair.u1, quat=quat_wxyz)
-    limits = hinge_load.stops or pair.limits
-    joint_attributes = mjcf_joint_attributes("the hinge", limits, pair.torque_limit, hinge_load)
-    add_element(at_hinge, "joint", name=HINGE_JOINT_NAME, type="hinge", axis=_axis_in_body2(pair), **joint_attributes)
+    insert_mjcf_joint(at_hinge, hinge_of_pair(pair, hinge_load), "the hinge")
     _add_mjcf_body(at_hinge, part2)
-    add_element(at_hinge, "body", name=BODY2_LINK_NAME, pos=-pair.u2)
+    body2 = add_element(at_hinge, "body", name=BODY2_LINK_NAME, pos=-pair.u2)
+    for body, points in ((carrier, pair.points1), (body2, pair.points2)):
+        for name, position in points.items():
+            add_element(body, "site", name=name, pos=position)
     return document(root, _assumptions((part1, part2)))
 
 
@@ -293,7 +290,7 @@ def drawn_shapes(pair: HingePair) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]
 
 
 class _ModelPart(NamedTuple):
-    """A body in the frame of a link."""
+    """A body of the pair as a link of a file."""
 
     link: str  # its name
     colour: str  # four numbers (RGBA)
@@ -359,22 +356,7 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
         place = part.body.centre_of_mass - part.origin
         add_inertial(link, part.body.mass, place, _raise_flat_inertia(part.body.inertia))
     for shape in part.shapes:
-        kind, sizes, rpy = _urdf_geometry(shape)
-        visual = add_element(link, "visual")
-        add_element(visual, "origin", xyz=shape.center, rpy=rpy)
-        add_element(add_element(visual, "geometry"), kind, **sizes)
-        add_element(visual, "material", name=f"{part.link}_paint")
-
-
-def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
-    """Return kind, sizes, and roll, pitch and yaw [rad] of a shape in URDF."""
-    if isinstance(shape, Box):
-        return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
-    if isinstance(shape, Cylinder):
-        x, y, z = map(float, shape.axis)
-        rpy = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
-        return "cylinder", {"radius": shape.radius, "length": shape.length}, rpy
-    return "sphere", {"radius": shape.radius}, _NO_TURN
+        add_element(add_visual(link, shape), "material", name=f"{part.link}_paint")
 
 
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
@@ -384,15 +366,4 @@ def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
         moments = [*J.diagonal(), J[0, 1], J[0, 2], J[1, 2]]
         add_element(body, "inertial", pos=place, mass=part.body.mass, fullinertia=moments)
     for shape in part.shapes:
-        drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": part.colour}
-        add_element(body, "geom", **_mjcf_geometry(shape), pos=shape.center, **drawn)
-
-
-def _mjcf_geometry(shape: Shape) -> dict[str, Any]:
-    """Return type, size (half lengths and radii) and direction of a shape as a geom of MuJoCo."""
-    if isinstance(shape, Box):
-        turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}
-        return {"type": "box", "size": shape.size / 2, **turn}
-    if isinstance(shape, Cylinder):
-        return {"type": "cylinder", "size": (shape.radius, shape.length / 2), "zaxis": shape.axis}
-    return {"type": "sphere", "size": shape.radius}
+        add_geom(body, shape, part.colour)

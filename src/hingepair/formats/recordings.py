@@ -1,40 +1,34 @@
-"""Recordings of two bodies in files: columns by name, from .csv, .npz or .parquet, brought to one clock.
+"""Recordings of two bodies: columns by name, from files or tables in memory, brought to one clock.
 
-| what | columns | as one array in .npz |
-|---|---|---|
-| instants: seconds, or integer nanoseconds since 1970 | t | t |
-| place of body 1, m | R1_x, R1_y, R1_z, or x1, y1, z1 | R1 (N, 3) |
-| its attitude | S1_xx, S1_xy, ..., S1_zz, or qx1, qy1, qz1, qw1 (qw1 the scalar) | S1 (N, 3, 3) |
-| body 2 | the same with 2 | R2, S2 |
-| an encoder of the hinge angle, in any unit | as the caller names it | the same, (N,) |
-
-Body 2 may be a point: a recording with positions alone.
-
-A file of one body may leave the digit away (x, y, z, qx, qy, qz, qw): of two files the first is body 1. Results that
-were saved with R1, S1, R2, S2 can be read as they are. Empty cells, nan and attitudes of zeros are missing samples.
-Columns of no concern have to be named, so that a misspelt one is not missed; rates, angles and psi are passed over.
+Results that were saved with R1, S1, R2, S2 can be read as they are. Columns of no concern have to be named, so that a
+misspelt one is not missed; rates, angles and psi are passed over.
 """
 
 from __future__ import annotations
 
 import fnmatch
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, RotationError, nearest
+from hingepair.equations.quantities import unit_of
+from hingepair.errors import ArgumentError, RotationError, nearest, nearest_name
 from hingepair.measured.smoothing.resample import resample
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.column_file import ColumnRequest, Columns, read_columns
-from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.results import column_names
 from hingepair.rotations.matrices import project_to_rotation
+from hingepair.tables.column_file import ColumnRequest, Columns, read_columns
+from hingepair.tables.column_sources import in_own_names, read_column_sources
+from hingepair.tables.column_tables import ColumnTable, column_table
+from hingepair.tables.data_frames import column_names
+from hingepair.tables.instants import checked_gaps, increasing_seconds
+from hingepair.tables.units import SCALES, read_heading
 
 # Columns that results have and a recording of poses does not need.
 _IGNORED_COLUMNS = re.compile(r"(v|omega|a|alpha|d|q|qd|qdd|phi|phid|phidd)[12]?(_[xyz])?|psi(d|dd)?[12]?")
@@ -46,12 +40,42 @@ _POSITION_ALIAS = re.compile(r"p(?:os(?:ition)?)?_?([xyz])([12]?)")
 
 
 class Recording(NamedTuple):
-    """Motions of two bodies at common instants, NaN where not recorded, and what an encoder read."""
+    """Recorded poses of one body or two at common instants, NaN where not recorded.
+
+    Attributes:
+        body1: BodyMotion of body 1; shape (N,).
+        body2: BodyMotion of body 2; None if one body was recorded.
+        t: instants as the log has them, seconds, nanoseconds or dates; shape (N,); None if it has none.
+        encoder: readings of the hinge angle at these instants; shape (N,); None if no column was named.
+    """
 
     body1: BodyMotion
-    body2: BodyMotion
-    t: NDArray[Any] | None  # as the file has it; None where it has none
-    encoder: Float64Array | None  # readings at the instants of body 1; None where no column was named; shape (N,)
+    body2: BodyMotion | None
+    t: NDArray[Any] | None
+    encoder: Float64Array | None
+
+    def __repr__(self) -> str:
+        """Say how many instants there are, and of what."""
+        parts = {"body1": self.body1, "body2": self.body2, "t": self.t, "encoder": self.encoder}
+        held = ", ".join(name for name, part in parts.items() if part is not None)
+        return f"Recording({self.body1.shape[0]} instants: {held})"
+
+
+class ColumnAdvice(NamedTuple):
+    """How a caller names columns: templates for messages on a column `name` that is `ours` here."""
+
+    columns: str
+    columns_with_unit: str
+    encoder: str
+    ignore: str
+
+
+_IN_PYTHON: Final = ColumnAdvice(
+    "columns={{{ours!r}: {name!r}}}",
+    "columns={{{ours!r}: {{'name': {name!r}, 'unit': {unit!r}}}}}",
+    "encoder={name!r}",
+    "ignore=[{name!r}]",
+)
 
 
 class _RecordedBody(NamedTuple):
@@ -59,41 +83,90 @@ class _RecordedBody(NamedTuple):
 
     motion: BodyMotion
     t: NDArray[Any] | None
-    path: Path
+    path: Path | ColumnTable
     encoder: Float64Array | None
 
 
 def read_recording(
-    paths: Sequence[Path],
-    ignored_columns: Sequence[str] = (),
-    max_gap: float = 0.05,
-    encoder_column: str | None = None,
+    *sources: Any,
+    columns: Mapping[str, str | Mapping[str, str]] | None = None,
+    ignore: Sequence[str] = (),
+    gaps: float = 0.05,
+    encoder: str | None = None,
 ) -> Recording:
-    """Read the poses of two bodies, from one file or from one file for each, and return them at common instants, if
-    these differ those of the slower recording.
+    """Read the recorded poses of one body or of two, for `fit`, `smooth` and `resample`.
 
     Args:
-        paths: one file, or two.
-        ignored_columns: columns to ignore; `*` stands for anything.
-        max_gap: the longest time without a sample that is bridged [s].
-        encoder_column: column with the readings of an encoder, in the file of body 1, whose clock it has.
+        *sources: one recording, or one of each body: path of a .csv, .npz or .parquet file, pandas DataFrame, xarray
+            Dataset or dict of arrays. Columns of body 1 are `R1_x, R1_y, R1_z` or `x1, y1, z1` [m], and `S1_xx,
+            S1_xy, ..., S1_zz` or `qx1, qy1, qz1, qw1` (qw1 the scalar); those of body 2 have a 2. A recording of one
+            body may leave the digit away. `t` are seconds, nanoseconds since 1970 (integers) or dates; the index of
+            a DataFrame may have it. Vectors may be whole arrays, such as `R1` of shape (N, 3).
+        columns: names and units of columns that have others: {"t": "Zeit", "x1": {"name": "Ost", "unit": "mm"}}.
+            Columns of names that are unknown are then not read.
+        ignore: names of columns that are not read; `*` stands for any text.
+        gaps: longest time between samples over which one body is interpolated to the instants of the other [s].
+        encoder: name of the column with readings of the hinge angle, on the clock of body 1.
+
+    Returns:
+        The Recording: body1, body2, t and encoder. The bodies have the instants of the one with the longer time
+        steps. Empty cells and attitudes of zeros are missing samples, NaN. Body 2, or a body alone, whose attitude
+        was not recorded is a point.
 
     Raises:
-        ArgumentError: a file or a column cannot be used; names both.
+        ArgumentError: a file or a column cannot be used.
+        MissingDependencyError: a source is a .parquet file and PyArrow is not installed.
+
+    >>> import numpy as np
+    >>> import hingepair as hp
+    >>> log = {"time": [0, 1000, 2000], "x": [1, 2, 3], "y": 0 * np.ones(3), "z": 0 * np.ones(3)}
+    >>> log |= {"qx": [0, 0, 0], "qy": [0, 0, 0], "qz": [0, 0, 0], "qw": [1, 1, 1]}
+    >>> recording = hp.read_recording(log, columns={"t": {"name": "time", "unit": "ms"}})
+    >>> recording.t, recording.body1.R[2]
+    (array([0., 1., 2.]), array([3., 0., 0.]))
     """
-    if not 1 <= len(paths) <= 2:
-        raise ArgumentError("FILE", "one file, or two", f"{len(paths)}")
-    poses = {"t", *(name for digit in ("1", "2", "") for names in _pose_column_names(digit) for name in names)}
-    if encoder_column in poses:
+    return read_poses(sources, columns, ignore, gaps, encoder, _IN_PYTHON)
+
+
+def read_poses(
+    sources: Sequence[Any],
+    columns: Mapping[str, str | Mapping[str, str]] | None,
+    ignore: Sequence[str],
+    gaps: float,
+    encoder: str | None,
+    advice: ColumnAdvice,
+) -> Recording:
+    """Read recorded poses as `read_recording` does; messages on unknown columns take their words from `advice`."""
+    if not 1 <= len(sources) <= 2:
+        raise ArgumentError("sources", "one recording, or one of each body", f"{len(sources)}")
+    tables = [
+        Path(source) if isinstance(source, str | os.PathLike) else column_table("sources", source)
+        for source in sources
+    ]
+    return _read_recording(tables, columns or {}, ignore, checked_gaps(gaps), encoder, advice)
+
+
+def _read_recording(
+    paths: Sequence[Path | ColumnTable],
+    columns_by_name: Mapping[str, Any],
+    ignored_columns: Sequence[str],
+    max_gap: float,
+    encoder_column: str | None,
+    advice: ColumnAdvice,
+) -> Recording:
+    if encoder_column in _POSE_COLUMNS:
         raise ArgumentError("encoder", "a column that is not t and not of a pose", repr(encoder_column))
     bodies: dict[str, _RecordedBody] = {}
     present_names: list[str] = []
     for place, path in enumerate(paths, start=1):
-        columns = _read_columns(path, ignored_columns, encoder_column, present_names)
+        is_alone = len(paths) == 1
+        columns = _read_columns(
+            path, columns_by_name, ignored_columns, encoder_column, advice, present_names, is_alone=is_alone
+        )
         digits = [
             digit
             for digit in ("1", "2", "")
-            if any(_has_any_column(columns, names) for names in _position_column_names(digit))
+            if any(not columns.keys().isdisjoint(names) for names in _position_column_names(digit))
         ]
         if "1" in digits and "" in digits:
             digits.remove("")  # coordinates beside poses, as results are saved
@@ -102,27 +175,34 @@ def read_recording(
             if name in bodies:
                 raise ArgumentError(f"{path}", f"body {name} once", "a second time")
             reading = None if encoder_column is None else columns.get(encoder_column)
-            bodies[name] = _RecordedBody(_body_motion(path, columns, digit, name), columns.get("t"), path, reading)
-    for name in ("1", "2"):
+            may_be_point = name == "2" or (is_alone and len(digits) == 1)
+            motion = _body_motion(path, columns, digit, may_be_point=may_be_point)
+            bodies[name] = _RecordedBody(motion, columns.get("t"), path, reading)
+    for name in ("1", "2")[: 1 + (len(paths) == 2 or "2" in bodies)]:
         if name not in bodies:
-            expected = f"columns of body {name}: R{name}_x, ... or x{name}, ... (without {name} in a file of its own)"
-            raise ArgumentError(", ".join(map(str, paths)), expected, "none")
-    first, second = bodies["1"], bodies["2"]
+            raise no_body_error(name, paths)
+    first, second = bodies["1"], bodies.get("2")
     if encoder_column is not None and first.encoder is None:
         expected = f"a column of {first.path}, the file of body 1, whose clock the encoder has"
-        got = f"{encoder_column!r} in {second.path}" if second.encoder is not None else repr(encoder_column[:40])
-        near = "" if second.encoder is not None else nearest(encoder_column, sorted(set(present_names)))
-        raise ArgumentError("encoder", expected + near, got)
-    if first.path == second.path:
+        if second is not None and second.encoder is not None:
+            raise ArgumentError("encoder", expected, f"{encoder_column!r} in {second.path}")
+        near = nearest(encoder_column, sorted(set(present_names)))
+        raise ArgumentError("encoder", expected + near, repr(encoder_column[:40]))
+    if second is None:
+        return Recording(first.motion, None, first.t, first.encoder)
+    if first.path is second.path:
         return Recording(first.motion, second.motion, first.t, first.encoder)
     return _resample_to_one_clock(first, second, max_gap)
 
 
+def no_body_error(body: str, sources: Sequence[object]) -> ArgumentError:
+    """Return the error on recordings without body "1" or "2"."""
+    expected = f"columns of body {body}: R{body}_x, ... or x{body}, ... (without {body} in a file of its own)"
+    return ArgumentError(", ".join(map(str, sources)), expected, "none")
+
+
 def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
-    """Resample the motions of two bodies and the encoder readings of the first at the instants of the body with the
-    longer time steps, and return a Recording. Gaps up to `max_gap` [s] are bridged. Equal instants need no
-    resampling. Raise an ArgumentError if a body has no instants, or if fewer than two instants have both bodies.
-    """
+    """Return two bodies and the readings of the first at the instants of the body with the longer time steps."""
     t1, t2 = _body_instants(first), _body_instants(second)
     if np.array_equal(t1, t2):
         return Recording(first.motion, second.motion, t1, first.encoder)
@@ -135,7 +215,8 @@ def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap:
         if reading is not None:
             reading = resample(t1, unwrap_if_wrapped(reading), t2, max_gap)
         recording = Recording(resample(t1, first.motion, t2, max_gap), second.motion, t2, reading)
-    is_known = np.isfinite(recording.body1.R).all(axis=-1) & np.isfinite(recording.body2.R).all(axis=-1)
+    bodies = (recording.body1, recording.body2 or recording.body1)
+    is_known = np.logical_and(*(np.isfinite(body.R).all(axis=-1) for body in bodies))
     if is_known.sum() < 2:
         spans = [f"{time[-1]:.4g} s in steps of {step:.4g} s" for time, step in zip(times, steps, strict=True)]
         expected = "recordings of the same time, by one clock and in one unit"
@@ -144,43 +225,36 @@ def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap:
 
 
 def _body_instants(body: _RecordedBody) -> NDArray[Any]:
-    """Return the array of instants of a body that has a file of its own; raise an ArgumentError if the file has no
-    column of instants.
-    """
     if body.t is None:
         raise ArgumentError(f"{body.path}: t", "a column, since each body has a file", "no such column")
     return body.t
 
 
 def _position_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    """Return the two tuples of column names that may hold a position, for a body with this digit or ""."""
     return tuple(f"R{digit}_{c}" for c in "xyz"), tuple(f"{c}{digit}" for c in "xyz")
 
 
 def _attitude_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    """Return the two tuples of column names that may hold an attitude, for a body with this digit or ""."""
     return tuple(f"S{digit}_{r}{c}" for r in "xyz" for c in "xyz"), tuple(f"q{c}{digit}" for c in "xyzw")
 
 
 def _pose_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    """Return all tuples of column names of positions and attitudes, for a body with this digit or ""."""
     return (*_position_column_names(digit), *_attitude_column_names(digit))
 
 
-def _has_any_column(columns: Columns, names: tuple[str, ...]) -> bool:
-    """Return whether any of the names is a column."""
-    return any(name in columns for name in names)
+_POSE_COLUMNS: Final = (  # all names that columns of instants and of poses can have
+    "t",
+    *(name for digit in ("1", "2", "") for names in _pose_column_names(digit) for name in names),
+)
 
 
-def _body_motion(path: Path, columns: Columns, column_digit: str, body_digit: str) -> BodyMotion:
-    """Return the poses of body "1" or "2" (`body_digit`) as a BodyMotion, from the columns whose names hold
-    `column_digit`, which is "" for names without a digit. An attitude is NaN if a part of it is missing or all of it
-    is 0. Matrices of few digits are projected to rotations. Body 2 without columns of an attitude is a point. Raise
-    an ArgumentError, which names the file `path`, if a column is missing.
+def _body_motion(path: Path | ColumnTable, columns: Columns, column_digit: str, *, may_be_point: bool) -> BodyMotion:
+    """Return the poses of the body whose columns end in a digit or in ""; an attitude of which a part is missing, or
+    all is 0, is NaN.
     """
     R = _stack_columns(path, columns, _position_column_names(column_digit))
-    if not any(_has_any_column(columns, names) for names in _attitude_column_names(column_digit)):
-        if body_digit == "2":
+    if all(columns.keys().isdisjoint(names) for names in _attitude_column_names(column_digit)):
+        if may_be_point:
             return BodyMotion(R=R)
         expected = (
             f"columns of the attitude of body 1: S{column_digit}_xx, ..., S{column_digit}_zz or qx{column_digit}, "
@@ -199,41 +273,56 @@ def _body_motion(path: Path, columns: Columns, column_digit: str, body_digit: st
     return BodyMotion.from_quaternion_xyzw(R=R, quat_xyzw=attitude)
 
 
-def _stack_columns(path: Path, columns: Columns, alternatives: tuple[tuple[str, ...], ...]) -> Float64Array:
-    """Stack columns along the last axis, and return the array (N, k). The columns are named by the first tuple of
-    names in `alternatives` of which any column is present. Raise an ArgumentError, which names the file `path`, if a
-    column of that tuple is missing.
-    """
-    names = next((names for names in alternatives if _has_any_column(columns, names)), alternatives[-1])
+def _stack_columns(
+    path: Path | ColumnTable, columns: Columns, alternatives: tuple[tuple[str, ...], ...]
+) -> Float64Array:
+    """Return the columns (N, k) of the first alternative of which any is present."""
+    names = next((names for names in alternatives if not columns.keys().isdisjoint(names)), alternatives[-1])
     for name in names:
         if name not in columns:
-            raise ArgumentError(
-                f"{path}: {name}",
-                f"a column, since the file has {', '.join(_present_columns(columns, names))}",
-                "none",
-            )
+            present = ", ".join(other for other in names if other in columns)
+            raise ArgumentError(f"{path}: {name}", f"a column, since the file has {present}", "none")
     return np.stack([columns[name] for name in names], axis=-1)
 
 
-def _present_columns(columns: Columns, names: Sequence[str]) -> list[str]:
-    """Return a list of the names that are columns."""
-    return [name for name in names if name in columns]
-
-
 def _read_columns(
-    path: Path, ignored_columns: Sequence[str], encoder_column: str | None, present_names: list[str]
+    path: Path | ColumnTable,
+    columns_by_name: Mapping[str, Any],
+    ignored_columns: Sequence[str],
+    encoder_column: str | None,
+    advice: ColumnAdvice,
+    present_names: list[str],
+    *,
+    is_alone: bool,
 ) -> Columns:
-    """Read the columns of a file that a recording needs, and return a dict of arrays by name. Add the names of all
-    columns of the file to the list `present_names`. `ignored_columns` are name patterns, and `encoder_column` is a
-    name or None. Raise an ArgumentError if a column is unknown or cannot be used.
-    """
+    """Return the columns that a recording needs; the names of all are added to `present_names`."""
+    stated = path.units if isinstance(path, ColumnTable) else {}
+    sources = read_column_sources(columns_by_name, _POSE_COLUMNS, unit_of, stated)
+    taken = {source.column for source in sources.values()}
+    if isinstance(path, ColumnTable):
+        path = path.without_units(taken)
 
     def choose(names: list[str]) -> list[str]:
         present_names.extend(names)
-        return _columns_to_read(names, ignored_columns, encoder_column)
+        if not sources:
+            return _columns_to_read(names, ignored_columns, encoder_column, advice)
+        for name in sources:
+            if name in names and name not in taken:
+                raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
+        known = {*taken, *_POSE_COLUMNS, encoder_column}  # the file is another's: the rest is not ours to know
+        return _columns_to_read(
+            [name for name in names if name in known], ignored_columns, encoder_column, advice, taken
+        )
 
+    def read_own_heading(heading: str) -> tuple[str, float]:
+        return (heading, 1.0) if heading in taken else read_heading(heading, unit_of)
+
+    exact = sources["t"].column if "t" in sources else "t"
     try:
-        columns = read_columns(path, ColumnRequest(choose, _component_names, exact="t"))
+        columns = read_columns(path, ColumnRequest(choose, _component_names, exact, read_own_heading))
+        if not is_alone:  # either recording may have a column
+            sources = {name: source for name, source in sources.items() if source.column in columns}
+        columns = in_own_names(columns, sources, present_names)
     except ArgumentError as error:
         name = ": ".join(filter(None, (str(path), error.name)))
         raise ArgumentError(name, error.expected, error.got) from None
@@ -241,23 +330,21 @@ def _read_columns(
 
 
 def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:
-    """Return an array (3,) or (3, 3) of the column names of the components of a vector or a matrix called `name`.
-    `sample_shape` is the shape of one sample; if it is neither (3,) nor (3, 3), return `name`, a string.
-    """
+    """Return the names of the components of a vector or a matrix, in its shape; of anything else its own name."""
     if sample_shape not in {(3,), (3, 3)}:
         return name
     return np.reshape(column_names({name: np.empty((1, *sample_shape))}), sample_shape)
 
 
-def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encoder_column: str | None) -> list[str]:
-    """Return a list of the `names` to be read: instants, poses, and `encoder_column` unless it is None. Names that
-    match a pattern in `ignored_columns` are left out, and so are columns of results that are not poses, such as
-    velocities. Raise an ArgumentError for a column that occurs twice, or that is neither known nor ignored.
-    """
-    known_names = [
-        "t",
-        *(name for digit in ("1", "2", "") for pose_names in _pose_column_names(digit) for name in pose_names),
-    ]
+def _columns_to_read(
+    names: Sequence[str],
+    ignored_columns: Sequence[str],
+    encoder_column: str | None,
+    advice: ColumnAdvice,
+    other_names: Collection[str] = (),
+) -> list[str]:
+    """Return the names to be read: instants, poses, the encoder and `other_names`, without those that are ignored."""
+    known_names = [*_POSE_COLUMNS, *other_names]
     if encoder_column is not None:
         known_names.append(encoder_column)
     wanted = []
@@ -269,21 +356,27 @@ def _columns_to_read(names: Sequence[str], ignored_columns: Sequence[str], encod
                 raise ArgumentError(name, "a column once", "a second one")
             wanted.append(name)
         elif not _IGNORED_COLUMNS.fullmatch(name):
-            short = repr(name[:40])
-            meant = _column_hint(name, known_names)
-            reads_angle = (
-                "" if meant or encoder_column is not None else f", --encoder {short} if it reads the hinge angle"
-            )
-            expected = f"columns of poses{meant}{reads_angle}, or --ignore {short}"
-            raise ArgumentError(short, expected, "an unknown column")
+            short = name[:40]
+            ours, unit = _meant_column(name, known_names)
+            template = advice.columns_with_unit if unit else advice.columns
+            ways = [template.format(ours=ours or "NAME", name=short, unit=unit)]
+            if not ours and encoder_column is None:
+                ways.append(f"{advice.encoder.format(name=short)} if it reads the hinge angle")
+            hint = f" (nearest: {ours})" if ours else ""
+            expected = f"columns of poses{hint}, {', '.join(ways)}, or {advice.ignore.format(name=short)}"
+            raise ArgumentError(repr(short), expected, "an unknown column")
     return wanted
 
 
-def _column_hint(name: str, known_names: Sequence[str]) -> str:
-    """Return the end of a message on an unknown column `name`, such as ` (nearest: t)` for `time`; "" if none of
-    `known_names` is near.
+def _meant_column(name: str, known_names: Sequence[str]) -> tuple[str, str]:
+    """Return the known column that an unknown one probably stands for, and the unit in its name, such as t and ms for
+    time_ms; empty if there is none.
     """
     lower = name.lower()
-    position = _POSITION_ALIAS.fullmatch(lower)
-    column = "t" if lower in _TIME_ALIASES else "".join(position.groups()) if position else ""
-    return f" (nearest: {column})" if column in known_names else nearest(name, known_names)
+    stem, _, unit = lower.rpartition("_")
+    for text, its_unit in ((lower, ""), (stem, unit)):
+        position = _POSITION_ALIAS.fullmatch(text)
+        column = "t" if text in _TIME_ALIASES else "".join(position.groups()) if position else text
+        if column in known_names and (not its_unit or its_unit in SCALES.get(unit_of(column), ())):
+            return column, its_unit
+    return nearest_name(name, known_names), ""

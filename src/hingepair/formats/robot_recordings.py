@@ -14,7 +14,7 @@ import numpy as np
 from hingepair.errors import ArgumentError, nearest
 from hingepair.measured.smoothing.smooth import smooth
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.column_file import ColumnRequest, read_columns
+from hingepair.tables.column_file import ColumnRequest, read_columns
 
 _MOTION = ("q", "qd", "qdd")
 
@@ -22,11 +22,8 @@ _MOTION = ("q", "qd", "qdd")
 def read_robot_recording(
     path: Path, joints: Sequence[str], bandwidth: float | None = None
 ) -> tuple[Float64Array | None, dict[str, Float64Array]]:
-    """Return the instants t [s], None where there are none, and q, qd, qdd and tau of the joints, (N, dof) each. What
-    is not recorded of qd and qdd is derived from q by `smooth`, which `bandwidth` [Hz] is handed to.
-
-    Raises:
-        ArgumentError: the file cannot be read, or a column is missing; the error names it.
+    """Return the instants t [s], None where there are none, and q, qd, qdd and tau of the joints, (N, dof) each.
+    Missing qd and qdd are derived from q by `smooth` with `bandwidth` [Hz].
     """
     present: list[str] = []
     wanted = ["t", *(f"{name}_{joint}" for name in (*_MOTION, "tau") for joint in joints)]

@@ -13,6 +13,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from hingepair.errors import URDFError
+from hingepair.formats.shape_writers import add_visual, mesh_sentences, shapes_of_body
 from hingepair.formats.xml_text import (
     add_element,
     add_inertial,
@@ -23,7 +24,7 @@ from hingepair.formats.xml_text import (
     limits_sentences,
     urdf_limits,
 )
-from hingepair.mechanism.kinds import KINDS
+from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.pair.body import DynamicsWarning
@@ -43,7 +44,7 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
             warnings.warn(message, DynamicsWarning, stacklevel=3)
     writer = _UrdfWriter(tree)
     root = writer.build(base)
-    return document(root, limits_sentences(writer.made_up_limits))
+    return document(root, [*limits_sentences(writer.made_up_limits), *mesh_sentences(tree)])
 
 
 class _UrdfWriter:
@@ -57,9 +58,7 @@ class _UrdfWriter:
         self.made_up_limits: list[tuple[str, str]] = []  # names of joints, and what URDF demands of them
 
     def build(self, base: str) -> ET.Element:
-        """Return the element <robot>. Unless `base` is "free", a joint of this type, `base`, connects the root with a
-        link `world`; names in use get a number.
-        """
+        """Return the element <robot>; a joint of the type `base`, unless "free", holds the root to a link `world`."""
         tree = self._tree
         root = ET.Element("robot", {"name": tree.name})
         add_element(add_element(root, "mujoco"), "compiler", fusestatic="false", discardvisual="false")
@@ -78,9 +77,7 @@ class _UrdfWriter:
         return root
 
     def _add_body(self, root: ET.Element, body_number: int, masses: MassProperties) -> str:
-        """Add the links of a body and the fixed joints between them. Return the name of the link at the body's joint,
-        which has its mass.
-        """
+        """Add the links of a body, and return the name of that at the body's joint, which has its mass."""
         tree = self._tree
         links = {name: frame for name, frame in tree.links.items() if frame.body == body_number}
         frames = {name: frame for name, frame in tree.frames.items() if frame.body == body_number}
@@ -92,6 +89,8 @@ class _UrdfWriter:
         link = add_element(root, "link", name=seat)
         if masses.mass or masses.inertia.any():
             add_inertial(link, masses.mass, masses.centre_of_mass, masses.inertia)
+        for shape in shapes_of_body(tree, body_number):
+            add_visual(link, shape)
         for name, frame in links.items():
             if name == seat:
                 continue
@@ -109,39 +108,46 @@ class _UrdfWriter:
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
     def _add_carrier(self, root: ET.Element, parent_link: str, order: int, joint_name: str) -> str:
-        """Add a link that carries a joint, and return its name. Readers sort siblings by the number with which the
-        name of its fixed joint begins.
-        """
+        """Add a link that carries a joint, whose fixed joint sorts it by a number; return its name."""
         held_by = _unused_name(self._joints, f"{order:04d}_{joint_name}")
         link = _unused_name(self._links, f"{held_by}_carrier")
         add_element(root, "link", name=link)
         add_urdf_joint(root, held_by, "fixed", parent_link, link)
         return link
 
-    @staticmethod
-    def _urdf_type(joint: Joint, bounded: bool) -> str:
-        written = KINDS[joint.kind].urdf
-        if written is None:
-            raise URDFError("robot", "joints that URDF has", f"{joint.name!r}, a {joint.kind}")
-        return "continuous" if written == "revolute" and not bounded else written
-
     def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
-        bounded = bool(np.isfinite(joint.position_limits).any())
-        kind = self._urdf_type(joint, bounded)
-        element = add_urdf_joint(root, joint.name, kind, parent, child)
-        add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
-        add_element(element, "axis", xyz=axis_for_urdf(joint.n))
-        if kind != "continuous" or np.isfinite((joint.effort_limit, joint.rate_limit)).any():
-            limit, made_up = urdf_limits(joint.effort_limit, joint.rate_limit)
-            self.made_up_limits.append((joint.name, made_up))
-            if bounded or kind == "prismatic":  # without numbers, readers hold a slider at 0; infinity is the largest
-                limit |= dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
-            add_element(element, "limit", **limit)
-        if joint.load.damping or joint.load.friction:
-            add_element(element, "dynamics", damping=joint.load.damping, friction=joint.load.friction)
+        element, made_up = add_moving_joint(root, joint, parent, child)
+        self.made_up_limits.append((joint.name, made_up))
         if joint.mimic is not None:
             leader = self._tree.joints[joint.mimic.leader - 1].name
             add_element(element, "mimic", joint=leader, multiplier=joint.mimic.multiplier, offset=joint.mimic.offset)
+
+
+def add_moving_joint(root: ET.Element, joint: Joint, parent: str, child: str) -> tuple[ET.Element, str]:
+    """Add a joint without its mimic rule. Return its element, and a phrase on limits that are made up (see
+    `urdf_limits`).
+
+    Raises:
+        URDFError: URDF has no such joint.
+    """
+    kind, made_up = KINDS[joint.kind].urdf, ""
+    if kind is None:
+        raise URDFError("robot", "joints that URDF has", f"{joint.name!r}, a {joint.kind}")
+    bounded = bool(np.isfinite(joint.position_limits).any())
+    if kind == "revolute" and not bounded:
+        kind = "continuous"
+    element = add_urdf_joint(root, joint.name, kind, parent, child)
+    add_element(element, "origin", xyz=joint.u, rpy=matrix_to_euler(joint.S, "xyz"))
+    add_element(element, "axis", xyz=axis_for_urdf(joint.n))
+    if kind != "continuous" or np.isfinite((joint.effort_limit, joint.rate_limit)).any():
+        limit = {}
+        if bounded or kind == "prismatic":  # without numbers, readers hold a slider at 0; infinity is the largest
+            limit = dict(zip(("lower", "upper"), np.nan_to_num(joint.position_limits).tolist(), strict=True))
+        upper, made_up = urdf_limits(joint.effort_limit, joint.rate_limit)
+        add_element(element, "limit", **limit, **upper)
+    if joint.load.damping or joint.load.friction:
+        add_element(element, "dynamics", damping=joint.load.damping, friction=joint.load.friction)
+    return element, made_up
 
 
 def is_here(frame: Frame) -> bool:

@@ -1,8 +1,8 @@
 """The robots of the package example-robot-data, and their hinges as pairs.
 
-A robot is named by its URDF's file stem, `talos_reduced`. Where two files share a stem, the name is
-`folder/stem`, the folder being the robot's own: `anymal_c_simple_description/anymal`. That form is understood for
-every robot.
+A robot is named by its URDF's file stem, `talos_reduced`; the ending `_robot` may be left out. Where two files share
+a stem, the name is `folder/stem`, the folder being the robot's own: `anymal_c_simple_description/anymal`. That form
+is understood for every robot.
 """
 
 from __future__ import annotations
@@ -19,31 +19,23 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
 
-ROBOT_DATA_DISTRIBUTION_NAME = "example-robot-data"  # the distribution that holds the robots' URDF files
+_DATA = "example-robot-data"  # the package with the URDF files
 
 
 def load_robot(
     name: str, base: str | None = None, locked: Mapping[str, float] | None = None, snap: float | None = None
 ) -> Mechanism:
-    """Return the robot `name` of the package example-robot-data as a Mechanism. `base` is "fixed", "free" or None.
-    `locked` is a dict from names of joints to the positions at which these joints are held. Angles (rpy) of the
-    URDF's origins that are within `snap` [rad] of a multiple of pi/2 are replaced by this multiple. Warn as
-    `Mechanism.from_urdf` does, for example if a joint is locked beyond its limits.
+    """Return a robot of the package example-robot-data, as `Mechanism.from_urdf` does.
 
     Args:
-        name: name of the robot: the stem of its URDF file, such as "panda", or "folder/stem". The command
+        name: the stem of its URDF file, such as "panda", or "folder/stem"; "ur5" is "ur5_robot". The command
             `hingepair robots` lists the names.
-        base: "fixed": the base rests, or moves as the argument `base_motion` of the methods prescribes; "free":
-            forces move the base. By default, it is fixed unless the URDF has a floating root joint.
-        locked: dict from names of joints to the positions [rad or m] at which these joints are held, as for
-            `Mechanism.from_urdf`. By default, no joint is locked.
-        snap: tolerance [rad] for angles near multiples of pi/2, as for `Mechanism.from_urdf`. By default, no angle is
-            replaced.
+        base: "fixed" or "free", as for `Mechanism.from_urdf`.
+        locked: positions [rad or m] at which joints are held, by their names.
+        snap: tolerance [rad] for angles near multiples of pi/2.
 
     Raises:
-        ArgumentError: there is no robot of this name, or there are several robots of this name; or base, locked or
-            snap cannot be used.
-        URDFError: the URDF file of the robot cannot be read.
+        ArgumentError: no robot has this name, or several have it.
         MissingDependencyError: example-robot-data is not installed.
 
     The second finger joint of the Panda is a mimic joint that follows the first, so locking the first is enough:
@@ -53,30 +45,26 @@ def load_robot(
     >>> robot.dof, robot.position_limits[0].tolist()
     (7, [-2.8973, 2.8973])
     """
+    if str(name).endswith((".urdf", ".xml", ".mjcf", ".xacro")):
+        reader = "from_urdf" if str(name).endswith((".urdf", ".xacro")) else "from_mjcf"
+        expected = f"a robot of {_DATA}; hp.Mechanism.{reader} reads a file"
+        raise ArgumentError("robot", expected, quoted(str(name)))
     return Mechanism.from_urdf(robot_urdf(name), base, locked, snap)
 
 
 def load_robot_hinge(robot: str, joint: str) -> HingePair:
-    """Return one hinge of a robot of the package example-robot-data as a HingePair. `robot` and `joint` are the names
-    of the robot and of the joint.
-
-    (R1, S1) is the frame of the parent link of the joint, and (R2, S2) is the frame of the child link. u1 and home
-    are the position and the rotation of the joint's `<origin>` (home is the attitude of body 2 relative to body 1 at
-    psi = 0); u2 is zero.
+    """Return one hinge of a robot of the package example-robot-data, as `hingepair.from_urdf` does, but without its
+    warnings of masses that no rigid body can have.
 
     Args:
-        robot: name of the robot: the stem of its URDF file, such as "talos_reduced", or "folder/stem".
+        robot: name of the robot, as for `load_robot`.
         joint: name of a revolute or continuous joint, which may be a mimic joint.
 
     Returns:
-        The pair, named `robot/joint`, with the limits and the mass properties that `hingepair.from_urdf` gives it.
-        `body1` combines the parent link and all links that are rigidly fixed to it, and `body2` combines the child
-        link and all links that are rigidly fixed to it. A body is None if none of its links has mass, or if no rigid
-        body can have the combined mass properties. `hingepair.from_urdf` warns of such mass properties; this function
-        does not.
+        The HingePair, named `robot/joint`, between the frames of the parent link and of the child link.
 
     Raises:
-        ArgumentError: there is no robot of this name, or there are several.
+        ArgumentError: no robot has this name, or several have it.
         URDFError: the robot has no such hinge; the message lists its hinges.
         MissingDependencyError: example-robot-data is not installed.
 
@@ -89,12 +77,7 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return the sorted names of all robots of example-robot-data: the stem of the URDF file if it is unique, else
-    `folder/stem`.
-
-    Raises:
-        MissingDependencyError: example-robot-data is not installed.
-    """
+    """Return the sorted names of all robots of example-robot-data."""
     files = _urdf_paths()
     count = Counter(_stem(name) for name in files)
     return tuple(sorted(_stem(name) if count[_stem(name)] == 1 else name for name in files))
@@ -103,15 +86,12 @@ def robot_names() -> tuple[str, ...]:
 def robot_urdf(robot: str) -> Path:
     """Return the path of the URDF file of a robot of example-robot-data.
 
-    Raises:
-        ArgumentError: no such robot, or more than one.
-        MissingDependencyError: example-robot-data is not installed.
-
     >>> robot_urdf("anymal_c_simple_description/anymal").name
     'anymal.urdf'
     """
     files = _urdf_paths()
     matching_names = [name for name in files if robot in (name, _stem(name))]
+    matching_names = matching_names or [name for name in files if _stem(name) == f"{robot}_robot"]
     if len(matching_names) == 1:
         return files[matching_names[0]]
     if matching_names:
@@ -120,38 +100,32 @@ def robot_urdf(robot: str) -> Path:
 
 
 def _expected_robot_text(robot: str) -> str:
-    """Return the part of the error message on an unknown robot that says what was expected: the number of robots and
-    the nearest names.
-    """
+    """Return what the message on an unknown robot expects, with the nearest names."""
     import difflib
 
     names = robot_names()
     lower = {name.lower(): name for name in names}
     near = [name for key, name in lower.items() if robot and (robot.lower() in key or key in robot.lower())]
     near += [lower[key] for key in difflib.get_close_matches(robot.lower(), lower, n=5) if lower[key] not in near]
-    hint = f", such as {', '.join(near[:5])}" if near else " (hingepair robots lists them)"
-    return f"one of the {len(names)} robots of {ROBOT_DATA_DISTRIBUTION_NAME}{hint}"
+    hint = f" (nearest: {', '.join(near[:5])})" if near else " (hingepair robots lists them)"
+    return f"one of the {len(names)} robots of {_DATA}{hint}"
 
 
 def _stem(name: str) -> str:
-    """Return the part of a robot's name after the last slash."""
     return name.rpartition("/")[2]
 
 
 @functools.cache
 def _urdf_paths() -> Mapping[str, Path]:
-    """Return the paths of all URDF files of example-robot-data as a read-only mapping from `folder/stem` to a Path,
-    which is cached. Raise a MissingDependencyError if the package is not installed.
-
-    The package holds only data; the list of files that its installer wrote says where they are.
-    """
+    """Return the paths of all URDF files of example-robot-data by `folder/stem`."""
     import importlib.metadata
 
+    # The package holds only data; the list of files that its installer wrote says where they are.
     try:
-        distribution = importlib.metadata.distribution(ROBOT_DATA_DISTRIBUTION_NAME)
+        distribution = importlib.metadata.distribution(_DATA)
     except importlib.metadata.PackageNotFoundError:
         raise MissingDependencyError(
-            "robot", f"the package {ROBOT_DATA_DISTRIBUTION_NAME} (pip install 'hingepair[robots]')", "none installed"
+            "robot", f"the package {_DATA} (pip install 'hingepair[robots]')", "none installed"
         ) from None
     paths: dict[str, Path] = {}
     for file in distribution.files or ():
@@ -162,7 +136,5 @@ def _urdf_paths() -> Mapping[str, Path]:
         if path.is_file() and b"<link" in path.read_bytes():  # ur3.urdf holds no robot
             paths[f"{inside.parts[0]}/{inside.stem}"] = path
     if not paths:
-        raise MissingDependencyError(
-            "robot", f"{ROBOT_DATA_DISTRIBUTION_NAME} with its robots", "none of its files listed"
-        )
+        raise MissingDependencyError("robot", f"{_DATA} with its robots", "none of its files listed")
     return MappingProxyType(paths)

@@ -9,7 +9,8 @@ parent, what the joint carries would be missing from the body that it belongs to
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -23,53 +24,40 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, combined_inertia
 
 
 def from_urdf(
-    path_or_text: str | os.PathLike[str], joint: str, body1_frame: str | None = None, body2_frame: str | None = None
+    path_or_text: str | os.PathLike[str],
+    joint: str,
+    body1_frame: str | None = None,
+    body2_frame: str | None = None,
+    *,
+    points: Iterable[str] = (),
 ) -> HingePair:
-    """Read the hinge named `joint` from a URDF file or from URDF text, and return it as a HingePair. `body1_frame`
-    and `body2_frame` name the links whose frames are (R1, S1) and (R2, S2). By default, these are the parent link and
-    the child link of the joint. Mass properties that no rigid body can have are left out, and a warning says so.
+    """Read one hinge of a robot from a URDF file or from URDF text.
+
+    Each body is the link of the joint with all links that are rigidly fixed to it.
 
     Args:
         path_or_text: path of a file, or the URDF itself (text that starts with "<").
         joint: name of a revolute or continuous joint, which may be a mimic joint.
-        body1_frame: name of the link whose frame is (R1, S1): the parent link of the joint (default), or a link that
-            is rigidly fixed to it.
-        body2_frame: name of the link whose frame is (R2, S2): the child link of the joint (default), or a link that
-            is rigidly fixed to it.
+        body1_frame: name of the link whose frame is (R1, S1): the parent link of the joint (default), or one that is
+            rigidly fixed to it.
+        body2_frame: name of the link whose frame is (R2, S2): the child link of the joint (default), or one that is
+            rigidly fixed to it. With "body2", a pair that `to_urdf` wrote has the same u2 again.
+        points: names of links that are rigidly fixed to either body. Their origins become points of the pair.
 
     Returns:
-        The pair, which has the name of the joint:
+        The HingePair, which has the name of the joint. With the default frames, u1 and home are the position and the
+        rotation of the joint's `<origin>`, and u2 is zero.
 
-        - u1 is the vector from R1 to the joint, and n is the axis of the joint, both in the axes of body 1. u2 is the
-          vector from R2 to the joint, in the axes of body 2. home is the attitude of body 2 relative to body 1 at psi
-          = 0. With the default frames, u1 and home are the position and the rotation of the joint's `<origin>`, and
-          u2 is zero.
-        - `limits` are the limits of a revolute joint. They are None for a continuous joint, and for a revolute joint
-          whose lower and upper limit are both 0 or are not stated.
-        - `torque_limit` is the effort of the joint, and `rate_limit` is the velocity of the joint; each is None if
-          the joint does not state it.
-        - `body1` combines the parent link of the joint and all links that are rigidly fixed to it, and `body2`
-          combines the child link and all links that are rigidly fixed to it. A body is None if none of its links has
-          mass. It is also None, with a warning, if no rigid body can have the combined mass properties.
-        - The `shapes` of a body are the boxes, cylinders and spheres of the `<visual>` elements of its links. There
-          are none if one of the links has other visual shapes, such as meshes.
-
-        To read a pair that `to_urdf` wrote, pass body2_frame="body2": u2 is then the u2 of that pair. For values that
-        a pair does not have, `to_urdf` may write the effort 1000, the velocity 100, the mass 1 kg and simple shapes.
-        They are read like any other values.
+        - `limits`, `torque_limit` (effort) and `rate_limit` (velocity) are None where they are not stated; limits
+          also if both are 0, and those of a continuous joint.
+        - `body1` and `body2` are None if nothing has mass, and, with a warning, if no rigid body can have the mass
+          properties. Their `shapes` are the boxes, cylinders and spheres of `<visual>`, none if a link has others,
+          such as meshes.
 
     Raises:
-        URDFError: one of the faults in this list was found. Other faults of links and joints that do not belong to
-            the two bodies are ignored.
-
-            - The URDF cannot be read.
-            - The URDF has no such hinge or frame. The message lists the hinges or frames that can be used.
-            - The lower limit is above the upper limit.
-            - A link of the two bodies is not declared exactly once, or is the child of more than one joint.
-            - The parent link and the child link of the joint are rigidly fixed to each other.
-            - A value of the two bodies is not a finite number.
-            - A joint anywhere in the robot has a parent link that is not declared. The links that this joint carries
-              might belong to one of the bodies.
+        URDFError: the URDF cannot be read, has no such hinge or frame, or what belongs to the two bodies is wrong: an
+            inertia, limits, or links that are declared twice or in a circle. Faults of other links are ignored, but
+            not a parent link that is not declared: what that joint carries might belong to one of the bodies.
 
     >>> import hingepair as hp
     >>> beam = hp.Body(mass=2, shapes=[hp.Box((1, 0.2, 0.1))])
@@ -77,7 +65,7 @@ def from_urdf(
     >>> hp.from_urdf(hp.to_urdf(pair), joint="hinge", body2_frame="body2").u2.tolist()
     [-0.25, 0.1, 0.0]
     """
-    return hinge_pair(read_urdf(path_or_text), joint, body1_frame, body2_frame, name=joint, warn=True)
+    return hinge_pair(read_urdf(path_or_text), joint, body1_frame, body2_frame, name=joint, points=points, warn=True)
 
 
 def hinge_pair(
@@ -87,15 +75,10 @@ def hinge_pair(
     body2_frame: str | None = None,
     *,
     name: str,
+    points: Iterable[str] = (),
     warn: bool = False,
 ) -> HingePair:
-    """Return a hinge of a robot as a HingePair called `name`. The frames are names of links, those of (R1, S1) and
-    (R2, S2); by default the links that the hinge connects. Mass properties that no rigid body can have are left out,
-    with a warning if `warn`.
-
-    Raises:
-        URDFError: no such hinge or frame, or what belongs to it is malformed.
-    """
+    """Return a hinge of a robot as a HingePair called `name`, with the warnings of `from_urdf` if `warn`."""
     hinge = robot.hinge(joint)
     poses1, poses2 = (_poses_of_fixed_links(robot, hinge, link) for link in (hinge.parent, hinge.child))
     if hinge.child in poses1:
@@ -103,6 +86,16 @@ def hinge_pair(
         raise URDFError(f"joint {joint!r}", expected, f"{hinge.parent!r} and {hinge.child!r}")
     frame1 = _pose_of_frame(poses1, hinge.parent, body1_frame, "body1_frame")
     frame2 = _pose_of_frame(poses2, hinge.child, body2_frame, "body2_frame")
+    points1: dict[str, Any] = {}
+    points2: dict[str, Any] = {}
+    for link in (points,) if isinstance(points, str) else points:
+        if link not in poses1 and link not in poses2:
+            expected = f"links fixed to {hinge.parent!r} or {hinge.child!r}: {choices((*poses1, *poses2))}"
+            raise URDFError("points", expected, quoted(link))
+        if link in poses1:
+            points1[link] = frame1.seen(poses1[link]).origin + 0.0
+        else:
+            points2[link] = frame2.seen(poses2[link]).origin + 0.0
     home, u1 = frame1.seen(hinge.pose)
     with np.errstate(under="ignore"):
         n, home = home @ (np.array(hinge.axis) / max(map(abs, hinge.axis))), home @ frame2.rotation
@@ -117,6 +110,8 @@ def hinge_pair(
         rate_limit=hinge.velocity,
         body1=_combined_body(robot, {link: frame1.seen(pose) for link, pose in poses1.items()}, warn),
         body2=_combined_body(robot, {link: frame2.seen(pose) for link, pose in poses2.items()}, warn),
+        points1=points1,
+        points2=points2,
     )
 
 
@@ -150,9 +145,7 @@ def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None,
 
 
 def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
-    """Return links that are fixed to each other as one Body; None if none has mass, or if no rigid body can have such
-    mass properties, which some robots have. Links without mass are not counted.
-    """
+    """Return links that are fixed to each other as one Body; None if none has mass, or if no rigid body has it."""
     with np.errstate(all="ignore"):  # what overflows is no mass property: Body refuses it
         inertias = {link: robot.links[link][0].inertia().placed(pose) for link, pose in poses.items()}
         heavy = {link: inertia for link, inertia in inertias.items() if inertia[0] != 0}
@@ -171,9 +164,7 @@ def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: boo
 
 
 def _link_shapes(robot: RobotRecord, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
-    """Return the visual shapes of links with these poses; nothing if a link is drawn by anything but boxes, cylinders
-    and spheres.
-    """
+    """Return the visual shapes of links with these poses; nothing if meshes draw a link."""
     return body_drawing(
         (link_shapes(robot.links[link][0], "visual"), (), pose) for link, pose in poses.items()
     ).shapes

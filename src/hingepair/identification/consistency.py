@@ -12,8 +12,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import FitError, MissingDependencyError
+from hingepair.errors import FitError
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.optional import require
 
 # Upper triangle of the pseudo-inertia, column by column, each entry a sum over m, h and J in the regressor's order.
 _TRIANGLE: Final = (
@@ -50,12 +51,7 @@ def consistent_parameters(
         MissingDependencyError: Clarabel is not installed.
         FitError: the solver found no such parameters.
     """
-    try:
-        import clarabel
-        from scipy import sparse
-    except ImportError as error:
-        name = "Clarabel and SciPy (pip install hingepair[measured])"
-        raise MissingDependencyError("physical", name, str(error)) from None
+    clarabel, sparse = require("clarabel", "physical"), require("scipy.sparse", "physical")
     bodies, count = len(sizes), combinations.shape[1]
     further = len(target) - len(combinations)
     unit = np.concatenate([body_units(*size) for size in sizes])

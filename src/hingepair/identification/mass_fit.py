@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, DtypeError, FitError, MissingDependencyError, ShapeError, quoted
+from hingepair.errors import ArgumentError, DtypeError, FitError, ShapeError, quoted
 from hingepair.identification.consistency import body_units, consistent_parameters
 from hingepair.measured.findings import RANDOM, Check, Finding, exceeded, verdict
 from hingepair.measured.least_squares import neighbour_correlation, sandwich
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only
-from hingepair.numeric.suspicions import suspicions
-from hingepair.numeric.tables import Sheet, Shown, align_columns, cell_text, percent
+from hingepair.numeric.optional import new_figure
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
-from hingepair.plans.arguments import CoordinateNames, Coordinates, read_arguments
+from hingepair.plans.arguments import Coordinates, read_arguments
+from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, percent
+from hingepair.tables.suspicions import suspicions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -105,14 +106,9 @@ class MassFit(Frozen, Shown):
         Raises:
             MissingDependencyError: Matplotlib is not installed.
         """
-        try:
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise MissingDependencyError("plot", "Matplotlib (pip install matplotlib)", str(error)) from None
-
         measured, fitted = _arrays(self.robot, {"tau": tau})["tau"], self.torques(q, qd, qdd)
         names = self.robot.names
-        figure = Figure(figsize=(9, 1 + 1.3 * len(names)), layout="constrained")
+        figure = new_figure(9, 1 + 1.3 * len(names))
         rows = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
         for k, axes in enumerate(rows):
             axes.plot(t, measured[:, k], linewidth=0.8, color="0.6", label="measured")
@@ -305,7 +301,7 @@ def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tup
 def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
     """Return coordinates in any of their forms as arrays of one shape (..., dof)."""
     shapes = dict.fromkeys(given, (robot.dof,))
-    read = read_arguments(given, shapes, CoordinateNames(robot.names, noun="joints"))
+    read = read_arguments(given, shapes, robot.tree.coordinate_names)
     if read.library is not None:
         raise DtypeError("q", "NumPy arrays", "arrays of another library")
     parts = [np.stack(np.broadcast_arrays(*one), axis=-1) if isinstance(one, tuple) else np.asarray(one)

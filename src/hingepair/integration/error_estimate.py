@@ -1,10 +1,9 @@
 """Estimates of the error of integrals (E12), from the errors of their steps.
 
 The error of a step is measured by steps of half its length or less (step doubling, with Richardson extrapolation).
-Errors of steps, rotated to the axes of the first instant, add up to the error at any later one. Two quadratures may
-agree by chance on a jump near the end of a step; divided differences of the values at all nodes and at two more times
-beside the ends do not. For samples the interpolant is integrated; the error of the interpolation is added
-(`interpolation_error`).
+Errors of steps, rotated to the axes of the first instant, add up to the error at any later one. Both miss a jump
+beside an end of a step; there the value is compared with the one that the nodes let expect. For samples the
+interpolant is integrated; the error of the interpolation is added (`interpolation_error`).
 
 Rounding: a step that turns by an angle a is rounded by about u a. Its nodes are rounded by about u t where the rate
 is a callable, which adds u t times the change of the rate over the step. The rounding errors of steps are
@@ -14,7 +13,6 @@ over few fast steps about that. The stamps of samples may be rounded too (`stamp
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -114,10 +112,9 @@ def largest_sum(
     """Return the size of the largest sum of errors up to any instant [rad], each times its factor; not below the root
     of the sum of squares of errors that the measurement may miss.
     """
-    scaled = integral.errors_at_start(values[1:], errors.errors).T * factors
-    total = np.cumsum(np.append(np.zeros((len(scaled), 1)), scaled, axis=1), axis=1)
-    largest = math.sqrt(float((steps.at_instants(total.T) ** 2).sum(axis=1).max()))
-    return float(np.maximum(largest, math.sqrt(float(((errors.undetected * factors) ** 2).sum()))))
+    scaled = (integral.errors_at_start(values[1:], errors.errors).T * factors).T
+    sums = np.cumsum(np.append(np.zeros((1, scaled.shape[1])), scaled, axis=0), axis=0)
+    return float(np.maximum(row_norms(steps.at_instants(sums)).max(), np.linalg.norm(errors.undetected * factors)))
 
 
 def measure_errors(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
@@ -172,40 +169,18 @@ def _step_rounding(signal: Signal, start: Array, stop: Array) -> tuple[Array, Ar
 def _undetected_errors(
     signal: CallableSignal, coarse: Subdivision, fine: Subdivision, node_values: tuple[Array, Array], rule: StepRule
 ) -> Array:
-    """Return bounds on the errors [rad] of jumps that coarse and fine steps both miss by chance; 0 where a bound does
-    not exceed twice the difference between them.
-
-    Where a callable jumps between two nodes of a pair of steps, the error of the integral may be the jump times the
-    distance of the nodes. Divided differences over many nodes estimate this product.
+    """Return bounds on the errors [rad] of jumps between an end of a pair of fine steps and their nearest node, which
+    coarse and fine steps both miss; 0 where a bound does not exceed twice the difference between them.
     """
     pairs = fine._replace(counts=fine.counts // 2, start=fine.start[::2], stop=fine.stop[1::2])
-    inside = node_values[1].reshape(len(pairs.h), 2 * len(rule.nodes), -1)
+    nodes = np.append(rule.nodes, np.add(rule.nodes, 1)) / 2
+    inside = node_values[1].reshape(len(pairs.h), len(nodes), -1)
     ends = signal.values_at_nodes(pairs.start, pairs.h, _BESIDE_ENDS).reshape(len(pairs.h), 2, -1)
-    values = np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1).transpose(1, 0, 2)
-    columns = values.reshape(len(values), -1)
-    jumps = [row_norms((rows @ columns).reshape(-1, *values.shape[1:])).max(axis=0) for rows in _jump_weights(rule)]
-    squares = pairs.sum_over_intervals((pairs.h * np.minimum(*jumps)) ** 2)
+    # Where no jump is in between, the polynomial through the values at the nodes goes through those at the ends.
+    weights = np.linalg.solve(np.vander(nodes).T, np.vander(_BESIDE_ENDS, len(nodes)).T).T
+    jumps = row_norms(ends - weights @ inside).max(axis=1)
+    squares = pairs.sum_over_intervals((nodes[0] * pairs.h * jumps) ** 2)
     measured = row_norms(
         rule.integral(node_values[0], coarse.h) - fine.sum_over_intervals(rule.integral(node_values[1], fine.h))
     )
     return np.sqrt(np.where(squares > (2.0 * measured) ** 2, squares, 0.0))
-
-
-@functools.cache
-def _jump_weights(rule: StepRule) -> tuple[Array, Array]:
-    """Return two matrices (gaps, nodes) that find jumps in the values at the nodes of two neighbouring steps and
-    beside their ends: divided differences of the rule's order and of one more, scaled so that a unit jump in a gap
-    between neighbouring nodes gives the length of the gap.
-    """
-    nodes = np.array(rule.nodes) / 2
-    x = np.concatenate([[_BESIDE_ENDS[0]], nodes, 0.5 + nodes, [_BESIDE_ENDS[1]]])
-    matrices = []
-    for order in (rule.order, rule.order + 1):
-        rows = np.zeros((len(x) - 1, len(x)))
-        for gap, row in enumerate(rows):
-            low = min(max(gap - (order - 1) // 2, 0), len(x) - order - 1)
-            near = x[low : low + order + 1]
-            weights = 1 / (near[:, None] - near + np.eye(order + 1)).prod(axis=1)
-            row[low : low + order + 1] = weights * ((x[gap + 1] - x[gap]) / weights[gap - low + 1 :].sum())
-        matrices.append(rows)
-    return matrices[0], matrices[1]

@@ -34,8 +34,6 @@ from hingepair.numeric.arrays import (
     vectors,
 )
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask, unwrap_lazy_xarray
-from hingepair.numeric.instants import instants_of, warn_of_measurements
-from hingepair.numeric.suspicions import suspicions
 from hingepair.pair.computations import STATES, computation_of
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
 from hingepair.pair.hinge_pair import HingePair
@@ -50,6 +48,8 @@ from hingepair.plans.plan import (
     make_plan,
 )
 from hingepair.rotations.matrices import check_rotation
+from hingepair.tables.instants import instants_of, warn_of_measurements
+from hingepair.tables.suspicions import suspicions
 
 RATE_FRAME_NAMES: Final = ("world", "body")  # axes in which omega1 and alpha1 may be given
 
@@ -343,9 +343,6 @@ def _solve_motions(request: _Request, first: tuple[int, ...] | None = None) -> l
     _check_finite(request, first)
     options, motions, is_planar = request.options, request.motions, request.is_planar
     rates: list[Any] = [request.signals[name] for name in ("omega1", "psid")]
-    if not motions:
-        start = float(request.start) if is_planar else request.start
-        return [_solved(options, rates, start, float(request.psi_0))]
     # One axis of motions; rates without motions are shared by all.
     rates = [rate.flattened(motions) if rate.motions else rate for rate in rates]
     starts = np.broadcast_to(request.start, motions + (() if is_planar else (3, 3)))
@@ -364,14 +361,10 @@ def _solve_motions(request: _Request, first: tuple[int, ...] | None = None) -> l
             start = float(starts[k]) if is_planar else starts[k]
             with _named_by_motion(tuple(int(i) for i in np.unravel_index(k, motions)), first):
                 given = None if integrated is None else tuple(part[k - begin] for part in integrated)
-                solutions.append(_solved(options, own, start, float(psi_0[k]), given))
+                solution = solve(options, own[0], own[1], start, float(psi_0[k]), given)
+                solution.check_tolerance(options)
+            solutions.append(solution)
     return solutions
-
-
-def _solved(options: SolveOptions, rates: Any, start: Any, psi_0: float, integrated: Any = None) -> Solution:
-    solution = solve(options, rates[0], rates[1], start, psi_0, integrated)
-    solution.check_tolerance(options)
-    return solution
 
 
 def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
@@ -379,12 +372,10 @@ def _make_trajectory(request: _Request, solutions: Sequence[Solution]) -> Any:
     t, motions = request.options.t, request.motions
 
     def stacked(rows: Sequence[Any], *shape: int) -> Any:
-        array = np.asarray(rows[0]) if not motions else np.array(rows).reshape(*motions, *shape)
-        return read_only(array)
+        array = rows[0] if len(rows) == 1 else np.array(rows)
+        return read_only(array.reshape(*motions, *shape))
 
     def lazily(errors: Sequence[LazyValue]) -> LazyValue:
-        if not motions:
-            return errors[0]
         values = np.empty(len(errors), object)
         values[:] = errors
         return LazyValue(values.reshape(motions))
@@ -422,7 +413,7 @@ def _compute_state(request: _Request, orientations: Array, psi: Array) -> Any:
         turned = S1 is not None and options.omega_in_body_axes and argument in {"omega1", "alpha1"}
         inputs[name] = rotate_to_world(S1, values) if turned and S1 is not None else values
     inputs = {name: inputs[name] for name in inputs.keys() & plan.inputs}
-    computation = computation_of(plan.kind, request.pair.constants, plan.outputs)
+    computation = computation_of(plan.kind, request.pair.constants, plan.outputs, result=STATES[plan.kind])
     return computation.run(Arguments(inputs, {"t": psi.shape}, None, {}), options.execution)
 
 
@@ -532,11 +523,11 @@ def _make_plan(pair: Constants, outputs: Outputs, arguments: Set[str], kind: Mot
     )
 
     def plan(names: tuple[str, ...]) -> Plan:
-        return make_plan(names, None, "home" in pair.values, kind=kind)
+        return make_plan(names, None, "home" in pair.values, kind=kind, points=pair.points)
 
     if outputs is None:
         return plan(tuple(name for name in default_outputs(ACCELERATION, kind) if plan((name,)).inputs <= available))
-    names = check_outputs(outputs, kind.levels) if not isinstance(outputs, tuple) or outputs else ()
+    names = check_outputs(outputs, pair.levels) if not isinstance(outputs, tuple) or outputs else ()
     for name in names:
         for missing in sorted(plan((name,)).inputs - available):
             expected = f"{_R1_FORMS.get(missing, 'a value')}, since output {name} needs it"

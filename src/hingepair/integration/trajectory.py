@@ -17,12 +17,13 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Frozen, check_choice, read_only
 from hingepair.numeric.blocks import components_of, tabulate_one
 from hingepair.numeric.dask_arrays import DaskCollection, apply_to_chunks, holds_dask
-from hingepair.numeric.tables import instant_text
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import Result
 from hingepair.pair.states import PairState, PlanarState
+from hingepair.plans.points import unit_among
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.sequences import SEQUENCE_NAMES
+from hingepair.tables.sheets import instant_text
 
 
 class LazyValue:
@@ -90,6 +91,10 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
         """Leading shape of the arrays of many motions, () of one; psi has the shape `motions + (N,)`."""
         shape: tuple[int, ...] = self.psi.shape[:-1]
         return shape
+
+    def unit(self, name: str) -> str:
+        """Return the unit of an output, or of one of its components such as R2_x or tip_x."""
+        return unit_among(self.state.outputs, name)
 
     def __getitem__(self, index: int | slice | tuple[int | slice, ...]) -> Self:
         """Return one motion, or some, of a trajectory of many motions; no array is copied.
@@ -160,12 +165,13 @@ class _TrajectoryBase(DaskCollection, Frozen, Result):
 
         Where rates are smooth, it differs from the actual error by a few per cent. The result of each step is
         compared with that of steps of half its length or less. Of a callable that jumps or has a kink, the estimate
-        is between a third of the actual error and ten times it; a pulse that is shorter than about 1/500 of the total
-        time may be missed.
+        is hardly ever below half of the actual error, and seldom above ten times it; a pulse that is shorter than
+        about 1/500 of the total time may be missed.
 
         Of samples, it includes the error of interpolation, by gaps, by motion that the samples hardly resolve, and by
         jumps and kinks anywhere between two samples, and that of time stamps rounded to double precision, single
-        precision or decimals, if the samples show this rounding. It is NaN for fewer than 4 samples.
+        precision or decimals, if the samples show this rounding. It is NaN for fewer than 4 samples, and may be
+        hundreds of times too large where four samples or fewer are a period of the motion.
 
         It does not include:
 

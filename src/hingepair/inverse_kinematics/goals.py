@@ -1,41 +1,208 @@
-"""What frames are to reach, and how the numbers of a target are ordered."""
+"""What frames are to reach: a position, an attitude, or a direction of the z axis. A kind of goal is a class.
+
+A target is a row of numbers, those of all goals in order.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
+from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, subtract
+from hingepair.equations.trees import Pose
+from hingepair.numeric.arrays import Float64Array
+
+_MAX_DISTANCE = 10.0  # from a target, in reaches of the robot; beyond, the direction alone counts
 
 
-class Goal(NamedTuple):
-    """What one frame is to reach: a position, an attitude or a direction of its z axis, or two of them."""
+class Approach(NamedTuple):
+    """What a goal adds to the equations of a step."""
+
+    rows: list[Any]  # of the Jacobian, weighted
+    error: list[Any]  # weighted as the rows
+    misfit: Scalar  # square of the weighted error
+    unmet: Scalar  # 0 within the tolerance, otherwise 1
+
+
+@dataclass(frozen=True)
+class Goal(ABC):
+    """What one frame is to reach."""
 
     frame: int  # its index in the request
-    position: bool
-    attitude: str  # "none", "axis" or "full"
+    shape: ClassVar[tuple[int, ...]]  # of a target
+    is_length: ClassVar[bool]  # whether its error is a distance [m], not an angle [rad]
 
     @property
     def size(self) -> int:
-        """Count of numbers of one target: the position, then the direction, or the rotation matrix row by row.
+        """Count of numbers of a target."""
+        return int(np.prod(self.shape))
 
-        >>> Goal(0, True, "full").size, Goal(0, True, "axis").size
-        (12, 6)
-        """
-        return 3 * self.position + {"none": 0, "axis": 3, "full": 9}[self.attitude]
+    @abstractmethod
+    def pose(self, frame: Pose) -> tuple[Scalar, ...]:
+        """Return what is compared with a target, in its order."""
+
+    @abstractmethod
+    def error(self, frame: Pose, target: Sequence[Any]) -> Scalar:
+        """Return the distance [m] or the angle [rad] from a target."""
+
+    @abstractmethod
+    def approach(self, frame: Pose, moves: list[Any], target: Sequence[Any], weight: Any, tolerance: Any) -> Approach:
+        """Return what a step towards a target needs; `moves` are the six rows of the frame's Jacobian."""
+
+    @abstractmethod
+    def comparable(self, values: Float64Array, reach: float) -> Float64Array:
+        """Return targets or poses (..., size) as numbers within (-1, 1), whatever their unit."""
 
 
-def target_slices(goals: Sequence[Goal]) -> Iterator[tuple[slice, slice]]:
-    """Yield for each goal where its position and its attitude stand in a target.
+class Position(Goal):
+    """The origin of the frame is at a point."""
 
-    >>> [*target_slices((Goal(0, True, "axis"), Goal(1, False, "full")))]
-    [(slice(0, 3, None), slice(3, 6, None)), (slice(6, 6, None), slice(6, 15, None))]
+    shape = (3,)
+    is_length = True
+
+    def pose(self, frame: Pose) -> tuple[Scalar, ...]:
+        """Return the origin."""
+        return tuple(frame.d)
+
+    def error(self, frame: Pose, target: Sequence[Any]) -> Scalar:
+        """Return the distance."""
+        return _length(subtract(_vector(target), frame.d))
+
+    def approach(self, frame: Pose, moves: list[Any], target: Sequence[Any], weight: Any, tolerance: Any) -> Approach:
+        """Return what a step needs; far off, the direction alone counts."""
+        offset = subtract(_vector(target), frame.d)
+        distance = _length(offset)
+        far = distance * weight
+        near = where_less(far, _MAX_DISTANCE, far, _MAX_DISTANCE)
+        # A target at 1e200 m must not overflow.
+        error = scale(offset, weight * where_less(far, _MAX_DISTANCE, 1.0, _MAX_DISTANCE / far))
+        rows = [[x * weight for x in row] for row in moves[:3]]
+        return Approach(rows, [*error], near * near, where_less(distance, tolerance, 0.0, 1.0))
+
+    def comparable(self, values: Float64Array, reach: float) -> Float64Array:
+        """Return shares of 1.3 reaches; positions beyond them are drawn towards the base."""
+        with np.errstate(divide="ignore", under="ignore"):
+            shrink = np.minimum(1.0, 1.3 * reach / np.abs(values).max(axis=1, initial=0.0))
+        shares: Float64Array = values * shrink[:, None] / (1.3 * reach)
+        return shares
+
+
+class _Turned(Goal):
+    """A goal of the attitude, whose error is an angle."""
+
+    is_length = False
+
+    @abstractmethod
+    def _turn(self, S: Sequence[Any], target: Sequence[Any]) -> tuple[Vector, Scalar, Scalar]:
+        """Return the axis of the turn to a target, as long as the sine of the angle, and the sine and the cosine."""
+
+    @abstractmethod
+    def _rows(self, frame: Pose, moves: list[Any], turn: Vector) -> tuple[list[Any], list[Any]]:
+        """Return the rows of angular velocity that change the error, and the turn along them."""
+
+    def error(self, frame: Pose, target: Sequence[Any]) -> Scalar:
+        """Return the angle."""
+        _, sine, cosine = self._turn(frame.S, target)
+        return arc_tangent(sine, cosine)
+
+    def approach(self, frame: Pose, moves: list[Any], target: Sequence[Any], weight: Any, tolerance: Any) -> Approach:
+        """Return what a step needs: the sine of the angle; beyond a right angle, where that decreases, 1 rad."""
+        turn, sine, cosine = self._turn(frame.S, target)
+        least = where_less(sine, 1e-9, 1e-9, sine)
+        turn = scale(turn, weight * where_less(cosine, 0.0, 1.0 / least, 1.0))
+        turns, error = self._rows(frame, moves, turn)
+        rows = [[x * weight for x in row] for row in turns]
+        unmet = where_less(off_axis(sine, cosine), tolerance, 0.0, 1.0)
+        return Approach(rows, error, (1.0 - cosine) * (0.5 * weight * weight), unmet)
+
+    def comparable(self, values: Float64Array, reach: float) -> Float64Array:  # noqa: ARG002
+        """Return entries of rotations as they are."""
+        return values
+
+
+class Attitude(_Turned):
+    """The frame has an attitude."""
+
+    shape = (3, 3)
+
+    def pose(self, frame: Pose) -> tuple[Scalar, ...]:
+        """Return the rotation matrix row by row."""
+        return tuple(frame.S)
+
+    def _turn(self, S: Sequence[Any], target: Sequence[Any]) -> tuple[Vector, Scalar, Scalar]:
+        turn: Vector = (0.0, 0.0, 0.0)
+        for c in range(3):
+            turn = add(turn, cross((S[c], S[3 + c], S[6 + c]), (target[c], target[3 + c], target[6 + c])))
+        turn = scale(turn, 0.5)
+        # The trace alone would lose half of the digits of a small angle.
+        cosine = (sum_of(S[k] * target[k] for k in range(9)) - 1.0) * 0.5
+        return turn, square_root(dot(turn, turn)), cosine
+
+    def _rows(self, frame: Pose, moves: list[Any], turn: Vector) -> tuple[list[Any], list[Any]]:  # noqa: ARG002
+        return moves[3:], [*turn]
+
+
+class Direction(_Turned):
+    """The z axis of the frame has a direction; the turn about it is free."""
+
+    shape = (3,)
+
+    def pose(self, frame: Pose) -> tuple[Scalar, ...]:
+        """Return the z axis."""
+        return tuple(frame.S[2::3])
+
+    def _turn(self, S: Sequence[Any], target: Sequence[Any]) -> tuple[Vector, Scalar, Scalar]:
+        z = _vector(S[2::3])
+        turn = cross(z, _vector(target))
+        return turn, square_root(dot(turn, turn)), dot(z, _vector(target))
+
+    def _rows(self, frame: Pose, moves: list[Any], turn: Vector) -> tuple[list[Any], list[Any]]:
+        axes = [_vector(frame.S[c::3]) for c in range(2)]  # a turn about z changes nothing
+        rows = [[dot(axis, column) for column in zip(*moves[3:], strict=True)] for axis in axes]
+        return rows, [dot(axis, turn) for axis in axes]
+
+
+def target_slices(goals: Sequence[Goal]) -> Iterator[slice]:
+    """Yield for each goal where its numbers stand in a target.
+
+    >>> [*target_slices((Position(0), Direction(0), Attitude(1)))]
+    [slice(0, 3, None), slice(3, 6, None), slice(6, 15, None)]
     """
     first = 0
     for goal in goals:
-        middle, end = first + 3 * goal.position, first + goal.size
-        yield slice(first, middle), slice(middle, end)
-        first = end
+        yield slice(first, first + goal.size)
+        first += goal.size
 
 
 def target_size(goals: Sequence[Goal]) -> int:
     """Return the count of numbers of one target of all goals."""
     return sum(goal.size for goal in goals)
+
+
+def off_axis(sine: Any, cosine: Any) -> Any:
+    """Return a number that grows with an angle from 0 to pi: its sine up to pi/2, and 2 less the sine beyond. It
+    takes no arc tangent.
+    """
+    return where_less(cosine, 0.0, 2.0 - sine, sine)
+
+
+def sum_of(parts: Any) -> Any:
+    """Return the sum of at least one part, without adding them to 0."""
+    first, *others = parts
+    for part in others:
+        first = first + part
+    return first
+
+
+def _vector(parts: Sequence[Any]) -> Vector:
+    x, y, z = parts
+    return x, y, z
+
+
+def _length(v: Vector) -> Scalar:
+    return hypotenuse(hypotenuse(v[0], v[1]), v[2])

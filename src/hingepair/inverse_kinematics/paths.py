@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.inverse_kinematics.search import Found, Solver, Wish
+from hingepair.inverse_kinematics.search import Solutions, Solver, Targets
 from hingepair.numeric.arrays import Float64Array
 
 _BRANCHES: Final = 16  # followed at once
@@ -24,17 +24,17 @@ _MAX_NUMBERS: Final = 20_000_000  # of the branches that are remembered
 class Path(NamedTuple):
     """P paths of N samples."""
 
-    found: Found  # (P, N, ...)
+    found: Solutions  # (P, N, ...)
     jumps: NDArray[np.bool_]  # (P, N)
     steps: NDArray[np.int64]  # (P, N)
 
 
-def follow(solver: Solver, wish: Wish, shape: tuple[int, int], max_change: float, seed: int) -> Path:
+def follow(solver: Solver, targets: Targets, shape: tuple[int, int], max_change: float, seed: int) -> Path:
     """Follow paths of targets.
 
     Args:
         solver: the solver of the robot.
-        wish: what is wanted of all samples, path after path; `near` is where a path starts.
+        targets: those of all samples, path after path; `near` is where a path starts.
         shape: number of paths, and of samples of each.
         max_change: greatest change of a coordinate from one sample to the next that is no jump [rad or m].
         seed: seed of the starts.
@@ -44,12 +44,12 @@ def follow(solver: Solver, wish: Wish, shape: tuple[int, int], max_change: float
     size = max(1, _MAX_NUMBERS // (shape[1] * _BRANCHES * solver.dof))
     for first in range(0, shape[0], size):
         some = slice(first, first + size)
-        branches = _Branches(solver, wish.at(rows[some].ravel()), rows[some].shape, max_change, seed)
+        branches = _Branches(solver, targets.at(rows[some].ravel()), rows[some].shape, max_change, seed)
         q[some], steps[some] = branches.run()
-    flat, found = q.reshape(-1, solver.dof), Found.nothing((rows.size,), solver)
+    flat, found = q.reshape(-1, solver.dof), Solutions.nothing((rows.size,), solver)
     finite = np.flatnonzero(np.isfinite(flat).all(axis=1))
     if len(finite):
-        found.put(finite, solver.measure(flat[finite], wish.at(finite)))
+        found.put(finite, solver.measure(flat[finite], targets.at(finite)))
     jumps = np.zeros(shape, bool)
     last = q[:, 0]
     for i in range(1, shape[1]):
@@ -62,8 +62,10 @@ def follow(solver: Solver, wish: Wish, shape: tuple[int, int], max_change: float
 class _Branches:
     """The branches of some paths, up to the sample that they have reached."""
 
-    def __init__(self, solver: Solver, wish: Wish, shape: tuple[int, ...], max_change: float, seed: int) -> None:
-        self.solver, self.wish, self.max_change, self.seed = solver, wish, max_change, seed
+    def __init__(
+        self, solver: Solver, targets: Targets, shape: tuple[int, ...], max_change: float, seed: int
+    ) -> None:
+        self.solver, self.targets, self.max_change, self.seed = solver, targets, max_change, seed
         self.paths, self.samples = shape
         lanes = self.paths, _BRANCHES
         self.q = np.full((*lanes, solver.dof), np.nan)
@@ -73,10 +75,10 @@ class _Branches:
         self.begin = np.zeros(self.paths, np.int64)  # of the branches that are followed
         self.steps = np.zeros(shape, np.int64)
         self.last = np.full((self.paths, solver.dof), np.nan)  # the coordinates before that; NaN without any
-        self.finite = np.logical_and.reduce(np.isfinite(wish.targets), axis=1)
+        self.finite = np.logical_and.reduce(np.isfinite(targets.poses), axis=1)
         # One solution of each sample tells which are within reach.
-        self.one = Found.nothing((len(wish.targets),), solver)
-        some = wish.at(self.finite)._replace(near=None, posture=None)
+        self.one = Solutions.nothing((len(targets.poses),), solver)
+        some = targets.at(self.finite)._replace(near=None, posture=None)
         found, self.steps.ravel()[self.finite], _ = solver.first(some, seed)
         self.one.put(self.finite, found)
 
@@ -102,12 +104,12 @@ class _Branches:
         lasting = np.zeros(self.paths, bool)
         if not len(path):
             return lasting
-        before, wish = self.q[path, branch], self.wish.at(here[path])
-        ends, taken = self.solver.descend(before, wish, _CHECKS)
+        before, targets = self.q[path, branch], self.targets.at(here[path])
+        ends, taken = self.solver.descend(before, targets, _CHECKS)
         np.add.at(self.steps[:, i], path, taken)
-        found = self.solver.measure(ends, wish)
-        if wish.posture is not None:
-            pulled = self.solver.pull(found.at(slice(None)), wish, _PULLS)
+        found = self.solver.measure(ends, targets)
+        if targets.posture is not None:
+            pulled = self.solver.pull(found.at(slice(None)), targets, _PULLS)
             near = (np.abs(pulled.q - before) <= self.max_change).all(axis=1)
             found.put(near, pulled.at(near))
         change = np.abs(found.q - before)
@@ -132,27 +134,27 @@ class _Branches:
     def _begin(self, paths: NDArray[np.int64], i: int, here: NDArray[np.int64]) -> None:
         """Begin branches at a sample: at solutions near the sample before, or else at all."""
         first = np.isnan(self.last[paths]).any(axis=1)
-        near = self.solver.middle if self.wish.near is None else self.wish.near[here]
+        near = self.solver.middle if self.targets.near is None else self.targets.near[here]
         last = np.where(first[:, None], near, self.last[paths])
-        found = Found.nothing((len(paths), _BRANCHES), self.solver)
+        found = Solutions.nothing((len(paths), _BRANCHES), self.solver)
         found.q[:, 0] = self.one.q[here]  # out of reach: the closest pose
         alive = np.zeros((len(paths), _BRANCHES), bool)
         alive[:, 0] = True
         within = self.one.ok[here]
         if within.any():
-            wish = self.wish.at(here[within])._replace(near=last[within])
-            some, taken, _ = self.solver.several(wish, _BRANCHES, self.seed)
+            targets = self.targets.at(here[within])._replace(near=last[within])
+            some, taken, _ = self.solver.several(targets, _BRANCHES, self.seed)
             self.steps[paths[within], i] += taken
             found.put(within, some)
             alive[within] = some.ok
         change = np.abs(found.q - last[:, None]).max(axis=2)
         close = found.ok & (change <= self.max_change)
         alive = np.where((close.any(axis=1) & ~first)[:, None], close, alive)
-        if self.wish.near is not None:  # a path starts at the solution nearest to q0
+        if self.targets.near is not None:  # a path starts at the solution nearest to q0
             alive[first, 1:] = False
         astray = ~found.ok[:, 0] & ~first
         if astray.any():  # the closest pose next to the one before
             alive[astray] = np.arange(_BRANCHES) == 0
-            found.q[astray, 0] = self.solver.approached(last[astray], self.wish.at(here[astray])).q
+            found.q[astray, 0] = self.solver.approached(last[astray], self.targets.at(here[astray])).q
         self.q[paths], self.alive[paths] = found.q, alive
         self.travel[paths] = np.where(first[:, None] | ~alive, 0.0, change)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from hingepair.engine.calls import Call
 from hingepair.engine.results import Results
-from hingepair.inverse_kinematics.goals import Goal
+from hingepair.inverse_kinematics.goals import Goal, off_axis
 from hingepair.inverse_kinematics.starts import PER_SHARE, Starts
-from hingepair.inverse_kinematics.steps import Problem, measure_loop, off_axis, step_loop
+from hingepair.inverse_kinematics.steps import Problem, measure_loop, step_loop
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.trees import Form, Request
@@ -29,12 +29,12 @@ _ROUNDS: Final = (0, 1, 2, 4, 8, 16, 32, 64)  # trials after which a target that
 _DIVERSE: Final = 8  # starts of a share of which the nearest is taken where several solutions are wanted
 _CHECKS: Final = (5, 3, 4, 8)  # steps of a trial, after each of which solved targets rest
 _LANES: Final = 4096  # trials at a time, whose arrays stay in the cache of a core
-_CLOSE_TRIALS: Final = 16  # for the closest pose where no trial led to a solution,
-_CLOSE_STEPS: Final = 60  # of so many steps each,
-_LAST_STEPS: Final = 200  # and so many from the best of them
-_PULLS: Final = 40  # rounds towards a posture,
-_PULL_STEPS: Final = 4  # each of so many steps,
-_LAST_PULLS: Final = 3  # and so many without it, which bring the errors back
+_CLOSE_TRIALS: Final = 16  # of the search for the closest pose, where no trial led to a solution
+_CLOSE_STEPS: Final = 60  # of each of these trials
+_LAST_STEPS: Final = 200  # further steps from the best of these trials to the closest pose
+_PULLS: Final = 40  # rounds of the approach to a posture
+_PULL_STEPS: Final = 4  # of each round towards the posture
+_LAST_PULLS: Final = 3  # further steps of a round without the posture, which bring the errors back
 _DISTINCT: Final = 1e-3  # rad, or m; solutions that differ by less are one
 _TURN: Final = 2 * np.pi
 
@@ -42,19 +42,19 @@ Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
 
-class Wish(NamedTuple):
-    """What is wanted of N targets."""
+class Targets(NamedTuple):
+    """N targets, and which of their solutions are wanted."""
 
-    targets: Float64Array  # (N, numbers of a target)
+    poses: Float64Array  # (N, numbers of a target)
     near: Float64Array | None  # coordinates of the first trial (N, dof), to which solutions are near
     posture: Float64Array | None  # (N, dof), taken as far as it leaves the frames where they are
     position_tolerance: float  # m
     angle_tolerance: float  # rad
 
-    def at(self, index: Any) -> Wish:
-        """Return the wish of some of the targets."""
+    def at(self, index: Any) -> Targets:
+        """Return some of them."""
         near, posture = (None if one is None else one[index] for one in (self.near, self.posture))
-        return self._replace(targets=self.targets[index], near=near, posture=posture)
+        return self._replace(poses=self.poses[index], near=near, posture=posture)
 
     def options(self, caution: float = 0.0, pull: float = 0.0) -> Float64Array:
         """Return the `steps.OPTIONS`."""
@@ -63,31 +63,31 @@ class Wish(NamedTuple):
         return np.array((caution, *np.nextafter((self.position_tolerance, limit), np.inf), pull))
 
 
-class Found(NamedTuple):
+class Solutions(NamedTuple):
     """Ends of trials, or what was chosen of them, for N targets or (N, ...)."""
 
     q: Float64Array  # (N, dof)
-    errors: Float64Array  # (N, goals, 2): distances [m] and angles [rad]
+    errors: Float64Array  # (N, goals): distances [m] and angles [rad]
     ok: Booleans  # (N,)
 
     @classmethod
-    def nothing(cls, shape: tuple[int, ...], solver: Solver) -> Found:
+    def nothing(cls, shape: tuple[int, ...], solver: Solver) -> Solutions:
         """Return NaN for a shape of targets."""
-        errors = np.full((*shape, len(solver.goals), 2), np.nan)
+        errors = np.full((*shape, len(solver.goals)), np.nan)
         return cls(np.full((*shape, solver.dof), np.nan), errors, np.zeros(shape, bool))
 
-    def at(self, index: Any) -> Found:
+    def at(self, index: Any) -> Solutions:
         """Return copies of some of them."""
-        return Found(self.q[index], self.errors[index], self.ok[index])
+        return Solutions(self.q[index], self.errors[index], self.ok[index])
 
-    def put(self, index: Any, other: Found) -> None:
+    def put(self, index: Any, other: Solutions) -> None:
         """Replace some of them."""
         self.q[index], self.errors[index], self.ok[index] = other
 
-    def reshape(self, *shape: int) -> Found:
+    def reshape(self, *shape: int) -> Solutions:
         """Return them in another shape."""
-        errors = self.errors.reshape(*shape, *self.errors.shape[-2:])
-        return Found(self.q.reshape(*shape, self.q.shape[-1]), errors, self.ok.reshape(shape))
+        errors = self.errors.reshape(*shape, self.errors.shape[-1])
+        return Solutions(self.q.reshape(*shape, self.q.shape[-1]), errors, self.ok.reshape(shape))
 
 
 class Solver:
@@ -100,7 +100,7 @@ class Solver:
         goals: what the frames are to reach.
         limits: least and greatest coordinates, shape (dof, 2).
         reaches: for each goal, the stretched length of the chain that carries its frame [m].
-        weights: for each goal, what a metre and a radian of its errors count where not all can vanish.
+        weights: for each goal, what a metre or a radian of its error counts where not all can vanish.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Solver:
         goals: tuple[Goal, ...],
         limits: Float64Array,
         reaches: tuple[float, ...],
-        weights: Sequence[tuple[float, float]],
+        weights: Sequence[float],
     ) -> None:
         self.dof = form.dof
         self.low, self.high = np.ascontiguousarray(limits.T)
@@ -122,11 +122,11 @@ class Solver:
         self._shifts[[column for column, axis in zip(form.columns, form.axes, strict=True) if axis.shifts]] = True
         # A coordinate that also drives a mimic joint is not the same after a turn.
         self._turns = (np.bincount(form.columns, minlength=form.dof) == 1) & ~self._shifts
-        largest = max(max(place * reach, angle) for (place, angle), reach in zip(weights, reaches, strict=True))
-        self._weights = np.array(weights, np.float64) / largest
+        sizes = [reach if goal.is_length else 1.0 for goal, reach in zip(goals, reaches, strict=True)]
+        self._weights = np.array(weights, np.float64) / max(np.multiply(weights, sizes))
         bounded = bool(np.isfinite(limits[self._moving]).any())
         self._problem = Problem(form, request, goals, bounded, len(constants))
-        self._known = {"constants": constants, "weights": self._weights.ravel(), "low": self.low, "high": self.high}
+        self._known = {"constants": constants, "weights": self._weights, "low": self.low, "high": self.high}
         self._measure_call = self._call(measure_loop(self._problem))
         self._step_call = self._call(step_loop(self._problem, False))
         finite = np.isfinite(self.low) & np.isfinite(self.high)
@@ -160,39 +160,39 @@ class Solver:
 
     # ---- one solution of each target
 
-    def first(self, wish: Wish, seed: int) -> tuple[Found, Integers, Integers]:
+    def first(self, targets: Targets, seed: int) -> tuple[Solutions, Integers, Integers]:
         """Return for each target the solution of the first trial that leads to one, or the closest pose found; and
         the counts of steps and starts.
         """
-        count = len(wish.targets)
-        found = Found.nothing((count,), self)
+        count = len(targets.poses)
+        found = Solutions.nothing((count,), self)
         steps, starts = np.zeros(count, np.int64), np.zeros(count, np.int64)
         left = np.arange(count)
         for first, end in itertools.pairwise(_ROUNDS):
             for at in _pieces(left, max(1, _LANES // (end - first))):
-                ends, taken = self._trials(wish.at(at), range(first, end), PER_SHARE, seed)
+                ends, taken = self._trials(targets.at(at), range(first, end), PER_SHARE, seed)
                 best = ends.ok.argmax(axis=1)  # the first of those that are True
                 found.put(at, ends.at((np.arange(len(at)), best)))
                 steps[at] += taken
                 starts[at] = end
             left = left[~found.ok[left]]
         for at in _pieces(left, max(1, _LANES // _CLOSE_TRIALS)):
-            ends, taken = self._closest(wish.at(at), seed)
+            ends, taken = self._closest(targets.at(at), seed)
             found.put(at, ends)
             steps[at] += taken
         return found, steps, starts
 
     # ---- several solutions of each target
 
-    def several(self, wish: Wish, count: int, seed: int) -> tuple[Found, Integers, Integers]:
-        """Return up to `count` solutions of each target, those nearest to `wish.near` first; without one, the closest
-        pose found. What was not found is NaN. Return the counts of steps and starts, too.
+    def several(self, targets: Targets, count: int, seed: int) -> tuple[Solutions, Integers, Integers]:
+        """Return up to `count` solutions of each target, those nearest to `targets.near` first; without one, the
+        closest pose found. What was not found is NaN. Return the counts of steps and starts, too.
         """
-        size = len(wish.targets)
-        found = Found.nothing((size, count), self)
+        size = len(targets.poses)
+        found = Solutions.nothing((size, count), self)
         steps = np.zeros(size, np.int64)
         for at in _pieces(np.arange(size), 4 * _LANES // MAX_TRIALS):
-            part = wish.at(at)
+            part = targets.at(at)
             ends, steps[at] = self._trials(part, range(MAX_TRIALS), _DIVERSE, seed)
             chosen = self._nearest(ends, self._centre(part), count)
             missed = ~chosen.ok[:, 0]
@@ -203,12 +203,12 @@ class Solver:
             found.put(at, chosen)
         return found, steps, np.full(size, MAX_TRIALS)
 
-    def _nearest(self, ends: Found, centre: Float64Array, count: int) -> Found:
+    def _nearest(self, ends: Solutions, centre: Float64Array, count: int) -> Solutions:
         """Return `count` distinct solutions of each target, the nearest first."""
         rows = np.arange(len(ends.q))
         distance = np.where(ends.ok, _sum_of_squares(ends.q - centre[:, None]), np.inf)
         order = np.argsort(distance, axis=1, kind="stable")
-        chosen = Found.nothing((len(ends.q), count), self)
+        chosen = Solutions.nothing((len(ends.q), count), self)
         place = np.zeros(len(ends.q), np.int64)
         for k in range(MAX_TRIALS):
             one = ends.at((rows, order[:, k]))
@@ -222,52 +222,56 @@ class Solver:
 
     # ---- trials
 
-    def _trials(self, wish: Wish, trials: range, among: int, seed: int) -> tuple[Found, Integers]:
+    def _trials(self, targets: Targets, trials: range, among: int, seed: int) -> tuple[Solutions, Integers]:
         """Return the ends of trials of N targets, (N, trials), and the counts of all their steps."""
-        starts = [self._start(wish, k, among, seed) for k in trials]
-        shape = len(wish.targets), len(trials)
-        lanes = wish if len(trials) == 1 else wish.at(np.repeat(np.arange(shape[0]), shape[1]))
+        starts = [self._start(targets, k, among, seed) for k in trials]
+        shape = len(targets.poses), len(trials)
+        lanes = targets if len(trials) == 1 else targets.at(np.repeat(np.arange(shape[0]), shape[1]))
         ends, steps = self.descend(np.stack(starts, axis=1).reshape(-1, self.dof), lanes)
         return self._finish(ends, lanes).reshape(*shape), steps.reshape(shape).sum(axis=1)
 
-    def _start(self, wish: Wish, trial: int, among: int, seed: int) -> Float64Array:
+    def _start(self, targets: Targets, trial: int, among: int, seed: int) -> Float64Array:
         """Return the start of a trial; joints that do not move the frames stand where they are to stay."""
         starts = self.starts(seed)
-        if wish.near is None and wish.posture is None:
-            return starts.nearest(wish.targets, trial, among)
-        own = np.clip(self._centre(wish), self.low, self.high)
-        if wish.near is not None:
+        if targets.near is None and targets.posture is None:
+            return starts.nearest(targets.poses, trial, among)
+        own = np.clip(self._centre(targets), self.low, self.high)
+        if targets.near is not None:
             trial -= 1
-        start = own if trial < 0 else np.where(self._moving, starts.nearest(wish.targets, trial, among), own)
-        if wish.posture is not None:
-            start = np.where(self._moving, start, np.clip(wish.posture, self.low, self.high))
+        start = own if trial < 0 else np.where(self._moving, starts.nearest(targets.poses, trial, among), own)
+        if targets.posture is not None:
+            start = np.where(self._moving, start, np.clip(targets.posture, self.low, self.high))
         return start
 
-    def _centre(self, wish: Wish) -> Float64Array:
+    def _centre(self, targets: Targets) -> Float64Array:
         """Return the coordinates to which solutions are to be near."""
-        if wish.near is not None:
-            return wish.near
-        return np.broadcast_to(self.middle, (len(wish.targets), self.dof)) if wish.posture is None else wish.posture
+        if targets.near is not None:
+            return targets.near
+        if targets.posture is not None:
+            return targets.posture
+        return np.broadcast_to(self.middle, (len(targets.poses), self.dof))
 
-    def descend(self, q: Float64Array, wish: Wish, checks: Sequence[int] = _CHECKS) -> tuple[Float64Array, Integers]:
+    def descend(
+        self, q: Float64Array, targets: Targets, checks: Sequence[int] = _CHECKS
+    ) -> tuple[Float64Array, Integers]:
         """Take steps from coordinates until the errors are within the tolerances. Return where the errors were
         judged last, and the counts of steps.
         """
         ends, steps, lanes = np.empty_like(q), np.zeros(len(q), np.int64), np.arange(len(q))
-        targets, options = wish.targets, wish.options()
+        poses, options = targets.poses, targets.options()
         for count in checks:
-            before, q, unmet = self._steps(q, targets, options, count)
+            before, q, unmet = self._steps(q, poses, options, count)
             ends[lanes] = before
             steps[lanes] += count
             going = unmet > 0
-            lanes, q, targets = lanes[going], q[going], targets[going]
+            lanes, q, poses = lanes[going], q[going], poses[going]
             if not len(lanes):
                 break
         return ends, steps
 
-    def _finish(self, q: Float64Array, wish: Wish) -> Found:
+    def _finish(self, q: Float64Array, targets: Targets) -> Solutions:
         """Turn hinges by full turns towards what solutions are to be near, move to the posture, and measure."""
-        return self.pull(self.measure(self._turned(q, self._centre(wish)), wish), wish)
+        return self.pull(self.measure(self._turned(q, self._centre(targets)), targets), targets)
 
     def _turned(self, q: Float64Array, near: Float64Array) -> Float64Array:
         """Turn hinges by full turns within their limits, as near to some coordinates as they get."""
@@ -277,19 +281,19 @@ class Solver:
         turned: Float64Array = np.clip(moved, self.low, self.high)
         return turned
 
-    def pull(self, found: Found, wish: Wish, rounds: int = _PULLS) -> Found:
+    def pull(self, found: Solutions, targets: Targets, rounds: int = _PULLS) -> Solutions:
         """Move solutions towards the posture as far as that leaves the frames where they are."""
         lanes = np.flatnonzero(found.ok)
-        if wish.posture is None or not len(lanes):
+        if targets.posture is None or not len(lanes):
             return found
-        part, posture = wish.at(lanes), wish.posture[lanes]
+        part, posture = targets.at(lanes), targets.posture[lanes]
         best = found.at(lanes)
         distance = _sum_of_squares(best.q - posture)
         options = np.tile(part.options(pull=1.0), (len(lanes), 1))
         for _ in range(rounds):
             q = best.q
             for _ in range(_PULL_STEPS):
-                q = self._pull_call.rows(q, part.targets, options, posture)["q_new"]
+                q = self._pull_call.rows(q, part.poses, options, posture)["q_new"]
             moved = self.measure(self.descend(q, part, (_LAST_PULLS,))[0], part)
             now = _sum_of_squares(moved.q - posture)
             nearer = moved.ok & (now < distance)
@@ -302,42 +306,42 @@ class Solver:
 
     # ---- targets out of reach
 
-    def _closest(self, wish: Wish, seed: int) -> tuple[Found, Integers]:
+    def _closest(self, targets: Targets, seed: int) -> tuple[Solutions, Integers]:
         """Return the closest poses found of targets that no trial reached, and the counts of steps."""
-        count = len(wish.targets)
-        lanes = wish.at(np.repeat(np.arange(count), _CLOSE_TRIALS))
-        starts = [self._start(wish, k, PER_SHARE, seed) for k in range(_CLOSE_TRIALS)]
+        count = len(targets.poses)
+        lanes = targets.at(np.repeat(np.arange(count), _CLOSE_TRIALS))
+        starts = [self._start(targets, k, PER_SHARE, seed) for k in range(_CLOSE_TRIALS)]
         q = np.stack(starts, axis=1).reshape(-1, self.dof)
         q = self._approach(q, lanes, _CLOSE_STEPS)
         best = self._misfit(self.measure(q, lanes).errors).reshape(count, -1).argmin(axis=1)
         q = q.reshape(count, _CLOSE_TRIALS, self.dof)[np.arange(count), best]
-        return self.approached(q, wish), np.full(count, _CLOSE_TRIALS * _CLOSE_STEPS + _LAST_STEPS)
+        return self.approached(q, targets), np.full(count, _CLOSE_TRIALS * _CLOSE_STEPS + _LAST_STEPS)
 
-    def approached(self, q: Float64Array, wish: Wish) -> Found:
+    def approached(self, q: Float64Array, targets: Targets) -> Solutions:
         """Return the closest poses to targets in the neighbourhood of coordinates."""
-        q = self._approach(q, wish, _LAST_STEPS)
-        return self.measure(self._turned(q, self._centre(wish)), wish)
+        q = self._approach(q, targets, _LAST_STEPS)
+        return self.measure(self._turned(q, self._centre(targets)), targets)
 
-    def _approach(self, q: Float64Array, wish: Wish, count: int) -> Float64Array:
+    def _approach(self, q: Float64Array, targets: Targets, count: int) -> Float64Array:
         """Take cautious steps, which converge where the errors do not vanish."""
-        return self._steps(q, wish.targets, wish.options(caution=1.0), count)[1]
+        return self._steps(q, targets.poses, targets.options(caution=1.0), count)[1]
 
     def _misfit(self, errors: Float64Array) -> Float64Array:
-        """Return the weighted sums of squares of errors (N, goals, 2)."""
+        """Return the weighted sums of squares of errors (N, goals)."""
         with np.errstate(over="ignore"):
-            return _sum_of_squares((errors * self._weights).reshape(len(errors), -1))
+            return _sum_of_squares(errors * self._weights)
 
     # ---- kernels
 
-    def measure(self, q: Float64Array, wish: Wish) -> Found:
+    def measure(self, q: Float64Array, targets: Targets) -> Solutions:
         """Return coordinates with their errors."""
-        errors = np.array(self._measure_call.rows(q, wish.targets)["errors"])
-        tolerances = np.array((wish.position_tolerance, wish.angle_tolerance))
-        within = np.logical_and.reduce((errors <= tolerances).reshape(len(q), -1), axis=1)
-        return Found(q, errors, within)
+        errors = np.array(self._measure_call.rows(q, targets.poses)["errors"])
+        both = targets.angle_tolerance, targets.position_tolerance
+        within = np.logical_and.reduce(errors <= [both[goal.is_length] for goal in self.goals], axis=1)
+        return Solutions(q, errors, within)
 
     def _steps(
-        self, q: Float64Array, targets: Float64Array, options: Float64Array, count: int
+        self, q: Float64Array, poses: Float64Array, options: Float64Array, count: int
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Take `count` steps. Return the coordinates before and after the last one, and the counts of errors beyond
         their tolerances before it.
@@ -346,7 +350,7 @@ class Solver:
         options = np.broadcast_to(options, (len(q), len(options)))
         for _ in range(count):
             before = q
-            found = step(q, targets, options)
+            found = step(q, poses, options)
             q = found["q_new"]
         return before, q, found["unmet"]
 

@@ -46,7 +46,7 @@ class Starts:
         self._measure, self._goals, self._reaches = measure, goals, reaches
         self._low, self._high, self._seed = low, high, seed
         # The sum of products of a target with a pose stays below 2^24, up to which float32 holds integers.
-        self._fine = min(1.0, (10 / len(goals)) ** 0.5)
+        self._fine = min(1.0, (10 / len({goal.frame for goal in goals})) ** 0.5)
         self._shares: dict[int, tuple[Float64Array, NDArray[np.float32]]] = {}
 
     def nearest(self, targets: Float64Array, share: int, among: int) -> Float64Array:
@@ -73,13 +73,9 @@ class Starts:
         return share
 
     def _integers(self, poses: Any) -> NDArray[np.float32]:
-        """Return positions and rotations as integers; positions beyond the reach are drawn towards the base."""
+        """Return targets or poses as integers."""
         integers = np.empty(poses.shape, np.float32)
-        for (place, attitude), reach in zip(target_slices(self._goals), self._reaches, strict=True):
-            with np.errstate(divide="ignore", under="ignore"):
-                # The limit is 1.3 times the reach.
-                shrink = np.minimum(1.0, 1.3 * reach / np.abs(poses[:, place]).max(axis=1, initial=0.0))
-            places = poses[:, place] * shrink[:, None] * (_PLACES * self._fine / (1.3 * reach))
-            integers[:, place] = np.rint(places)
-            integers[:, attitude] = np.rint(poses[:, attitude] * (_ATTITUDES * self._fine))
+        for goal, part, reach in zip(self._goals, target_slices(self._goals), self._reaches, strict=True):
+            steps = _PLACES if goal.is_length else _ATTITUDES
+            integers[:, part] = np.rint(goal.comparable(poses[:, part], reach) * (steps * self._fine))
         return integers

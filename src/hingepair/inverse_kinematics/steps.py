@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import arc_tangent, hypotenuse, square_root, where_less
+from hingepair.engine.trace import square_root, where_less
 from hingepair.equations.dynamics import solve_symmetric
-from hingepair.equations.spatial import Scalar, Vector, add, cross, dot, scale, subtract
-from hingepair.inverse_kinematics.goals import Goal, target_size, target_slices
-from hingepair.plans.trees import Computation, Form, Request
+from hingepair.inverse_kinematics.goals import Goal, sum_of, target_size, target_slices
+from hingepair.plans.trees import Form, Request, TreeQuantities
 
 _DAMPING = 1e-2  # times the squared error; errors are angles, and lengths in reaches of the robot
 _LEAST_DAMPING = 1e-12  # keeps the matrix regular in a singular pose
-_MAX_DISTANCE = 10.0  # from a target, in reaches of the robot; beyond, the direction alone counts
 _MAX_STEP = 1.5  # norm of a step of the coordinates [rad or m]
 _UNIT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -43,23 +41,21 @@ class Problem(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def measure_loop(problem: Problem) -> Loop:
-    """Return the Loop of the errors at coordinates, (goals, 2) of distances [m] and angles [rad], and of the pose in
-    the order of a target.
-    """
+    """Return the Loop of the errors of the goals at coordinates, and of the pose in the order of a target."""
     size = target_size(problem.goals)
     inputs = {"constants": (problem.constants,), "q": (problem.form.dof,), "target": (size,)}
-    outputs = {"pose": (size,), "errors": (len(problem.goals), 2)}
+    outputs = {"pose": (size,), "errors": (len(problem.goals),)}
     form = ("inverse kinematics: errors", problem)
     return Loop("pose_errors", functools.partial(_measure, problem), inputs, outputs, form=form)
 
 
 @functools.lru_cache(maxsize=64)
 def step_loop(problem: Problem, pulls: bool) -> Loop:
-    """Return the Loop of a step: the coordinates after it, and how many errors before it reach their tolerances."""
+    """Return the Loop of a step: the coordinates after it, and how many errors before it exceed their tolerances."""
     n = problem.form.dof
     inputs: dict[str, tuple[int, ...]] = {
         "constants": (problem.constants,),
-        "weights": (2 * len(problem.goals),),
+        "weights": (len(problem.goals),),
         "q": (n,),
         "target": (target_size(problem.goals),),
         "options": (len(OPTIONS),),
@@ -72,88 +68,35 @@ def step_loop(problem: Problem, pulls: bool) -> Loop:
     return Loop("pose_step", functools.partial(_step, problem), inputs, {"q_new": (n,), "unmet": ()}, form=form)
 
 
-def off_axis(sine: Any, cosine: Any) -> Any:
-    """Return a number that grows with an angle from 0 to pi: its sine up to pi/2, and 2 less the sine beyond. It
-    takes no arc tangent.
-    """
-    return where_less(cosine, 0.0, 2.0 - sine, sine)
-
-
-def _turn(goal: Goal, S: Sequence[Any], wanted: Sequence[Any]) -> tuple[Vector, Scalar, Scalar]:
-    """Return the axis of the turn from an attitude to the wanted one, as long as the sine of the angle, and the sine
-    and the cosine.
-    """
-    if goal.attitude == "axis":
-        z: Vector = (S[2], S[5], S[8])
-        turn = cross(z, (wanted[0], wanted[1], wanted[2]))
-        return turn, square_root(dot(turn, turn)), dot(z, (wanted[0], wanted[1], wanted[2]))
-    turn = (0.0, 0.0, 0.0)
-    for c in range(3):
-        turn = add(turn, cross((S[c], S[3 + c], S[6 + c]), (wanted[c], wanted[3 + c], wanted[6 + c])))
-    # The trace alone would lose half of the digits of a small angle.
-    turn = scale(turn, 0.5)
-    return turn, square_root(dot(turn, turn)), (_sum(S[k] * wanted[k] for k in range(9)) - 1.0) * 0.5
-
-
 def _measure(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
-    """Return the pose in the order of a target, and the distance and the angle of each goal."""
-    found = Computation(problem.form, problem.request, {**values, "S1": _UNIT})
+    """Return the pose in the order of a target, and the error of each goal."""
+    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _UNIT})
     pose: list[Any] = []
     errors: list[Any] = []
-    for goal, (place, attitude) in zip(problem.goals, target_slices(problem.goals), strict=True):
-        frame, distance, angle = found.frame_poses[goal.frame], 0.0, 0.0
-        if goal.position:
-            x, y, z = subtract(values["target"][place], frame.d)
-            distance = hypotenuse(hypotenuse(x, y), z)
-            pose += frame.d
-        if goal.attitude != "none":
-            _, sine, cosine = _turn(goal, frame.S, values["target"][attitude])
-            angle = arc_tangent(sine, cosine)
-            pose += frame.S if goal.attitude == "full" else frame.S[2::3]
-        errors += [distance, angle]
+    for goal, part in zip(problem.goals, target_slices(problem.goals), strict=True):
+        frame = found.frame_poses[goal.frame]
+        pose += goal.pose(frame)
+        errors.append(goal.error(frame, values["target"][part]))
     return {"pose": tuple(pose), "errors": tuple(errors)}
 
 
 def _step(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
-    """Return the coordinates after a step towards a target, and the count of errors that reach their tolerances."""
+    """Return the coordinates after a step towards a target, and the count of errors that exceed their tolerances."""
     q, (caution, position_tolerance, angle_tolerance, pull) = values["q"], values["options"]
-    found = Computation(problem.form, problem.request, {**values, "S1": _UNIT})
+    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _UNIT})
     n, jacobians = problem.form.dof, found.jacobian(in_frame=False)
     rows: list[Any] = []
     error: list[Any] = []
     misfit: Any = 0.0
     unmet: Any = 0.0
-    for k, (goal, slices) in enumerate(zip(problem.goals, target_slices(problem.goals), strict=True)):
-        place, attitude = (values["target"][one] for one in slices)
-        frame = found.frame_poses[goal.frame]
+    for goal, part, weight in zip(problem.goals, target_slices(problem.goals), values["weights"], strict=True):
         moves = [jacobians[i * n : (i + 1) * n] for i in range(6 * goal.frame, 6 * goal.frame + 6)]
-        if goal.position:
-            weight = values["weights"][2 * k]
-            offset = subtract(place, frame.d)
-            distance = hypotenuse(hypotenuse(offset[0], offset[1]), offset[2])
-            far = distance * weight
-            near = where_less(far, _MAX_DISTANCE, far, _MAX_DISTANCE)
-            # A target at 1e200 m must not overflow.
-            error += scale(offset, weight * where_less(far, _MAX_DISTANCE, 1.0, _MAX_DISTANCE / far))
-            rows += [[x * weight for x in row] for row in moves[:3]]
-            misfit = misfit + near * near
-            unmet = unmet + where_less(distance, position_tolerance, 0.0, 1.0)
-        if goal.attitude != "none":
-            weight = values["weights"][2 * k + 1]
-            turn, sine, cosine = _turn(goal, frame.S, attitude)
-            # The sine of the angle; beyond a right angle, where that decreases, 1 rad.
-            least = where_less(sine, 1e-9, 1e-9, sine)
-            turn = scale(turn, weight * where_less(cosine, 0.0, 1.0 / least, 1.0))
-            turns: list[Any] = [*moves[3:]]
-            if goal.attitude == "axis":  # about the frame's x and y axes alone
-                axes = [frame.S[c::3] for c in range(2)]
-                turns = [[dot(axis, column) for column in zip(*moves[3:], strict=True)] for axis in axes]
-                error += [dot(axis, turn) for axis in axes]
-            else:
-                error += turn
-            rows += [[x * weight for x in row] for row in turns]
-            misfit = misfit + (1.0 - cosine) * (0.5 * weight * weight)
-            unmet = unmet + where_less(off_axis(sine, cosine), angle_tolerance, 0.0, 1.0)
+        tolerance = position_tolerance if goal.is_length else angle_tolerance
+        own = goal.approach(found.frame_poses[goal.frame], moves, values["target"][part], weight, tolerance)
+        rows += own.rows
+        error += own.error
+        misfit = misfit + own.misfit
+        unmet = unmet + own.unmet
     misfit = where_less(misfit, 0.0, 0.0, misfit)  # a cosine may exceed 1 by its rounding
     damping = misfit * _DAMPING + square_root(misfit) * caution + _LEAST_DAMPING
 
@@ -184,7 +127,7 @@ def _change(
     """Return the change of the coordinates in a step."""
     if limits:  # joints at a limit that would leave it do not move
         for k, (low, high) in enumerate(limits):
-            drive = _sum(row[k] * part for row, part in zip(rows, error, strict=True))
+            drive = sum_of(row[k] * part for row, part in zip(rows, error, strict=True))
             drive = drive + posture[k] if posture else drive
             below = where_less(low, q[k], 1.0, where_less(drive, 0.0, 0.0, 1.0))
             free = below * where_less(q[k], high, 1.0, where_less(0.0, drive, 0.0, 1.0))
@@ -193,12 +136,12 @@ def _change(
             if posture:
                 posture[k] = posture[k] * free
     if posture:  # what it changes of the errors is taken back: it acts where nothing is wanted
-        lost = [_sum(x * z for x, z in zip(row, posture, strict=True)) for row in rows]
+        lost = [sum_of(x * z for x, z in zip(row, posture, strict=True)) for row in rows]
         error = [part - x for part, x in zip(error, lost, strict=True)]
     change = _damped_solution(rows, error, damping)
     if posture:
         change = [part + z for part, z in zip(change, posture, strict=True)]
-    square = _sum(part * part for part in change)
+    square = sum_of(part * part for part in change)
     factor = where_less(square, _MAX_STEP**2, 1.0, _MAX_STEP / square_root(square))
     return [part * factor for part in change]
 
@@ -207,10 +150,10 @@ def _damped_solution(rows: list[list[Any]], error: list[Any], damping: Any) -> l
     """Return (J^T J + damping)^-1 J^T error = J^T (J J^T + damping)^-1 error, by the smaller of the matrices."""
     columns = [*zip(*rows, strict=True)]
     if len(columns) < len(rows):
-        right = [_sum(x * part for x, part in zip(column, error, strict=True)) for column in columns]
+        right = [sum_of(x * part for x, part in zip(column, error, strict=True)) for column in columns]
         return [*solve_symmetric(_products(columns, damping), tuple(right))[0]]
     y, _ = solve_symmetric(_products(rows, damping), tuple(error))
-    return [_sum(x * part for x, part in zip(column, y, strict=True)) for column in columns]
+    return [sum_of(x * part for x, part in zip(column, y, strict=True)) for column in columns]
 
 
 def _products(rows: Sequence[Sequence[Any]], damping: Any) -> tuple[Any, ...]:
@@ -218,12 +161,6 @@ def _products(rows: Sequence[Sequence[Any]], damping: Any) -> tuple[Any, ...]:
     entries = []
     for i, row in enumerate(rows):
         for j in range(i + 1):
-            entry = _sum(x * y for x, y in zip(row, rows[j], strict=True))
+            entry = sum_of(x * y for x, y in zip(row, rows[j], strict=True))
             entries.append(entry + damping if i == j else entry)
     return tuple(entries)
-
-
-def _sum(parts: Any) -> Any:
-    """Return the sum of at least one part, without adding them to 0."""
-    first, *others = parts
-    return functools.reduce(lambda total, part: total + part, others, first)

@@ -36,8 +36,8 @@ from hingepair.measured.likelihood import FIRST_PASS, SHOWN, SHOWN_STD, PosesAt
 from hingepair.measured.relative_poses import JUDGES, RelativePoses
 from hingepair.measured.robust import OUTLIER, Loss, cauchy, loss_weights, median_variance
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import percent
 from hingepair.rotations.matrices import rotation_exp
+from hingepair.tables.sheets import percent
 
 _PARAMETERS = 6  # of `Circle.moved`, which come first; then the clock offset, where it is sought
 _PLAY = 0.02  # residuals that are not noise, in parts of the radius: a hinge is still reported below
@@ -93,6 +93,19 @@ class Circle(NamedTuple):
         off = p - self.centre
         return np.asarray(np.arctan2(off @ np.cross(self.n, self.zero_direction), off @ self.zero_direction))
 
+    def angle_derivatives(self, poses: RelativePoses) -> Float64Array:
+        """Return the derivatives of the hinge angles by the six numbers of a step, by central differences, and by the
+        clock offset where the poses have derivatives by it; (6 or 7, N).
+        """
+        h, p = 1e-6, poses.p.T  # rad, m
+        ends = [(self.moved(x).angles(p), self.moved(-x).angles(p)) for x in h * np.eye(_PARAMETERS)]
+        rows = [np.angle(np.exp(1j * (high - low))) / (2 * h) for high, low in ends]
+        if poses.offset_derivatives is not None:
+            off = p - self.centre
+            out = np.cross(self.n, off)
+            rows.append((poses.offset_derivatives[9:].T * out).sum(axis=1) / np.maximum((out**2).sum(axis=1), 1e-300))
+        return np.stack(rows)
+
 
 class CircleFit(NamedTuple):
     """The most likely circle of a moving point."""
@@ -109,6 +122,7 @@ class CircleFit(NamedTuple):
     offset: float  # clock offset [s]
     offset_std: float  # its standard deviation, 0 where it was not estimated [s]
     normal: Float64Array  # matrix of the normal equations, in squares of metres; (6, 6), or (7, 7) with the offset
+    psi_std: Float64Array  # standard deviations of the hinge angles [rad]; (N,)
 
     def shows_offset(self, noise_poses: RelativePoses) -> bool:
         """Return whether the motion determines the clock offset, far better than derivatives by the offset that are
@@ -139,6 +153,7 @@ def fit_circle(
     offset: float = 0.0,
     *,
     is_body1_exact: bool = False,
+    n_along: Float64Array | None = None,
 ) -> CircleFit:
     """Return the most likely circle of a point of body 2.
 
@@ -150,6 +165,7 @@ def fit_circle(
         offset: clock offset that the steps begin with [s].
         is_body1_exact: whether the attitudes of body 1 have no noise. Otherwise the covariance includes the bias that
             would result if all of the noise were theirs.
+        n_along: direction that decides the sign of n.
 
     Raises:
         FitError: the places show no circle: fewer than four, or on a line.
@@ -192,7 +208,7 @@ def fit_circle(
     residuals, _ = _residuals_and_derivatives(circle, some)
     variance, *_ = _variance_and_weights(residuals, some.weights, loss)
     circle = circle.moved(-_bias(circle, some, variance, 0.0))
-    circle = circle._replace(n=sign_of(circle.n) * circle.n)
+    circle = circle._replace(n=sign_of(circle.n, n_along) * circle.n)
 
     # Outliers, beyond what rounding explains.
     residuals, change = _residuals_and_derivatives(circle, some)
@@ -208,8 +224,10 @@ def fit_circle(
     circle_covariance, _ = sandwich(inverse, weights * scores, 2)
     derivatives = circle.result_derivatives(gauge)
     random = derivatives @ circle_covariance[:_PARAMETERS, :_PARAMETERS] @ derivatives.T
-    spread = np.zeros(12) if is_body1_exact else derivatives @ _bias_by_attitudes(circle, some, variance)
+    shift = np.zeros(_PARAMETERS) if is_body1_exact else _bias_by_attitudes(circle, some, variance)
+    spread = derivatives @ shift
     covariance = random + np.outer(spread, spread)
+    free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
 
     findings = outlier_finding(is_outlier, weights)
     findings += _circle_findings(circle, residuals, weights, covariance, gauge)
@@ -219,7 +237,6 @@ def fit_circle(
         good = some.p.T[(weights > 0) & ~is_outlier]
         findings = _arc_findings(good, float(np.sqrt(circle_covariance[5, 5])) / circle.radius) or findings
     findings += split_findings(random, covariance, "of body 1 adds to that of the places")
-    free = 2 * some.samples / max(2 * some.samples - normal.shape[0], 1)
     return CircleFit(
         circle=circle,
         noise=float(np.sqrt(variance * free)),
@@ -233,7 +250,25 @@ def fit_circle(
         offset=offset,
         offset_std=0.0 if some.offset_derivatives is None else float(np.sqrt(circle_covariance[-1, -1])),
         normal=normal,
+        psi_std=_angle_std(circle, some, variance * free, circle_covariance, shift),
     )
+
+
+def _angle_std(
+    circle: Circle, poses: RelativePoses, variance: float, covariance: Float64Array, shift: Float64Array
+) -> Float64Array:
+    """Return the standard deviations of the hinge angles (N,): of noise of a variance [m^2] along the circle, and of
+    the circle, whose parameters have a covariance and a possible bias `shift`, which is 0 if body 1 has no noise.
+    """
+    change = circle.angle_derivatives(poses)
+    of_circle = (change * (covariance @ change)).sum(axis=0) + (shift @ change[:_PARAMETERS]) ** 2
+    along = np.full(poses.samples, variance)  # [m^2]
+    if shift.any():  # if that was noise of the attitudes of body 1, it may be larger along the circle
+        p = poses.p.T
+        tangent = np.cross(circle.n, p - circle.centre) / circle.radius
+        turned = (p**2).sum(axis=1) - (p * tangent).sum(axis=1) ** 2
+        along = np.maximum(along, _attitude_noise(circle, poses, variance) * turned)
+    return np.asarray(np.sqrt(along / (poses.weights * circle.radius**2) + np.maximum(of_circle, 0.0)))
 
 
 def circle_misfit(poses: RelativePoses) -> float:
@@ -286,12 +321,17 @@ def _bias(circle: Circle, poses: RelativePoses, place: float, attitude: float) -
 
 def _bias_by_attitudes(circle: Circle, poses: RelativePoses, variance: float) -> Float64Array:
     """Return the bias of the six parameters if noise of the attitudes of body 1 alone made the residuals."""
+    return _bias(circle, poses, 0.0, _attitude_noise(circle, poses, variance))
+
+
+def _attitude_noise(circle: Circle, poses: RelativePoses, variance: float) -> float:
+    """Return the variance of noise of the attitudes of body 1 [rad^2] that makes residuals of a variance [m^2]."""
     _, change = _residuals_and_derivatives(circle, poses)
     # Each turn of body 1 moves the point across the vector to it.
     directions = change[:, :, 2:5] @ frame(circle.n).T
     along = np.einsum("nij,jn->ni", directions, poses.p)
     turned = (poses.p**2).sum(axis=0)[:, None] - along**2
-    return _bias(circle, poses, 0.0, variance / max(float(turned.mean()), 1e-300))
+    return variance / max(float(turned.mean()), 1e-300)
 
 
 def _variance_and_weights(

@@ -21,9 +21,9 @@ from hingepair.measured.samples import Samples
 from hingepair.measured.smoothing.smooth import smoothed_arrays
 from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.instants import split_at_gaps
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
+from hingepair.tables.instants import split_at_gaps
 
 _MAX_SHIFT = 0.75  # of a sample along the smoothed motion, in median time steps
 _MAX_GAP = 0.05  # s without a sample of body 2 that its smoothed motion bridges
@@ -101,8 +101,8 @@ class ClockedPoses:
         return motion_of_rotations(R=read_only(R), S=read_only(S))
 
     def noise_poses_at(self, offset: float, max_samples: int | None = None) -> RelativePoses:
-        """Return the poses at a clock offset with noise as large as that of the derivatives in their place (fixed
-        seed).
+        """Return the poses at a clock offset, with noise (fixed seed) in place of derivatives, as large as their
+        errors. They tell whether the motion determines the offset.
         """
         rows, near, _ = self._matched(offset, max_samples)
         rng = np.random.default_rng(0)

@@ -12,8 +12,8 @@ from hingepair.measured.findings import RANDOM
 from hingepair.measured.least_squares import neighbour_correlation
 from hingepair.measured.robust import OUTLIER
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
-from hingepair.numeric.tables import percent
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
+from hingepair.tables.sheets import percent
 
 _MIN_MARKERS = 3  # in a sample from which it has an attitude
 _MIN_WIDTH = 0.02  # of a cluster, in parts of its length; below, the markers are on a line, which shows no attitude

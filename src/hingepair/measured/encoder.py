@@ -22,7 +22,7 @@ from hingepair.measured.likelihood import (
 from hingepair.measured.relative_poses import RelativePoses
 from hingepair.measured.robust import OUTLIER, median_variance
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import percent
+from hingepair.tables.sheets import percent
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -44,10 +44,11 @@ class EncoderFit:
 
 
 class Fused(NamedTuple):
-    """Angles psi (N,) from poses and readings, and which readings were left out, (N,)."""
+    """Angles from poses and readings; arrays (N,)."""
 
     psi: Float64Array
-    is_rejected: NDArray[np.bool_]
+    is_rejected: NDArray[np.bool_]  # whether the reading was left out
+    share: Float64Array | float  # weight of the reading in psi, beside that of the pose
 
 
 def fuse(
@@ -57,18 +58,18 @@ def fuse(
     counts alone, or the reading if the pose is an outlier.
     """
     if line is None or poses.encoder is None:
-        return Fused(residuals.psi, np.zeros(poses.samples, dtype=bool))
+        return Fused(residuals.psi, np.zeros(poses.samples, dtype=bool), 0.0)
     turn, is_read = residuals.turn, np.isfinite(poses.encoder)
     variance = max(median_variance(turn[is_read] ** 2, 1), 1e-24)
     is_rejected = is_read & (turn**2 > 25.0 * variance)  # five standard deviations
-    share = np.array(attitude_noise_share(poses, noise, line))
+    share = np.where(is_read, attitude_noise_share(poses, noise, line), 0.0)
     if is_rejected.any():
         seen = iterate_residuals(poses._replace(encoder=None), hinge)
         squares = np.concatenate([each.whitened_squares(noise) for _, each in seen])
         is_wrong_pose = is_rejected & (squares > OUTLIER * median_variance(squares, 5))
         share[is_rejected], is_rejected = 0.0, is_rejected & ~is_wrong_pose
         share[is_wrong_pose] = 1.0
-    return Fused(residuals.psi - share * turn, is_rejected)
+    return Fused(residuals.psi - share * turn, is_rejected, share)
 
 
 def encoder_findings(

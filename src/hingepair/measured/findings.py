@@ -15,13 +15,13 @@ from hingepair.measured.likelihood import HingeResiduals, Noise, iterate_residua
 from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, compute_relative_poses
 from hingepair.measured.robust import OUTLIER, median_variance
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import percent
 from hingepair.rotations.matrices import (
     matrix_to_quaternion,
     project_to_rotation,
     quaternion_to_matrix,
     rotation_vector,
 )
+from hingepair.tables.sheets import percent
 
 RANDOM = 0.5  # correlation of neighbouring residuals; above, they are not noise
 RELIABLE_AXIS = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on

@@ -11,15 +11,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import skew
 
 GAUGES: Final = ("closest_to_R1", "closest_to_R2")  # rules that place the hinge point along the axis
-RULES_OF_SIGN: Final = (
-    "The first component of n that is at least 0.45 times as large as the largest one is positive. home, the "
-    "rotation of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that aligns the hinge "
-    "axis in body 2 with the hinge axis in body 1, unless both axes are nearly opposite."
+RULE_OF_SIGN: Final = "The first component of n that is at least 0.45 times as large as the largest one is positive."
+RULE_OF_HOME: Final = (
+    "home, the rotation of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that aligns "
+    "the hinge axis in body 2 with the hinge axis in body 1, unless both axes are nearly opposite."
 )
+_LEAST_ALONG = 0.1  # cosine of the angle from n to the direction that decides its sign; below, noise could decide
 
 
 class Hinge(NamedTuple):
@@ -30,9 +32,9 @@ class Hinge(NamedTuple):
     u1: Float64Array  # hinge point, body 1's axes [m]
     u2: Float64Array  # hinge point, body 2's axes [m]
 
-    def signed(self) -> Hinge:
+    def signed(self, n_along: Float64Array | None) -> Hinge:
         """Return the hinge with the sign of its axis that `sign_of` chooses."""
-        sign = sign_of(self.n)
+        sign = sign_of(self.n, n_along)
         return self._replace(n=sign * self.n, m=sign * self.m)
 
     def balanced(self) -> Hinge:
@@ -55,8 +57,18 @@ class Hinge(NamedTuple):
         return Hinge(tilt_axis(self.n, step[:2]), tilt_axis(self.m, step[2:4]), u1, u2)
 
 
-def sign_of(n: Float64Array) -> float:
-    """Return the sign of the first component of n of at least 0.45 times the largest size."""
+def sign_of(n: Float64Array, n_along: Float64Array | None = None) -> float:
+    """Return the sign of n along a direction; without one, that of its first component of at least 0.45 times the
+    largest size.
+    """
+    if n_along is not None:
+        cosine = float(n @ n_along) / float(np.linalg.norm(n_along))
+        if abs(cosine) < _LEAST_ALONG:
+            axis = ", ".join(f"{component:.3g}" for component in n)
+            degrees = np.degrees(np.arccos(abs(cosine)))
+            expected = f"a direction along the axis, which is ({axis}) or its opposite"
+            raise ArgumentError("n_along", expected, f"one at {degrees:.3g} deg to it")
+        return float(np.sign(cosine))
     # No ratio of two small numbers, so that noise does not decide for an axis such as (-1, 2, 0).
     return 1.0 if n[np.argmax(np.abs(n) >= 0.45 * np.abs(n).max())] > 0 else -1.0
 

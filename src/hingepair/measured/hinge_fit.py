@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.quantities import unit_of
-from hingepair.errors import ArgumentError, FitError, MissingDependencyError
+from hingepair.errors import ArgumentError, FitError
 from hingepair.measured.circle import CircleFit, circle_misfit, fit_circle
 from hingepair.measured.clock import ClockedPoses, negative_log_likelihood_per_sample
 from hingepair.measured.encoder import EncoderFit, encoder_findings, fuse
@@ -27,7 +27,8 @@ from hingepair.measured.findings import (
 )
 from hingepair.measured.hinge import (
     GAUGES,
-    RULES_OF_SIGN,
+    RULE_OF_HOME,
+    RULE_OF_SIGN,
     Hinge,
     home_angle,
     home_of,
@@ -44,6 +45,7 @@ from hingepair.measured.likelihood import (
     evaluate_hinge,
     fit_encoder_line,
     frame_turn_angle,
+    iterate_residuals,
     most_likely_hinge,
     noise_standard_deviations,
     shows_offset,
@@ -52,12 +54,17 @@ from hingepair.measured.relative_poses import RelativePoses, closed_form_hinge, 
 from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.samples import Samples, checked_samples
 from hingepair.measured.smoothing.spline import MIN_PIECE
-from hingepair.numeric.arrays import Float64Array, check_choice, read_only
-from hingepair.numeric.suspicions import suspicions
-from hingepair.numeric.tables import Sheet, Shown, cell_text
+from hingepair.numeric.arrays import Float64Array, check_choice, one_constant, read_only
+from hingepair.numeric.optional import new_figure
+from hingepair.numeric.unit_vectors import finite_axis
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.results import OverInstants, Record
 from hingepair.rotations.matrices import rotation_vector
+from hingepair.tables.instants import break_at_gaps, gap_sentences
+from hingepair.tables.sheets import Sheet, Shown, cell_text
+from hingepair.tables.suspicions import suspicions
+from hingepair.tables.units import Columns, Units
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,7 +77,7 @@ _SOME = 65536  # samples for the start in closed form, and for the check that th
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class HingeFit(Shown):
+class HingeFit(OverInstants, Shown):
     """The result of `fit`: the hinge found from two recorded motions.
 
     A sample is not used if a pose is missing, if its given weight is 0, or if the clock offset is not 0 and no sample
@@ -87,8 +94,9 @@ class HingeFit(Shown):
             rank is 9, since conventions fix the length of n, the hinge point along the axis, and the rotation of home
             about the axis. Of a point, home is exactly the identity, and the rank is 6.
         std: standard deviations of the estimates: "u1" [m], "u2" [m], "n" and "home" [rad], of shape (3,), are the
-            roots of the diagonal of `covariance`. "noise_position" [m] and "noise_angle" [rad] are absent of a point,
-            "clock_offset" [s] without `t`.
+            roots of the diagonal of `covariance`. "psi" [rad], of shape (N,), is that of each angle: of the noise of
+            its own sample, and of the hinge; outliers excepted. "noise_position" [m] and "noise_angle" [rad] are
+            absent of a point, "clock_offset" [s] without `t`.
         rms_position: root mean square of `gap`, weighted with `weights` [m].
         rms_angle: root mean square of `tilt`, weighted with `weights` [rad]; NaN of a point.
         noise_position: standard deviation of the noise in each coordinate of R2 - R1, that of both bodies [m]. It is
@@ -96,8 +104,7 @@ class HingeFit(Shown):
             `noise2`, this and `noise_angle` are root mean squares over the samples; with `weights`, they are those of
             a sample of mean weight.
         noise_angle: standard deviation of the noise in each component of the rotation vector from the exact to the
-            recorded relative attitude, that of both bodies [rad]. Without an encoder, it is that of psi. NaN of a
-            point.
+            recorded relative attitude, that of both bodies [rad]; NaN of a point.
         clock_offset: time by which body 1's clock is ahead of body 2's clock [s]: a sample of body 2 with the time
             stamp s was taken at the instant s + clock_offset of body 1's clock. It is None without `t`, and 0 with
             the standard deviation inf if the motion does not determine it.
@@ -107,6 +114,7 @@ class HingeFit(Shown):
             and what else is notable.
         gauge: name of the rule for the position of the hinge point along the axis.
         loss: name of the loss function.
+        n_along: direction that decided the sign of n, body-1 axes; None if the rule of `fit` did.
         weights: weight of each sample, given (1 by default) times that of the loss; shape (N,), 0 at samples that are
             not used.
         t: time since the first instant [s], shape (N,); None without `t`.
@@ -133,6 +141,7 @@ class HingeFit(Shown):
     findings: tuple[str, ...]
     gauge: str
     loss: str
+    n_along: tuple[float, ...] | None
     weights: Float64Array
     t: Float64Array | None
     gap: Float64Array
@@ -155,31 +164,49 @@ class HingeFit(Shown):
         first, second = (BodyMotion(R=body.R, S=body.S) for body in (self._body1, self.body2))
         return self.pair.residuals(first, second, allowed, self.t)
 
-    def plot(self) -> Figure:
-        """Return a Matplotlib figure with psi [deg], `gap` [mm] and `tilt` [deg] over time, or over the index of the
-        sample.
+    def record(self) -> Record:
+        """Return psi with its standard deviation, and what is left of each sample, as a result that `save` writes."""
+        t = np.arange(float(self.psi.size)) if self.t is None else self.t
+        arrays = {"psi": self.psi, "psi_std": np.asarray(self.std["psi"]), "gap": self.gap}
+        arrays |= {} if self.body2.S is None else {"tilt": self.tilt}
+
+        def unit(name: str) -> str:
+            return "1" if name == "t" and self.t is None else unit_of(name)  # of places in the recording
+
+        return Record(t, arrays | {"weight": self.weights}, "what is left of each sample", unit=unit)
+
+    def plot(self, units: str | None = None) -> Figure:
+        """Return a Matplotlib figure with psi, `gap` and `tilt` over time, or over the index of the sample. A band
+        reaches from two standard deviations below psi to two above it. No line crosses a gap in time.
+
+        Args:
+            units: units in place of deg and mm, such as "rad, um".
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
         """
-        try:
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise MissingDependencyError("plot", "Matplotlib (pip install matplotlib)", str(error)) from None
-
-        figure = Figure(figsize=(8, 6), layout="constrained")
-        x = np.arange(self.psi.size) if self.t is None else self.t
-        angles = np.degrees((self.psi, self.tilt))
-        rows = [("psi [deg]", angles[0]), ("gap [mm]", 1e3 * self.gap)]
-        if not np.isnan(self.rms_angle):
-            rows.append(("tilt [deg]", angles[1]))
-        for axes, (label, values) in zip(figure.subplots(len(rows), sharex=True), rows, strict=True):
-            axes.plot(x, values, linewidth=0.8)
-            axes.set_ylabel(label)
+        figure, shown = new_figure(8, 6), Columns(_fine(units))
+        names = ("psi", "gap") if np.isnan(self.rms_angle) else ("psi", "gap", "tilt")
+        instants = np.arange(float(self.psi.size)) if self.t is None else shown.converted("t", self.t)
+        places = figure.subplots(len(names), sharex=True)
+        band = shown.converted("psi", self.psi + np.outer((-2, 2), self.std["psi"]))
+        x, ends = break_at_gaps(instants, band.T)
+        places[0].fill_between(x, *ends.T, alpha=0.3, linewidth=0)
+        for axes, name in zip(places, names, strict=True):
+            axes.plot(*break_at_gaps(instants, shown.converted(name, getattr(self, name))), linewidth=0.8)
+            axes.set_ylabel(shown.heading(name))
             axes.grid(alpha=0.3)
-        axes.set_xlabel("sample" if self.t is None else "t [s]")
-        figure.suptitle(self._residual_text())
+        axes.set_xlabel("sample" if self.t is None else shown.heading("t"))
+        figure.suptitle(self._residual_text(units))
         return figure
+
+    @property
+    def conventions(self) -> str:
+        """Sentences on the sign of n and on the direction of psi = 0, which motion does not determine."""
+        if self.n_along is None:
+            return f"{RULE_OF_SIGN} {RULE_OF_HOME}"
+        along = ", ".join(f"{component:g}" for component in self.n_along)
+        return f"n points along ({along}), as asked. {RULE_OF_HOME}"
 
     def _clock_offset_line(self) -> str:
         offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
@@ -189,24 +216,39 @@ class HingeFit(Shown):
         order = "later" if offset > 0 else "earlier"
         return f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
 
-    def _residual_text(self) -> str:
+    def _residual_text(self, units: str | None = None) -> str:
+        shown = _fine(units)
+        gap = f"left: {shown.factor('m') * self.rms_position:.3g} {shown.unit('m')}"
         if np.isnan(self.rms_angle):
-            return f"left: {1e3 * self.rms_position:.3g} mm rms"
-        return f"left: {1e3 * self.rms_position:.3g} mm and {np.degrees(self.rms_angle):.3g} deg rms"
+            return f"{gap} rms"
+        return f"{gap} and {shown.factor('rad') * self.rms_angle:.3g} {shown.unit('rad')} rms"
 
     def __str__(self) -> str:
+        return self.text()
+
+    def text(self, units: str | None = None) -> str:
+        """Return the report that `print` shows.
+
+        Args:
+            units: units in place of m for u1 and u2, mm for what is left, and deg for angles, such as "mm, rad".
+        """
+        lengths, shown = Units.of(units), _fine(units)
+        angle, per_rad = shown.unit("rad"), shown.factor("rad")
         lines = [f"hinge of {self.samples} samples ({self.psi.size - self.samples} missing), loss {self.loss}"]
-        for name, unit in (("u1", "m"), ("u2", "m"), ("n", "")):
-            value, std = getattr(self.pair, name), np.asarray(self.std[name])
+        for name, unit in (("u1", lengths.unit("m")), ("u2", lengths.unit("m")), ("n", "")):
+            both = (getattr(self.pair, name), np.asarray(self.std[name]))
+            value, std = (lengths.converted(own, unit_of(name)) for own in both)
             numbers = ", ".join(f"{v:.6g} +- {s:.2g}" for v, s in zip(value, std, strict=True))
             lines.append(f"{name} = ({numbers}) {unit}".rstrip())
-        turn = np.degrees(rotation_vector(self.pair.home))
+        turn = per_rad * np.asarray(rotation_vector(self.pair.home))
         if self.body2.S is None:
             lines.append("body 2 is a point without recorded attitude, so home is the identity")
         else:
-            lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) deg")
-        low, high = np.degrees(self.psi_range)
-        lines.append(f"psi from {low:.4g} to {high:.4g} deg; {self._residual_text()}")
+            lines.append(f"home turns by ({', '.join(f'{angle:.5g}' for angle in turn)}) {angle}")
+        low, high = (per_rad * end for end in self.psi_range)
+        each = per_rad * np.nanmedian(self.std["psi"])
+        left = self._residual_text(units)
+        lines.append(f"psi from {low:.4g} to {high:.4g} {angle}, each +- {each:.2g} {angle}; {left}")
         if self.clock_offset is not None:
             lines.append(self._clock_offset_line())
         if self.encoder is not None:
@@ -216,7 +258,7 @@ class HingeFit(Shown):
             lines.append(f"psi = ({zero}) rad + ({scale}) * encoder, whose noise is {self.encoder.noise:.2g} rad")
         lines.append(
             f"u1 and u2 lead to the point on the axis {self.gauge.replace('_', ' ')}; along the axis, motion "
-            f"determines only their difference. {RULES_OF_SIGN}"
+            f"determines only their difference. {self.conventions}"
         )
         return "\n".join((*lines, *self.findings, "ok" if self.ok else "NOT RELIABLE"))
 
@@ -240,7 +282,7 @@ class HingeFit(Shown):
         """Return a report as JSON text, in m, rad and s. Numbers that are not finite become null.
 
         The keys are u1, u2, n and home of `pair`, psi for `psi_range`, missing for the number of samples that were
-        not used, and names of attributes.
+        not used, and names of attributes. The standard deviation of psi is the median of those of all samples.
         """
         import json
 
@@ -251,7 +293,10 @@ class HingeFit(Shown):
             "loss": self.loss,
             "gauge": self.gauge,
             **{name: getattr(self.pair, name).tolist() for name in ("u1", "u2", "n", "home")},
-            "std": {name: _finite_lists(value.tolist()) for name, value in self.std.items()},
+            "std": {
+                name: _finite_lists((np.nanmedian(value) if name == "psi" else value).tolist())
+                for name, value in self.std.items()
+            },
             **{
                 name: _finite_lists(getattr(self, name))
                 for name in ("rms_position", "rms_angle", "noise_position", "noise_angle")
@@ -262,6 +307,11 @@ class HingeFit(Shown):
             "findings": list(self.findings),
         }
         return json.dumps(report, indent=2, allow_nan=False)
+
+
+def _fine(units: str | None) -> Units:
+    """Return units of angles and of small lengths: deg and mm unless others are named."""
+    return Units.of(units).over(Units("deg, mm"))
 
 
 def fit(
@@ -275,6 +325,7 @@ def fit(
     encoder: ArrayLike | None = None,
     noise1: tuple[ArrayLike, ArrayLike] | None = None,
     noise2: tuple[ArrayLike, ArrayLike] | None = None,
+    n_along: ArrayLike | None = None,
 ) -> HingeFit:
     """Fit a hinge (n, home, u1, u2) and the hinge angle psi(t) to two recorded motions.
 
@@ -288,7 +339,8 @@ def fit(
     psi. Rules fix these three:
 
     - `gauge` selects the position of the hinge point along the axis.
-    - The first component of n whose magnitude is at least 0.45 times the largest magnitude is positive.
+    - `n_along` selects the sign of n. Without it, the first component of n whose magnitude is at least 0.45 times the
+      largest magnitude is positive.
     - `home`, the attitude of body 2 relative to body 1 at psi = 0, is the rotation by the smallest angle that turns
       n2 into n, where n and n2 are the components of the hinge axis in body 1's and in body 2's axes. If these are
       more than 154 degrees apart, a half turn of body 2 comes first, about its x axis if abs(nx) < 0.65, otherwise
@@ -324,6 +376,8 @@ def fit(
             as (smoothed.noise["R"], smoothed.noise["S"]) with `smoothed = smooth(t, body1)`. A common factor is still
             estimated from the data.
         noise2: those of body 2. Give both noise1 and noise2 or neither; give neither if body 2 is a point.
+        n_along: direction in body 1's axes, such as (0, 0, -1), along which n is to have a positive component, so
+            that psi grows in the wanted sense; shape (3,). It only selects the sign.
 
     Returns:
         The HingeFit. Check `.ok` and `.findings` before you use its numbers.
@@ -331,6 +385,7 @@ def fit(
     Raises:
         FitError: fewer than two samples have the poses of both bodies (fewer than four if body 2 is a point), or the
             bodies do not turn relative to each other.
+        ArgumentError: n_along is within 6 degrees of perpendicular to the axis, and does not tell its sign.
         MissingDependencyError: SciPy is not installed, although `t` is given and `clock_offset` is None or not 0.
 
     >>> import numpy as np
@@ -345,13 +400,14 @@ def fit(
     """
     check_choice("loss", loss, LOSSES)
     check_choice("gauge", gauge, GAUGES)
+    along = None if n_along is None else finite_axis("n_along", one_constant("n_along", n_along, 3))
     samples = checked_samples(body1, body2, t, weights, clock_offset, encoder, noise1, noise2)
     used = samples.known1 & samples.known2
     if used.sum() < 2:
         raise FitError("body1, body2", "at least two samples with both poses", f"{int(used.sum())}")
     find = _find_circle if samples.is_point else _find_hinge
-    found = find(samples, used, LOSSES[loss], gauge, clock_offset)
-    return _hinge_fit(found, samples, body1, body2, loss, gauge)
+    found = find(samples, used, LOSSES[loss], gauge, clock_offset, along)
+    return _hinge_fit(found, samples, body1, body2, loss, gauge, along)
 
 
 class _Found(NamedTuple):
@@ -364,6 +420,7 @@ class _Found(NamedTuple):
     offset: float  # clock offset [s]
     offset_std: float  # 0 of a given one, inf of one that is not determined
     psi: Float64Array  # (N,)
+    psi_std: Float64Array  # (N,)
     good: NDArray[np.bool_]  # no outliers; (N,)
     gap: Float64Array  # (N,)
     tilt: Float64Array  # NaN of a point; (N,)
@@ -376,13 +433,19 @@ class _Found(NamedTuple):
 
 
 def _hinge_fit(
-    found: _Found, samples: Samples, body1: BodyMotion, body2: BodyMotion, loss: str, gauge: str
+    found: _Found,
+    samples: Samples,
+    body1: BodyMotion,
+    body2: BodyMotion,
+    loss: str,
+    gauge: str,
+    n_along: Float64Array | None,
 ) -> HingeFit:
     """Return the result for the user, with all that is to be said."""
     clock, used, weights, total = found.clock, found.used, found.weights, found.weights.sum()
     deviations = np.sqrt(np.diagonal(found.covariance)).reshape(4, 3)
     std: dict[str, Any] = dict(zip(("u1", "u2", "n", "home"), map(read_only, deviations), strict=True))
-    std |= found.noise_std
+    std |= {"psi": _scatter_used(found.psi_std, used)} | found.noise_std
     if samples.t is not None:
         std["clock_offset"] = np.float64(found.offset_std)
     ok, sentences = verdict(found.findings)
@@ -399,6 +462,7 @@ def _hinge_fit(
         texts.append(f"Of {found.poses.samples} samples, the standard deviations are no more than a hint.")
     if samples.t is not None:
         texts += suspicions("instants", "t", samples.t)
+        texts += [f"{text}." for text in gap_sentences("t", samples.t)]
     texts += suspicions("distance", "R2 - R1", np.linalg.norm(found.poses.p, axis=0))
     texts += samples.noise_suspicions(found.noise)
     counted = found.psi[found.good] if found.good.any() else found.psi
@@ -419,6 +483,7 @@ def _hinge_fit(
         findings=tuple(texts),
         gauge=gauge,
         loss=loss,
+        n_along=None if n_along is None else tuple(n_along.tolist()),
         weights=_scatter_used(weights, used, 0.0),
         t=samples.t,
         gap=_scatter_used(found.gap, used),
@@ -430,7 +495,12 @@ def _hinge_fit(
 
 
 def _find_hinge(
-    samples: Samples, used: NDArray[np.bool_], loss: Loss | None, gauge: str, clock_offset: float | None
+    samples: Samples,
+    used: NDArray[np.bool_],
+    loss: Loss | None,
+    gauge: str,
+    clock_offset: float | None,
+    n_along: Float64Array | None,
 ) -> _Found:
     """Find the hinge of two bodies."""
     # The most likely hinge, without its bias, and its residuals.
@@ -442,7 +512,7 @@ def _find_hinge(
         if clock_offset is not None:
             poses = poses._replace(offset_derivatives=None)
     noise = estimate.noise
-    hinge, line = _without_bias(poses, estimate, gauge)
+    hinge, line = _without_bias(poses, estimate, gauge, n_along)
     residuals = random_part = evaluate_hinge(poses, hinge, noise, loss, line)
     if not samples.knows_split:
         residuals = _with_unknown_split(poses, hinge, noise, line, residuals)
@@ -467,6 +537,7 @@ def _find_hinge(
         offset=estimate.offset,
         offset_std=_clock_offset_std(poses, residuals, clock_offset),
         psi=psi,
+        psi_std=_angle_std(poses, hinge, noise, residuals.covariance, fused.share, line),
         good=good,
         gap=np.linalg.norm(residuals.gap, axis=0),
         tilt=residuals.tilt,
@@ -483,11 +554,13 @@ def _find_hinge(
     )
 
 
-def _without_bias(poses: RelativePoses, estimate: Estimate, gauge: str) -> tuple[Hinge, EncoderLine | None]:
-    """Return the hinge and the encoder's line without their bias."""
+def _without_bias(
+    poses: RelativePoses, estimate: Estimate, gauge: str, n_along: Float64Array | None
+) -> tuple[Hinge, EncoderLine | None]:
+    """Return the hinge, with its sign, and the encoder's line without their bias."""
     line = estimate.line
     bias = bias_of_hinge(poses, estimate.hinge, estimate.noise, line)
-    hinge = estimate.hinge.moved(-bias[:PARAMETERS]).balanced().signed().in_gauge(gauge)
+    hinge = estimate.hinge.moved(-bias[:PARAMETERS]).balanced().signed(n_along).in_gauge(gauge)
     if line is not None:
         line = line._replace(slope=line.slope - float(bias[-1]))
     return hinge, fit_encoder_line(poses, hinge, line)
@@ -506,13 +579,18 @@ def _with_unknown_split(
 
 
 def _find_circle(
-    samples: Samples, used: NDArray[np.bool_], loss: Loss | None, gauge: str, clock_offset: float | None
+    samples: Samples,
+    used: NDArray[np.bool_],
+    loss: Loss | None,
+    gauge: str,
+    clock_offset: float | None,
+    n_along: Float64Array | None,
 ) -> _Found:
     """Find the hinge of body 1 and a point of body 2 from the circle on which the point moves."""
     for name, value in (("encoder", samples.encoder), ("noise1", samples.mean_noise)):
         if value is not None:
             raise ArgumentError(name, "None, since body 2 has no attitudes", "values")
-    fitted, clock = _most_likely_circle(samples, samples.poses(used), loss, gauge, clock_offset)
+    fitted, clock = _most_likely_circle(samples, samples.poses(used), loss, gauge, clock_offset, n_along)
     circle, poses = fitted.circle, fitted.poses
     used = used if clock is None else clock.used_at(fitted.offset)
     good = ~fitted.is_outlier & (fitted.weights >= _INLIER * poses.weights)
@@ -525,6 +603,7 @@ def _find_circle(
         offset=fitted.offset,
         offset_std=np.inf if clock is None and clock_offset is None else fitted.offset_std,
         psi=_unwrap_angles(circle.angles(poses.p.T), good),
+        psi_std=fitted.psi_std,
         good=good,
         gap=np.linalg.norm(fitted.residuals, axis=1),
         tilt=np.full(poses.samples, np.nan),
@@ -538,19 +617,25 @@ def _find_circle(
 
 
 def _most_likely_circle(
-    samples: Samples, poses: RelativePoses, loss: Loss | None, gauge: str, clock_offset: float | None
+    samples: Samples,
+    poses: RelativePoses,
+    loss: Loss | None,
+    gauge: str,
+    clock_offset: float | None,
+    n_along: Float64Array | None,
 ) -> tuple[CircleFit, ClockedPoses | None]:
     """Return the circle of a point of body 2, and the clocked poses where a clock offset is used."""
-    exact, clock = samples.knows_split, _clocked_poses(samples, loss, clock_offset)
+    clock = _clocked_poses(samples, loss, clock_offset)
+    known: dict[str, Any] = {"is_body1_exact": samples.knows_split, "n_along": n_along}
     if clock is not None and clock_offset is not None:
         there = _poses_at_known_offset(clock, clock_offset)
-        return fit_circle(there, loss, gauge, is_body1_exact=exact)._replace(offset=clock_offset), clock
+        return fit_circle(there, loss, gauge, **known)._replace(offset=clock_offset), clock
     if clock is not None and poses.samples >= MIN_PIECE:
         near = clock.most_likely_offset(circle_misfit)
-        fitted = fit_circle(poses, loss, gauge, clock.poses_at, near, is_body1_exact=exact)
+        fitted = fit_circle(poses, loss, gauge, clock.poses_at, near, **known)
         if fitted.shows_offset(clock.noise_poses_at(fitted.offset)):
             return fitted, clock
-    return fit_circle(poses, loss, gauge, is_body1_exact=exact), None
+    return fit_circle(poses, loss, gauge, **known), None
 
 
 def _clocked_poses(samples: Samples, loss: Loss | None, clock_offset: float | None) -> ClockedPoses | None:
@@ -587,8 +672,8 @@ def _missing_sample_sentences(is_used: NDArray[np.bool_], clock: ClockedPoses | 
 def _most_likely_estimate(
     samples: Samples, poses: RelativePoses, loss: Loss | None, clock_offset: float | None
 ) -> tuple[Estimate, ClockedPoses | None]:
-    """Return the most likely hinge, and the clocked poses unless the offset is 0: known, or not determined by the
-    motion.
+    """Return the most likely hinge, and what gives the poses at any clock offset; None in its place if the offset is
+    0, as known or as taken where the motion does not determine it.
     """
     start = None if loss is None else robust_closed_form_hinge(poses)
     clock = _clocked_poses(samples, loss, clock_offset)
@@ -623,7 +708,7 @@ def _encoder_fit(
     """Return the line of an encoder with its zero counted from psi = 0 of the fitted hinge."""
     off = encoder_line.zero - home_angle(hinge, home_of(hinge))
     off -= 2 * np.pi * np.rint(off / (2 * np.pi))
-    by_hinge = _encoder_zero_derivatives(poses, hinge)
+    by_hinge = _zero_derivatives(poses, hinge)
     indices = np.r_[: by_hinge.size, -2]  # turns of both axes, and the zero
     change = np.append(by_hinge, 1.0)
     variance = change @ residuals.covariance[np.ix_(indices, indices)] @ change
@@ -638,9 +723,37 @@ def _encoder_fit(
     )
 
 
-def _encoder_zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
-    """Return the derivatives of the encoder's zero by two turns of n and two of m (4,), which determine where psi = 0
-    is; by central differences.
+def _angle_std(
+    poses: RelativePoses,
+    hinge: Hinge,
+    noise: Noise,
+    covariance: Float64Array,
+    share: Float64Array | float,
+    line: EncoderLine | None,
+) -> Float64Array:
+    """Return the standard deviations of psi (N,), which the pose tells but for the `share` that the encoder tells."""
+    attitude = noise.attitude * (1.0 if poses.relative_noise is None else poses.relative_noise[1])
+    # The encoder's noise is what the residuals show beyond that of the attitudes, which may be far larger.
+    both = float(np.mean(attitude)) + noise.encoder
+    encoder = noise.encoder + both * np.sqrt(2 / poses.samples)
+    own = np.broadcast_to((1 - share) ** 2 * attitude + share**2 * encoder, poses.samples)
+    # The axes shift all angles alike; the clock and the encoder's line do not.
+    parameters, slopes = [np.eye(covariance.shape[0])[:4].T @ _zero_derivatives(poses, hinge)], [np.ones(own.size)]
+    if poses.offset_derivatives is not None:
+        by_offset = [np.asarray(seen.offset_derivatives)[5] for _, seen in iterate_residuals(poses, hinge)]
+        parameters.append(np.eye(covariance.shape[0])[PARAMETERS])
+        slopes.append((1 - share) * np.concatenate(by_offset))
+    if line is not None and poses.encoder is not None:
+        parameters += [*np.eye(covariance.shape[0])[-2:]]
+        slopes += [share * np.ones(own.size), share * np.nan_to_num(poses.encoder)]
+    common = np.stack(parameters) @ covariance @ np.stack(parameters).T
+    change = np.stack(slopes)
+    return np.asarray(np.sqrt(own + np.maximum((change * (common @ change)).sum(axis=0), 0.0)))
+
+
+def _zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
+    """Return the derivatives of psi of all samples, less that of psi = 0, by two turns of n and two of m (4,); by
+    central differences.
     """
     some = poses.thinned(SHIFT_SAMPLES)
     changes = []

@@ -559,8 +559,14 @@ def _estimate_noise(
     read = np.isfinite(turn) & near
     if encoder_line is None or not read.any():
         return noise
-    total = float(turn[read].mean()) if loss is None else median_variance(turn[read], 1)
-    return noise._replace(encoder=max(total - noise.attitude, _LEAST_NOISE * total, _ROUNDING**2))
+    # A step of Newton's method towards mean(turn / (attitude + encoder)) = 1; the solution if samples are alike.
+    relative = np.ones(turn.size) if poses.relative_noise is None else poses.relative_noise[1]
+    encoder = 0.0 if previous_noise is None else previous_noise.encoder
+    expected = noise.attitude * relative[read] + encoder
+    ratios = turn[read] / expected
+    ratio = float(ratios.mean()) if loss is None else median_variance(ratios, 1)
+    total = 1 / float((1 / expected).mean())
+    return noise._replace(encoder=max(encoder + (ratio - 1) * total, _LEAST_NOISE * ratio * total, _ROUNDING**2))
 
 
 def variance_components(

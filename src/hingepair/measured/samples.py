@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, ShapeError
+from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.measured.likelihood import Noise
 from hingepair.measured.relative_poses import RelativePoses, compute_relative_poses
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
-from hingepair.numeric.instants import increasing_seconds
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.tables.instants import increasing_seconds
 
 
 class Samples(NamedTuple):
@@ -71,10 +71,18 @@ def checked_samples(
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
     """Check the arguments of `fit`, which have the same names."""
+    for name, body in (("body1", body1), ("body2", body2)):
+        if not isinstance(body, BodyMotion):
+            expected = "a BodyMotion, as hingepair.read_recording(...).body1 of files, DataFrames and dicts"
+            raise ArgumentError(name, expected, quoted(body) if isinstance(body, str) else type(body).__name__)
     arrays = motion_arrays("body1", body1, "R", "S") | motion_arrays("body2", body2, "R")
     is_point = body2.S is None
     arrays["S2"] = np.eye(3) if is_point else motion_arrays("body2", body2, "S")["S2"]
-    shape = broadcast_shape({"body1": body1.shape, "body2": body2.shape})
+    try:
+        shape = broadcast_shape({"body1": body1.shape, "body2": body2.shape})
+    except ShapeError as error:
+        expected = f"{error.expected}; hingepair.resample(t2, body2, to=t1) gives body 2 the instants of body 1"
+        raise ShapeError(error.name, expected, error.got) from None
     if len(shape) != 1:
         raise ShapeError("body1, body2", "motions of shape (N,), N instants", f"shape {shape}")
     time = None if t is None else read_only(increasing_seconds("t", t)[0])

@@ -32,9 +32,7 @@ _DOUBLE = np.dtype(np.float64)
 def error_bounds(
     computation: RobotComputation, values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Compute bounds on the rounding errors of a computation's outputs; of motion, one for each frame on the last
-    axis.
-    """
+    """Return bounds on the rounding errors of a computation's outputs; of motion with an axis of frames."""
     names = computation.request.outputs
     solved = tuple(name for name in names if name in _ACCELERATIONS)
     carried = tuple(name for name in names if name not in solved)
@@ -45,13 +43,7 @@ def error_bounds(
 
 
 class _BoundedProgram:
-    """Outputs of a robot, computed with numbers that carry a bound.
-
-    Args:
-        computation: the robot and its frames.
-        outputs: names of the outputs.
-        values: arguments, whose dtype is the precision that is bounded.
-    """
+    """Outputs of a robot, computed with numbers that carry a bound, in the precision of the arguments."""
 
     def __init__(self, computation: RobotComputation, outputs: tuple[str, ...], values: Arguments) -> None:
         computation.constants.tree.single()
@@ -111,7 +103,6 @@ def slope_bounds(
     function = program.derivatives(names, groups)
 
     def block_bounds(block: Named) -> Mapping[str, Any]:
-        """Return the largest bound of each derivative."""
         return {name: _largest_bounds(result, 0) for name, result in function(block).items()}
 
     samples = broadcast_shape(values.shapes)
@@ -126,7 +117,6 @@ def _carried_bounds(
     groups = _input_groups(computation, computation.complete(values, gravity))
 
     def block_bounds(block: Named) -> Mapping[str, Any]:
-        """Return the largest bound of each output and frame."""
         results = program.run(block, groups)
         return {name: _largest_bounds(results[name], frame_count if name in FRAME_OUTPUTS else 0) for name in names}
 
@@ -158,7 +148,6 @@ def _acceleration_bounds(
         groups = _input_groups(inverse, complete | {name: np.asarray(found[name]) for name in unknown})
 
         def block_bounds(block: Named, inputs: Iterable[str] = tuple(groups)) -> Mapping[str, Any]:
-            """Return the largest bound of each output."""
             results = program.run(block, inputs)
             left = [
                 np.abs(got.value - load) + got.error + error
@@ -213,7 +202,7 @@ def _inverse(M: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _input_groups(computation: RobotComputation, values: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
-    """Return the components of those values that are inputs of a computation, without the constants."""
+    """Return the inputs of a computation that `values` has, each as a tuple of components; without the constants."""
     return {
         name: _input_components(values[name], sample_shape)
         for name, sample_shape in computation.inputs.items()
@@ -227,7 +216,6 @@ def _with_conversion_errors(groups: Mapping[str, tuple[Any, ...]]) -> Named:
 
 
 def _as_tuple(value: Any) -> tuple[Any, ...]:
-    """Return a tuple as it is, and any other value as a tuple that holds it."""
     return value if isinstance(value, tuple) else (value,)
 
 

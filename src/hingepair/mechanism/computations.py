@@ -19,6 +19,7 @@ from hingepair.mechanism.constants import (
     split_numbers,
 )
 from hingepair.mechanism.states import (
+    JointResults,
     JointWrenches,
     MechanismAccelerations,
     MechanismDerivatives,
@@ -31,7 +32,8 @@ from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.pair.body_motion import BodyMotion, motion_inputs
-from hingepair.plans.arguments import Arguments, CoordinateNames, read_arguments
+from hingepair.pair.states import Energy, Momentum
+from hingepair.plans.arguments import Arguments, read_arguments
 from hingepair.plans.computation import Computation
 from hingepair.plans.derivatives import body_constants
 from hingepair.plans.trees import (
@@ -98,8 +100,8 @@ TASKS: Final[Mapping[str, Task]] = {
     "centre_of_mass_jacobian": Task(("q",), ("centre_of_mass_jacobian",)),
     "centre_of_mass_bias": Task(("q", "qd"), ("centre_of_mass_bias",)),
     "centroidal_momentum_matrix": Task(("q",), ("centroidal_momentum_matrix",)),
-    "energy": Task(("q", "qd"), ("kinetic", "potential"), Results),
-    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Results),
+    "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy),
+    "momentum": Task(("q", "qd"), ("linear", "angular_about_origin", "angular_about_centre"), Momentum),
 }
 """All that can be asked of a robot."""
 
@@ -110,7 +112,6 @@ _RESULTS: Final = {
 ALL_OUTPUTS: Final = tuple(_RESULTS)
 
 
-PREPARED_WORDS: Final = tuple(name for name in TASKS if name not in {"energy", "momentum"})  # which have no class
 _PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)
 
 
@@ -126,15 +127,13 @@ def result_class(
         return mechanism_state_class(frames, constants.tree.frame_names, further)
     if kind is JointWrenches:
         return joint_results_class(kind, tuple(joint.name for joint in constants.tree.joints))
-    return Results if kind is Results else joint_results_class(kind, constants.names)  # type: ignore[arg-type]
+    if not issubclass(kind, JointResults):
+        return kind if all(_RESULTS.get(name) is kind for name in outputs) else Results
+    return joint_results_class(kind, constants.names)  # type: ignore[arg-type]
 
 
 def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
-    """Return the arrays of a base's motion by input name. Where it has a pose alone, the base is at rest.
-
-    Raises:
-        ArgumentError: not a BodyMotion, or an input that is needed is missing.
-    """
+    """Return the arrays of a base's motion by input name. Where it has a pose alone, the base is at rest."""
     if base_motion is None:
         return {}
     if not isinstance(base_motion, BodyMotion):
@@ -149,11 +148,7 @@ def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) ->
 
 
 def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> tuple[Loads, tuple[str, ...]]:
-    """Return the argument `wrenches`, pairs (force, torque) by link, as loads, and the names of the links.
-
-    Raises:
-        ArgumentError: an unknown link, or no pair.
-    """
+    """Return the argument `wrenches`, pairs (force, torque) by link, as loads, and the names of the links."""
     if wrenches is None:
         return {}, ()
     if not isinstance(wrenches, Mapping):
@@ -228,8 +223,9 @@ class RobotComputation(Computation):
         super().__init__(
             self._request_loop, outputs,
             {**{name: output_shape(name, self.form, self.request) for name in _PREPARED_ARGUMENTS}, **self.inputs},
-            known, result, CoordinateNames(constants.names, noun="joints"), derivatives=MechanismDerivatives,
-            owner="robot", shape=known["samples"].shape[:-1] if varied else (),
+            known, result, constants.tree.coordinate_names, derivatives=MechanismDerivatives,
+            owner="robot", samples_name="lengths" if samples is not None and samples.lengths else "payload",
+            shape=known["samples"].shape[:-1] if varied else (),
             operations=estimated_operations(self.form, self.request),
             constant_shapes=body_constants(len(self.form.parents), free),
         )  # fmt: skip
@@ -256,9 +252,6 @@ class RobotComputation(Computation):
             base_motion: motion of the base; None where it rests at the origin.
             loads: forces and torques by input name, each with its label.
             moving: whether the base's angular velocity is needed in any case.
-
-        Raises:
-            ArgumentError: what the outputs need of `base_motion` is missing.
         """
         base = base_inputs(base_motion, (*self.inputs, *(("omega1",) if moving else ())))
         given = {**coordinates, **base, **{name: value for name, (value, _) in loads.items()}}
@@ -277,12 +270,12 @@ class RobotComputation(Computation):
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
     """Return the names of a prepared call's arguments, for which `given` may be the name of a task."""
-    if isinstance(given, str) and given in PREPARED_WORDS:
+    if isinstance(given, str) and given in TASKS:
         names = TASKS[given].given
     elif isinstance(given, Iterable) and not isinstance(given, str):
         names = tuple(given)
     else:
-        raise ArgumentError("given", f"{choices(PREPARED_WORDS)}, or a tuple of names", quoted(given))
+        raise ArgumentError("given", f"{choices(tuple(TASKS))}, or a tuple of names", quoted(given))
     for name in names:
         if name not in _PREPARED_ARGUMENTS:
             raise ArgumentError("given", choices(_PREPARED_ARGUMENTS), quoted(name))

@@ -16,18 +16,18 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.balls import Ball, axes_balls, error_bound, rotation_balls
 from hingepair.mechanism.samples import moved_numbers
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
+from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
 from hingepair.plans.computation import Cache
 from hingepair.plans.trees import Form, constant_place
 
 Exact: TypeAlias = list[Any]
 """Fractions, or `Ball`s around fractions."""
 
-_ROUNDING_OF_PIVOTS: Final = 64 * 2.0**-53  # a pivot below this share of all inertia beyond the joint is rounding
-_FOLDED_CONSTANT_VALUES: Final = {0.0, 1.0, -1.0}  # which become part of a program
+_PIVOT_ROUNDING: Final = 64 * 2.0**-53  # a pivot below this share of all inertia beyond the joint is rounding
+_FOLDED: Final = {0.0, 1.0, -1.0}  # which become part of a program
 # The axes x, y and z of a program in the body's axes, by the components' sizes of a joint axis along x, y or z.
 _AXES_ALONG: Final = {
     (1.0, 0.0, 0.0): ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
@@ -69,9 +69,8 @@ class RobotConstants:
 
 
 def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstants:
-    """Compute the constants of a robot's generated programs from its Tree, and return them as RobotConstants. The
-    mass of the base counts only if `free` is True, that is, if the base is free. With `whole`, no matter counts with
-    the parent's body.
+    """Return the constants of a robot's programs. The mass of the base counts only if it is free. With `whole`, no
+    matter counts with the parent's body.
     """
     with np.errstate(all="ignore"):  # what overflows is refused where masses are used
         axes = _axes_of_bodies(tree)
@@ -180,14 +179,15 @@ def load_numbers(tree: Tree) -> list[float]:
 def split_numbers(
     numbers: Iterable[float], varied: Collection[int] = ()
 ) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
-    """Split numbers into the values 0, 1 and -1, which programs fold, and all others, the parameters; return two
-    tuples. The first has an element for each number, with None in place of each parameter; the second has only the
-    parameters. Numbers at the places `varied` are parameters in any case.
+    """Return each number that programs fold (0, 1 or -1), None in place of all others, and these others, the
+    parameters; numbers at the places `varied` are parameters in any case.
+
+    >>> split_numbers([1.0, 0.3, 0.0])
+    ((1.0, None, 0.0), (0.3,))
     """
     all_numbers = [number + 0.0 for number in numbers]  # no -0.0
     folded = tuple(
-        number if number in _FOLDED_CONSTANT_VALUES and place not in varied else None
-        for place, number in enumerate(all_numbers)
+        number if number in _FOLDED and place not in varied else None for place, number in enumerate(all_numbers)
     )
     return folded, tuple(number for number, known in zip(all_numbers, folded, strict=True) if known is None)
 
@@ -254,17 +254,13 @@ def _matrix_product(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[n
 
 
 class _MassMoments:
-    """The sums `m`, `h` and `N` of the exact masses, first moments and second moments of bodies about a point. `add`
-    adds a further body.
-    """
+    """The exact mass `m`, first moment `h` and second moment `N` of bodies about a point."""
 
     def __init__(self, m: Fraction, h: Exact, N: Exact) -> None:
         self.m, self.h, self.N = m, h, N
 
     def add(self, m: Fraction, h: Exact, N: Exact) -> None:
-        """Add the mass m, first moment h and second moment N (lists of Fractions) of a further body to this object,
-        in place.
-        """
+        """Add the moments of a further body."""
         self.m += m
         self.h = [x + y for x, y in zip(self.h, h, strict=True)]
         self.N = [x + y for x, y in zip(self.N, N, strict=True)]
@@ -337,13 +333,12 @@ def _shift_to_parents(
 
 
 def _ten_numbers(moments: _MassMoments) -> Exact:
-    """Return mass, first moment and second moment of a body as a list of ten Fractions."""
+    """Return mass, first moment and second moment of a body."""
     N = moments.N
     return [moments.m, *moments.h, N[0], N[1], N[2], N[4], N[5], N[8]]
 
 
 def _rounded_numbers(moments: _MassMoments) -> list[float]:
-    """Return mass, first moment and second moment of a body as a list of ten floats."""
     return [_nearest_float(x) for x in _ten_numbers(moments)]
 
 
@@ -361,22 +356,20 @@ def _exact(array: NDArray[np.float64]) -> Exact:
 
 
 def _matrix_times_vector(A: Exact, v: Exact) -> Exact:
-    """Return the product A v of a matrix (3, 3), given row by row, and a vector; all are lists of Fractions."""
     return [_sum_of_products((A[3 * i + k], v[k]) for k in range(3)) for i in range(3)]
 
 
 def _matrix_times_matrix(A: Exact, B: Exact) -> Exact:
-    """Return the product A B of matrices (3, 3), given row by row."""
+    """Return A B of matrices (3, 3), row by row."""
     return [_sum_of_products((A[3 * i + k], B[3 * k + j]) for k in range(3)) for i in range(3) for j in range(3)]
 
 
 def _transposed(A: Exact) -> Exact:
-    """Return the transpose of a matrix (3, 3), given and returned as a list of nine Fractions, row by row."""
     return [A[3 * j + i] for i in range(3) for j in range(3)]
 
 
 def _congruence(A: Exact, N: Exact) -> Exact:
-    """Return the product A N A^T of matrices (3, 3), given and returned as lists of nine Fractions, row by row."""
+    """Return A N A^T."""
     T = _matrix_times_matrix(A, N)
     return [_sum_of_products((T[3 * i + k], A[3 * j + k]) for k in range(3)) for i in range(3) for j in range(3)]
 
@@ -387,10 +380,8 @@ def _sum_of_products(pairs: Iterable[tuple[Fraction, Fraction]]) -> Fraction:
 
 
 def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[list[float], tuple[float, float]]:
-    """Return a list of numbers, the first for the base (0) and one for every joint of a Tree, and two numbers for the
-    pivots of a free base, of forces and of torques. A number is the size below which the pivot in forward dynamics (D
-    in equation T5) is only rounding error, or 0 if the pivot cannot be that small. `axes` holds, for each body, the
-    rotation from the axes in which the generated programs compute to the body's own axes.
+    """Return the sizes below which the pivots D of forward dynamics (T5) are only rounding, or 0 where a pivot cannot
+    be that small: of the base (0) and every joint, and of forces and torques of a free base.
 
     The inertia that resists a joint is at most that of all bodies beyond it, stretched out, and at least that of its
     own body and rotor.
@@ -408,7 +399,7 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
         p, axis = joint.parent, joint.axis
         reach = float(np.abs(joint.u).sum())
         reach += joint.reach
-        smallest = _ROUNDING_OF_PIVOTS * (axis.turns**2 * spread[k] + axis.shifts**2 * mass[k])
+        smallest = _PIVOT_ROUNDING * (axis.turns**2 * spread[k] + axis.shifts**2 * mass[k])
         turning = _inertia_about_axis(joint.body, axes[k][:, 2]) if axis.turns else 0.0
         own_inertia = axis.turns**2 * turning + axis.shifts**2 * joint.body.mass
         # The threshold of a joint that carries no mass is 1e-300, since 0 stands for a pivot that is never small.
@@ -416,7 +407,7 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
         mass[p] += mass[k]
         moment[p] += moment[k] + mass[k] * reach
         spread[p] += spread[k] + 2 * reach * moment[k] + mass[k] * reach * reach
-    smallest_force, smallest_torque = (_ROUNDING_OF_PIVOTS * size for size in (mass[0], spread[0]))
+    smallest_force, smallest_torque = (_PIVOT_ROUNDING * size for size in (mass[0], spread[0]))
     is_regular = False
     if tree.base.mass > 0:
         c, least = tree.base.centre_of_mass, float(np.linalg.eigvalsh(tree.base.inertia)[0])

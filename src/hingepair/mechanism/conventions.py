@@ -17,7 +17,7 @@ from hingepair.errors import ArgumentError, ShapeError
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, vectors
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
+from hingepair.plans.arguments import Coordinates, read_coordinates
 from hingepair.rotations.matrices import matrix_to_quaternion, quaternion_to_matrix, rotation_exp, rotation_log
 
 
@@ -40,9 +40,9 @@ PINOCCHIO: Final = Convention(scalar_first=False, local_velocity=True)
 MUJOCO: Final = Convention(scalar_first=True, local_velocity=False)
 
 
-def read_rows(name: str, value: Coordinates, names: tuple[str, ...]) -> Float64Array:
+def read_rows(name: str, value: Coordinates, tree: Tree) -> Float64Array:
     """Return coordinates in any form as an array (..., dof)."""
-    read, _ = read_coordinates(name, value, CoordinateNames(names, noun="joints"))
+    read, _ = read_coordinates(name, value, tree.coordinate_names)
     return np.asarray(np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read, np.float64)
 
 
@@ -78,11 +78,7 @@ def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None,
 def read_state(
     convention: Convention, q: ArrayLike, v: ArrayLike | None, free: bool, dof: int, turning: list[int]
 ) -> State:
-    """Return the state that a package has written.
-
-    Raises:
-        ArgumentError: q or v cannot be used.
-    """
+    """Return the state that a package has written."""
     array = np.asarray(q, np.float64)
     first, width = 7 * free, array.shape[-1] if array.ndim else 0
     pairs = turning if width == first + dof + len(turning) else []

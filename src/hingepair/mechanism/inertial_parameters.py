@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError
-from hingepair.mechanism.folding import unphysical_reason
+from hingepair.mechanism.building.folding import unphysical_reason
 from hingepair.mechanism.tree import MassProperties, Tree
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
-from hingepair.numeric.tables import Sheet, Shown, align_columns, cell_text
+from hingepair.pair.body import INERTIA_ENTRIES
+from hingepair.pair.body import inertial_parameters as body_parameters
+from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
 
 PARAMETERS: Final = ("m", "hx", "hy", "hz", "Jxx", "Jxy", "Jyy", "Jxz", "Jyz", "Jzz")
 """The parameters of a body: mass, first moment, and inertia about the reference point; Pinocchio's order."""
-_ENTRIES: Final = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of J, in this order
 # Where one of two must go, mass goes to the body that carries it, then first moments, then Jyy.
 _KEPT_FIRST: Final = ("Jxx", "Jxy", "Jxz", "Jyz", "Jzz", "Jyy", "hx", "hy", "hz", "m")
 _DEPENDENT = 1e-7  # of the longest column of its kind (m, h or J); a shorter rest no recording tells from zero
@@ -36,19 +37,15 @@ def body_names(tree: Tree, with_base: bool) -> tuple[str, ...]:
 def inertial_parameters(tree: Tree, with_base: bool) -> Float64Array:
     """Return the parameters of all bodies, the base first if it counts; shape (10 * bodies,)."""
     bodies = [*([tree.single().base] if with_base else []), *(joint.body for joint in tree.joints)]
-    rows = []
-    for body in bodies:
-        m, c = body.mass, body.centre_of_mass
-        J = body.inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
-        rows += [m, *(m * c), *(J[entry] for entry in _ENTRIES)]
-    return read_only(np.array(rows, dtype=np.float64))
+    rows = [body_parameters(body.mass, body.centre_of_mass, body.inertia) for body in bodies]
+    return read_only(np.array(rows).ravel())
 
 
 def inertia_matrices(parameters: Float64Array) -> NDArray[np.float64]:
     """Return J of all bodies; shape (bodies, 3, 3)."""
     rows = parameters.reshape(-1, 10)
     J = np.empty((len(rows), 3, 3))
-    for k, (i, j) in enumerate(_ENTRIES):
+    for k, (i, j) in enumerate(INERTIA_ENTRIES):
         J[:, i, j] = J[:, j, i] = rows[:, 4 + k]
     return J
 
@@ -56,12 +53,7 @@ def inertia_matrices(parameters: Float64Array) -> NDArray[np.float64]:
 def tree_with_parameters(
     tree: Tree, with_base: bool, parameters: Float64Array, armature: Float64Array | None = None
 ) -> Tree:
-    """Return a copy of a tree with other inertial parameters, and rotors of the coordinates if given. Notes name the
-    bodies that no rigid body can be.
-
-    Raises:
-        ArgumentError: a body without mass has a first moment.
-    """
+    """Return a copy of a tree with other inertial parameters, and rotors of the coordinates if given."""
     names, masses, notes = body_names(tree.single(), with_base), [], []
     for name, row, J in zip(names, parameters.reshape(-1, 10), inertia_matrices(parameters), strict=True):
         m, h = float(row[0]), row[1:4]
@@ -150,7 +142,7 @@ def find_base_parameters(
     Args:
         tree: record of the robot.
         with_base: whether the mass of the base counts.
-        regressor: takes q, qd, qdd at random states, shape (3, states, dof), and returns the regressor there.
+        regressor: function of q, qd, qdd at random states, shape (3, states, dof).
         limits: of q; shape (dof, 2).
     """
     rng = np.random.default_rng(0)

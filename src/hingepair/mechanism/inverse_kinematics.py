@@ -10,10 +10,10 @@ import numpy as np
 from hingepair.engine.backend import execution_of
 from hingepair.engine.slices import run_in_threads
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.inverse_kinematics.goals import Goal
+from hingepair.inverse_kinematics.goals import Attitude, Direction, Goal, Position
 from hingepair.inverse_kinematics.paths import follow
 from hingepair.inverse_kinematics.results import InverseKinematics, InverseKinematicsPath
-from hingepair.inverse_kinematics.search import MAX_TRIALS, Found, Solver, Wish
+from hingepair.inverse_kinematics.search import MAX_TRIALS, Solutions, Solver, Targets
 from hingepair.mechanism.computations import RobotComputation
 from hingepair.mechanism.constants import RobotConstants
 from hingepair.mechanism.states import FrameState
@@ -36,11 +36,11 @@ from hingepair.rotations.matrices import check_rotation
 _MAX_SOLVERS: Final = 32  # that a robot keeps
 
 
-class Question(NamedTuple):
+class Query(NamedTuple):
     """What is asked of a robot, checked."""
 
     solver: Solver
-    wish: Wish  # of all targets, in one row
+    targets: Targets  # in one row
     shape: tuple[int, ...]  # of the targets
     by_frame: bool  # whether targets were given by frame
     seed: int
@@ -48,20 +48,20 @@ class Question(NamedTuple):
 
     def solve(self, count: int | None, nearest: bool) -> InverseKinematics:
         """Return one solution of each target, or up to `count`."""
-        solver, rows = self.solver, (len(self.wish.targets),)
+        solver, rows = self.solver, (len(self.targets.poses),)
         several = count or (1 if nearest else None)
         lead = rows if several is None else (*rows, several)
-        found = Found.nothing(lead, solver)
+        found = Solutions.nothing(lead, solver)
         steps, starts = np.zeros(rows, np.int64), np.zeros(rows, np.int64)
 
         def solve_some(index: Any) -> None:
-            wish = self.wish.at(index)
+            targets = self.targets.at(index)
             some, steps[index], starts[index] = (
-                solver.first(wish, self.seed) if several is None else solver.several(wish, several, self.seed)
+                solver.first(targets, self.seed) if several is None else solver.several(targets, several, self.seed)
             )
             found.put(index, some)
 
-        finite = np.flatnonzero(np.isfinite(self.wish.targets).all(axis=1))
+        finite = np.flatnonzero(np.isfinite(self.targets.poses).all(axis=1))
         pieces = [piece for piece in np.array_split(finite, self.workers) if len(piece)]
         if pieces:
             run_in_threads(solve_some, pieces)
@@ -73,14 +73,14 @@ class Question(NamedTuple):
     def follow(self, max_change: float) -> InverseKinematicsPath:
         """Return the coordinates along paths, whose samples stand in the last axis of the targets."""
         samples = self.shape[-1]
-        count = len(self.wish.targets) // max(1, samples)
-        found = Found.nothing((count, samples), self.solver)
+        count = len(self.targets.poses) // max(1, samples)
+        found = Solutions.nothing((count, samples), self.solver)
         jumps, steps = np.zeros((count, samples), bool), np.zeros((count, samples), np.int64)
 
         def follow_some(paths: Any) -> None:
             rows = paths[:, None] * samples + np.arange(samples)
-            wish = self.wish.at(rows.ravel())
-            some, jumps[paths], steps[paths] = follow(self.solver, wish, rows.shape, max_change, self.seed)
+            targets = self.targets.at(rows.ravel())
+            some, jumps[paths], steps[paths] = follow(self.solver, targets, rows.shape, max_change, self.seed)
             found.put(paths, some)
 
         pieces = [piece for piece in np.array_split(np.arange(count), self.workers) if len(piece) and samples]
@@ -90,28 +90,33 @@ class Question(NamedTuple):
         arrays |= {"jumps": jumps.reshape(self.shape), "steps": steps.reshape(self.shape)}
         return InverseKinematicsPath(arrays, self.shape)
 
-    def _arrays(self, found: Found, shape: tuple[int, ...]) -> dict[str, Any]:
+    def _arrays(self, found: Solutions, shape: tuple[int, ...]) -> dict[str, Any]:
         """Return coordinates and errors by the names of results."""
-        goals = self.solver.goals
-        errors = found.errors.reshape(*shape, len(goals), 2)
-        errors = errors if self.by_frame else errors[..., 0, :]
         arrays = {"q": found.q.reshape(*shape, self.solver.dof), "ok": found.ok.reshape(shape)}
-        if any(goal.position for goal in goals):
-            arrays["position_error"] = errors[..., 0]
-        if any(goal.attitude != "none" for goal in goals):
-            arrays["angle_error"] = errors[..., 1]
+        goals, errors = self.solver.goals, found.errors.reshape(*shape, len(self.solver.goals))
+        for name, is_length in (("position_error", True), ("angle_error", False)):
+            columns = [k for k, goal in enumerate(goals) if goal.is_length == is_length]
+            if columns:
+                of_frames = np.zeros((*shape, 1 + goals[-1].frame))
+                of_frames[..., [goals[k].frame for k in columns]] = errors[..., columns]
+                arrays[name] = of_frames if self.by_frame else of_frames[..., 0]
         return arrays
 
 
-class _Target(NamedTuple):
+class _FrameTargets(NamedTuple):
     """What one frame is to reach."""
 
     frame: Frame  # whose z axis is the one that has a direction
-    goal: Goal
-    parts: tuple[Float64Array, ...]  # positions, then rotation matrices or directions
+    goals: tuple[Goal, ...]
+    values: dict[str, Float64Array]  # of the goals, by the name of the argument that has them
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Return the shapes of the samples."""
+        named = zip(self.goals, self.values.items(), strict=True)
+        return {name: array.shape[: array.ndim - len(goal.shape)] for goal, (name, array) in named}
 
 
-def read_question(
+def read_query(
     tree: Tree,
     constants: RobotConstants,
     R: Any,
@@ -130,7 +135,7 @@ def read_question(
     seed: int,
     workers: int,
     path: bool = False,
-) -> Question:
+) -> Query:
     """Check the arguments of inverse kinematics. Those of a path have an axis of samples, which q0 has not."""
     if not constants.names:
         raise ArgumentError("robot", "a joint that moves", "none")
@@ -144,19 +149,22 @@ def read_question(
         number_not_below_0("angle_tolerance", angle_tolerance),
     )
     by_frame = any(isinstance(value, Mapping) for value in (R, S, direction))
-    shapes: dict[str, tuple[int, ...]] = {}
-    targets = {
-        name: _read_target(tree, number, name, R, S, direction, axis, by_frame, shapes)
+    frames = {
+        name: _read_target(tree, number, name, R, S, direction, axis, by_frame)
         for number, name in enumerate(_frame_names(tree, frame, {"R": R, "S": S, "direction": direction}))
     }
-    names = CoordinateNames(constants.names, noun="joints")
-    near = None if q0 is None else _read_posture("q0", q0, names, shapes, path)
+    shapes = {label: shape for target in frames.values() for label, shape in target.shapes().items()}
+    names = tree.coordinate_names
+    near = posture = None
+    if q0 is not None:
+        near = _read_posture("q0", q0, names, path)
+        shapes["q0"] = near.shape[:-1]
     box = _read_limits(limits, tree)
-    posture = None
     if isinstance(prefer, str):
         check_choice("prefer", prefer, ("middle",))
     elif prefer is not None:
-        posture = _read_posture("prefer", prefer, names, shapes, False)
+        posture = _read_posture("prefer", prefer, names, False)
+        shapes["prefer"] = posture.shape[:-1]
     if base_motion is not None:
         if not isinstance(base_motion, BodyMotion) or base_motion.S is None:
             raise ArgumentError("base_motion", "a BodyMotion with R and S", quoted(base_motion))
@@ -165,25 +173,20 @@ def read_question(
     if path and not shape:
         raise ShapeError("R", "an axis of samples, shape (..., samples, 3)", "one target")
 
-    reaches = {name: _reach(tree, target.frame) for name, target in targets.items()}
-    parts = {name: _in_base_axes(target, base_motion, shape) for name, target in targets.items()}
-    solver = _solver(constants, targets, box, reaches, _read_weights(weights, reaches))
+    solver = _solver(constants, frames, box, {name: _reach(tree, one.frame) for name, one in frames.items()}, weights)
     size = len(constants.names)
     if isinstance(prefer, str):
         posture = solver.middle
     rows = [
         None if one is None else np.broadcast_to(one, (*shape, size)).reshape(-1, size) for one in (near, posture)
     ]
-    wish = Wish(np.concatenate([*parts.values()], axis=1), rows[0], rows[1], *tolerances)
-    return Question(solver, wish, shape, by_frame, int(seed), workers)
+    poses = np.concatenate([_in_base_axes(one, base_motion, shape) for one in frames.values()], axis=1)
+    targets = Targets(poses, rows[0], rows[1], *tolerances)
+    return Query(solver, targets, shape, by_frame, int(seed), workers)
 
 
 def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
-    """Check how many solutions are wanted, and which.
-
-    Raises:
-        ArgumentError: no such choice.
-    """
+    """Check how many solutions are wanted, and which."""
     check_choice("select", select, ("any", "nearest"))
     if select == "nearest" and q0 is None:
         raise ArgumentError("q0", 'coordinates, since select="nearest" needs them', None)
@@ -196,11 +199,7 @@ def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
 
 
 def read_max_change(max_change: Any) -> float:
-    """Check a change of coordinates.
-
-    Raises:
-        ArgumentError: it is not a positive number.
-    """
+    """Check a change of coordinates."""
     number = finite_number("max_change", max_change)
     if number <= 0:
         raise ArgumentError("max_change", "a positive number", max_change)
@@ -227,46 +226,53 @@ def _frame_names(tree: Tree, frame: str | None, given: Mapping[str, Any]) -> tup
     return tuple(dict.fromkeys(name for value in present.values() for name in value))
 
 
+def _vectors_of_targets(label: str, value: Any, *tail: int) -> Any:
+    """Return positions or attitudes; the message on poses of other libraries says how to convert them."""
+    try:
+        return vectors(label, value, *tail)
+    except ShapeError as error:
+        shape, expected = np.shape(value), f"shape (..., {', '.join(map(str, tail))})"
+        if shape[-2:] == (4, 4):
+            expected += "; of poses T, 4 x 4, R is T[..., :3, 3] and S is T[..., :3, :3]"
+        elif shape[-1:] == (4,) and label.startswith("S"):
+            expected += "; R=hp.BodyMotion.from_quaternion_xyzw(R=..., quat_xyzw=...) takes a quaternion"
+        else:
+            raise
+        raise ShapeError(label, expected, error.got) from None
+
+
 def _read_target(
-    tree: Tree,
-    number: int,
-    name: str,
-    R: Any,
-    S: Any,
-    direction: Any,
-    axis: Any,
-    by_frame: bool,
-    shapes: dict[str, tuple[int, ...]],
-) -> _Target:
-    """Check the targets of one frame, and note the shapes of their samples."""
+    tree: Tree, number: int, name: str, R: Any, S: Any, direction: Any, axis: Any, by_frame: bool
+) -> _FrameTargets:
+    """Check the targets of one frame."""
     frame = tree.known_frame("frame", name)
     labels = {one: f"{one}[{name!r}]" if by_frame else one for one in ("R", "S", "direction", "axis")}
-    given = [(one or {}).get(name) if by_frame else one for one in (R, S, direction)]
+    given: list[Any] = [(one or {}).get(name) if by_frame else one for one in (R, S, direction)]
     if isinstance(given[0], BodyMotion | FrameState):
         if given[1] is not None:
             raise ArgumentError(labels["S"], f"None, since {labels['R']} has attitudes", quoted(given[1]))
         given[:2] = given[0].R, given[0].S
     place, attitude, toward = given
-    parts = []
+    goals: list[Goal] = []
+    values: dict[str, Any] = {}
     if place is not None:
-        parts.append(vectors(labels["R"], place, 3))
-        shapes[labels["R"]] = parts[-1].shape[:-1]
+        goals.append(Position(number))
+        values[labels["R"]] = _vectors_of_targets(labels["R"], place, 3)
     if attitude is not None and toward is not None:
         if by_frame or S is not None:
             raise ArgumentError(labels["direction"], f"None, since {labels['S']} is given", quoted(toward))
         attitude = None
     if attitude is not None:
-        parts.append(vectors(labels["S"], attitude, 3, 3))
-        shapes[labels["S"]] = parts[-1].shape[:-2]
-        check_rotation(labels["S"], parts[-1])
+        goals.append(Attitude(number))
+        values[labels["S"]] = _vectors_of_targets(labels["S"], attitude, 3, 3)
+        check_rotation(labels["S"], values[labels["S"]])
     if toward is not None:
-        parts.append(_unit_vectors(labels["direction"], vectors(labels["direction"], toward, 3)))
-        shapes[labels["direction"]] = parts[-1].shape[:-1]
+        goals.append(Direction(number))
+        values[labels["direction"]] = _unit_vectors(labels["direction"], vectors(labels["direction"], toward, 3))
         own = axis.get(name, (0, 0, 1)) if isinstance(axis, Mapping) else axis
         own = _unit_vectors(labels["axis"], one_constant(labels["axis"], own, 3))
         frame = Frame(frame.body, frame.R, frame.S @ _axes_about(own))
-    kind = "full" if attitude is not None else "axis" if toward is not None else "none"
-    return _Target(frame, Goal(number, place is not None, kind), tuple(np.asarray(one, np.float64) for one in parts))
+    return _FrameTargets(frame, tuple(goals), {label: np.asarray(one, np.float64) for label, one in values.items()})
 
 
 def _unit_vectors(name: str, values: Any) -> Float64Array:
@@ -288,18 +294,14 @@ def _axes_about(z: Float64Array) -> Float64Array:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def _read_posture(
-    name: str, value: Any, names: CoordinateNames, shapes: dict[str, tuple[int, ...]], path: bool
-) -> Float64Array:
+def _read_posture(name: str, value: Any, names: CoordinateNames, path: bool) -> Float64Array:
     """Return finite coordinates (..., dof), with an axis of one sample if there is one for each path."""
     read, _ = read_coordinates(name, value, names)
     array = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
     array = np.asarray(array, np.float64)
     if not np.isfinite(array).all():
         raise ArgumentError(name, "finite numbers", "NaN or infinity")
-    array = array[..., None, :] if path else array
-    shapes[name] = array.shape[:-1]
-    return array
+    return array[..., None, :] if path else array
 
 
 def _read_limits(limits: Any, tree: Tree) -> Float64Array:
@@ -340,45 +342,44 @@ def _reach(tree: Tree, frame: Frame) -> float:
     return reach or 1.0
 
 
-def _in_base_axes(target: _Target, base: BodyMotion | None, shape: tuple[int, ...]) -> Float64Array:
+def _in_base_axes(target: _FrameTargets, base: BodyMotion | None, shape: tuple[int, ...]) -> Float64Array:
     """Return the numbers of a target for all samples, (N, size), in axes of the base and from its reference point."""
     columns = []
-    for k, part in enumerate(target.parts):
-        is_place = target.goal.position and k == 0
-        rank = 2 if target.goal.attitude == "full" and not is_place else 1
-        rows = np.broadcast_to(part, (*shape, *(3,) * rank)).reshape(-1, *(3,) * rank)
+    for goal, values in zip(target.goals, target.values.values(), strict=True):
+        rows = np.broadcast_to(values, (*shape, *goal.shape)).reshape(-1, *goal.shape)
         if base is not None:
             R1 = np.broadcast_to(base.R, (*shape, 3)).reshape(-1, 3).astype(np.float64)
             S1 = np.broadcast_to(base.S, (*shape, 3, 3)).reshape(-1, 3, 3).astype(np.float64)
-            S1 = S1 if rank == 1 else S1[..., None]
-            rows = rows - R1 if is_place else rows
+            S1 = S1 if len(goal.shape) == 1 else S1[..., None]
+            rows = rows - R1 if goal.is_length else rows
             # Not by matmul, which may add in another order in another batch.
             turned = [
                 S1[:, 0, c] * rows[:, 0] + S1[:, 1, c] * rows[:, 1] + S1[:, 2, c] * rows[:, 2] for c in range(3)
             ]
             rows = np.stack(turned, axis=1)
-        columns.append(rows.reshape(len(rows), 3**rank))
+        columns.append(rows.reshape(len(rows), goal.size))
     return np.concatenate(columns, axis=1)
 
 
 def _solver(
     constants: RobotConstants,
-    targets: Mapping[str, _Target],
+    targets: Mapping[str, _FrameTargets],
     limits: Float64Array,
     reaches: Mapping[str, float],
-    weights: list[tuple[float, float]],
+    weights: Any,
 ) -> Solver:
     """Return the Solver, which is made at its first use and cached."""
     frames = tuple(target.frame for target in targets.values())
-    goals = tuple(target.goal for target in targets.values())
-    key = tuple(targets), goals, tuple(weights), limits.tobytes(), tuple(frame.S.tobytes() for frame in frames)
+    goals = tuple(goal for target in targets.values() for goal in target.goals)
+    pairs, lengths = _read_weights(weights, reaches), [*reaches.values()]
+    counts = tuple(pairs[goal.frame][not goal.is_length] for goal in goals)
+    key = tuple(targets), goals, counts, limits.tobytes(), tuple(frame.S.tobytes() for frame in frames)
     solvers: dict[Any, Solver] = constants.cache.others.setdefault("inverse_kinematics", {})
     solver = solvers.get(key)
     if solver is None:
         found = RobotComputation(constants, ("R", "S"), False, frames, (), None)
-        solver = Solver(
-            found.form, found.request, found.known["constants"], goals, limits, tuple(reaches.values()), weights
-        )
+        numbers, own = found.known["constants"], tuple(lengths[goal.frame] for goal in goals)
+        solver = Solver(found.form, found.request, numbers, goals, limits, own, counts)
         if len(solvers) >= _MAX_SOLVERS:
             solvers.clear()
         solvers[key] = solver

@@ -5,30 +5,35 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, HingePairError, choices, nearest, quoted
-from hingepair.mechanism import building
+from hingepair.mechanism.building import changes
+from hingepair.mechanism.building.mujoco_model import tree_of_mjcf
+from hingepair.mechanism.building.pairs import tree_of_pairs
+from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
+from hingepair.mechanism.building.urdf import tree_of_urdf
+from hingepair.mechanism.hints import instead
 from hingepair.mechanism.inertial_parameters import (
     BaseParameters,
     find_base_parameters,
     inertial_parameters,
     tree_with_parameters,
 )
+from hingepair.mechanism.joints import RobotJoint
 from hingepair.mechanism.methods import MechanismMethods
 from hingepair.mechanism.samples import read_payload
-from hingepair.mechanism.slider import RobotJoint
-from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Tree, loads_note
+from hingepair.mechanism.tree import BASE_KINDS, LOAD_FIELDS, NO_LOAD, Tree, loads_note
 from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only
-from hingepair.numeric.tables import Sheet, align_columns, cell_text
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import rotation_exp
+from hingepair.tables.sheets import Sheet, align_columns, cell_text
 from hingepair.urdf import records
 
 _JOINT_HEADINGS = (  # of the printed table; columns for some robots follow
@@ -49,22 +54,39 @@ _JOINT_HEADINGS = (  # of the printed table; columns for some robots follow
 class Mechanism(MechanismMethods):
     """A robot: a tree of hinges, sliders and screws on a base that rests, moves as prescribed, or is free.
 
-    Links connected by fixed or locked joints form one rigid body. The coordinates q, in rad of hinges and m of
-    sliders, are in the order of `names`: depth-first, with the joints on a link sorted by name, as in Pinocchio. q,
-    qd, qdd and tau are each
+    Links connected by fixed or locked joints form one rigid body. R1 is the base's reference point, the origin of the
+    base link. Vectors are in world axes, and accelerations are classical. `robot["elbow"]` is a joint as a HingePair,
+    a Slider or a Screw.
 
-    - an array of shape (..., dof);
-    - a tuple, or a dict by the joints' names, of numbers, the same for all samples, and arrays that broadcast;
-    - a table (such as a DataFrame) whose columns have the joints' names.
+    The methods share these arguments:
 
-    `base_motion` is the motion of the base, at rest if it has only R and S, and at the origin of the world unless
-    given. R1 is the base's reference point, the origin of the base link. Vectors are in world axes, and accelerations
-    are classical. `robot["elbow"]` is a joint as a HingePair, a Slider or a Screw.
+    - q, qd, qdd, tau: coordinates [rad of hinges, m of sliders] in the order of `names` (depth-first, with the joints
+      on a link sorted by name, as in Pinocchio), their time derivatives, and torques [N m] and forces [N]. Each is an
+      array (..., dof); a tuple, or a dict by joint, of numbers, the same for all samples, and arrays that broadcast;
+      or a table (such as a DataFrame) whose columns have the joints' names.
+    - frames: names of links, joints or added frames: a tuple, or one name; by default `tips`, the last links of all
+      branches. A name that a joint and a link share means the link. The frame of a joint moves with its child link.
+    - base_motion: pose and motion of the base, at rest if it has only R and S, and at the origin of the world unless
+      given.
+    - gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+    - wrenches: further loads by link: pairs (force, torque), world axes, at the origin of the link's frame [N, N m];
+      shape (..., 3) each, or the number 0.
+    - joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau (T14).
+      By default they do not, and the first call of a robot that has any says so in a DynamicsWarning.
+    - out: array into which the result is written; of methods with several outputs, arrays by output name.
+    - workers: number of threads; -1 for one thread per core.
+    - backend: "numpy"; "compiled", machine code that the first call compiles (0.1 to 0.3 s, or milliseconds where it
+      is on disk); or "auto", which compiles, but for coordinates given joint by joint only where NumPy would take
+      milliseconds longer.
+
+    Results are float32 if all arrays given are float32, else float64. The first computation that uses masses issues a
+    DynamicsWarning if a mass or an inertia was not given or is physically impossible.
 
     Args:
         pairs: HingePairs, Sliders and Screws, one for each joint, in the order of q. The name of a pair is that of
-            the joint, and of the link that is its body 2, whose frame has the origin R2. Body 1 of the first pair is
-            the link "base". Of a body that two pairs share, one gives the mass properties, or both give equal ones.
+            the joint, and of the link that is its body 2, whose frame has the origin R2; pairs without names get
+            `hinge_pair_1`, `hinge_pair_2`, ... by their places. Body 1 of the first pair is the link "base". Of a
+            body that two pairs share, one gives the mass properties, or both give equal ones.
         parents: for each pair, the number of its body 1: 0 for the base, 1 for body 2 of the first pair, and so on.
             By default, body 1 of each pair is body 2 of the pair before it.
         base: "fixed": the base rests, or moves as `base_motion` prescribes; "free": forces move it.
@@ -100,11 +122,7 @@ class Mechanism(MechanismMethods):
                 "dataclasses.replace cannot change a Mechanism: make it again with what is to differ, as by "
                 'load_robot(..., base="free")'
             )
-        self._set(building.tree_of_pairs(pairs, parents, base, name), base)
-
-    def _set(self, tree: Tree, base: str) -> None:
-        """Store tree and base in this frozen object."""
-        object.__setattr__(self, "tree", tree)
+        object.__setattr__(self, "tree", tree_of_pairs(pairs, parents, base, name))
         object.__setattr__(self, "base", base)
 
     @classmethod
@@ -115,27 +133,23 @@ class Mechanism(MechanismMethods):
         locked: Mapping[str, float] | None = None,
         snap: float | None = None,
     ) -> Mechanism:
-        """Read a robot from a URDF file or from URDF text and return a Mechanism. An rpy angle of an <origin> within
-        `snap` [rad] of a multiple of pi/2 is replaced by that multiple. Issue a DynamicsWarning if a joint is locked
-        beyond its limits, or if the joint that a mimic joint follows does not exist.
+        """Read a robot from a URDF file or from URDF text.
 
-        Revolute and continuous joints become hinges, and prismatic joints become sliders. Links connected by fixed
-        joints become one body with their combined mass and inertia. A mimic joint has no coordinate in q: its
-        position is computed from the joint that it follows. If that joint does not exist, the mimic joint has a
-        coordinate like any other joint. A link without <inertial> has no mass. Masses and inertias are used as they
-        are written, even if no rigid body can have them; a `DynamicsWarning` names such bodies at the first
-        computation that uses masses. Damping and friction of joints are kept and printed; dynamics count them with
-        `joint_loads=True`.
+        Revolute and continuous joints become hinges, and prismatic joints become sliders. A mimic joint has no
+        coordinate in q: its position is computed from the joint that it follows. If that joint does not exist, the
+        mimic joint moves by itself, and a DynamicsWarning says so. A link without <inertial> has no mass. Masses and
+        inertias are used as they are written, even if no rigid body can have them; a DynamicsWarning names such
+        bodies at the first computation that uses masses.
 
         Args:
-            path_or_text: path of a file, or the URDF itself (text that starts with "<"). Limits whose lower and
-                upper value are both 0 count as none, as many URDFs write them; other equal limits are kept.
+            path_or_text: path of a file, or the URDF itself (text that starts with "<"). Limits whose lower and upper
+                value are both 0 count as none, as many URDFs write them; other equal limits are kept.
             base: "fixed" or "free"; the base is the root link, or the child link of a floating root joint. By
-                default, the base is free if the URDF has such a joint, whose origin and parent link are left out,
-                and otherwise fixed.
-            locked: dict of the positions [rad or m] at which joints are held; its keys are names of joints, as in
-                {"panda_finger_joint1": 0.02}. Mimic joints that follow these joints are held too. A position beyond
-                the joint's limits is used, with a `DynamicsWarning`. By default, no joint is locked.
+                default, the base is free if the URDF has such a joint, whose origin and parent link are left out, and
+                otherwise fixed.
+            locked: positions [rad or m] at which joints are held, by name, as in {"panda_finger_joint1": 0.02}. Mimic
+                joints that follow these joints are held too. A position beyond the joint's limits is used, with a
+                DynamicsWarning.
             snap: tolerance [rad], such as 1e-5; at most 0.1. If an rpy angle of an <origin> differs from a multiple
                 of pi/2 by at most `snap`, it is replaced by that multiple, and its sine and cosine are exactly 0, 1
                 or -1. By default, only an angle that is the floating-point number nearest to a multiple of pi/2 is
@@ -145,7 +159,6 @@ class Mechanism(MechanismMethods):
             URDFError: the URDF cannot be read or has macros (xacro), its links and joints do not form a tree, a joint
                 is planar, or floating but not the only joint of the root link, or a value is not a number; the
                 message names the joint or the link.
-            ArgumentError: base, locked or snap cannot be used.
 
         >>> import hingepair as hp
         >>> beam = hp.Body(mass=2, shapes=[hp.Box((1, 0.2, 0.1))])
@@ -153,36 +166,30 @@ class Mechanism(MechanismMethods):
         >>> hp.Mechanism.from_urdf(hp.to_urdf(pair)).names
         ('hinge',)
         """
-        return _new_mechanism(cls, *building.tree_of_urdf(path_or_text, base, locked, snap))
+        return _new_mechanism(cls, *tree_of_urdf(path_or_text, base, locked, snap))
 
     @classmethod
     def from_pinocchio(
         cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None
     ) -> Mechanism:
-        """Return the robot of a Pinocchio model, such as a model that Pinocchio has read from MJCF, as a Mechanism.
-        Issue a DynamicsWarning if a joint is locked beyond its limits, or if the model's gravity is not (0, 0,
-        -9.81), the default of the methods.
+        """Return the robot of a Pinocchio model, such as a model that Pinocchio has read from MJCF.
 
         The inertias of the motors' rotors (`model.armature`) are included in forces, the mass matrix, forward
         dynamics and kinetic energy, as in Pinocchio. There is one difference: for a joint whose axis is not a
-        coordinate axis, Pinocchio 4.1 omits the rotor from the kinetic energy; hingepair includes it. The attributes
-        `rotorInertia` and `rotorGearRatio` of the model are not read. Position limits and the upper limits of effort
-        and velocity are copied, and so are damping and dry friction, which dynamics count with `joint_loads=True`.
-        Lower limits of effort and velocity, reference configurations and margins of limits are ignored. The model's
-        gravity is not copied: gravity is an argument of the methods. Constraints that close loops, such as those of
-        MJCF's `<equality>`, are no part of a Pinocchio model: the loops of the robot are open.
+        coordinate axis, Pinocchio 4.1 omits the rotor from the kinetic energy; hingepair includes it. Position
+        limits, the upper limits of effort and velocity, damping and dry friction are read. Not read are
+        `rotorInertia` and `rotorGearRatio`, lower limits of effort and velocity, reference configurations and margins
+        of limits; nor gravity, which is an argument of the methods, with a DynamicsWarning unless it is their
+        default. Constraints that close loops, such as those of MJCF's `<equality>`, are no part of a Pinocchio model:
+        the loops of the robot are open.
 
         Args:
             model: a Pinocchio model with revolute, continuous, prismatic, mimic and composite joints in depth-first
                 order. The joint at its root may be a free-flyer; links that are fixed to the world are then left out.
-                Apart from locked joints, the robot's q is Pinocchio's q with two exceptions. The seven numbers of a
-                free-flyer are left out; the argument `base_motion` of the methods gives the pose of the base. For a
-                continuous joint, Pinocchio's q holds the cosine and the sine of the angle, and the robot's q holds
-                the angle.
-            base: "fixed" or "free"; either may be given for a model with or without a free-flyer. By default, the
-                base is free if the model has a free-flyer, and otherwise fixed.
-            locked: dict of the positions [rad or m] at which joints are held, as for `from_urdf`. These joints have
-                no coordinate in the robot's q.
+                The robot's q is Pinocchio's, without the seven numbers of a free-flyer (`base_motion` gives the pose
+                of the base), and with the angle of a continuous joint in place of its cosine and sine.
+            base: "fixed" or "free". By default, the base is free if the model has a free-flyer, and otherwise fixed.
+            locked: positions at which joints are held, as for `from_urdf`.
 
         Raises:
             ArgumentError: a joint is of a kind that is not listed under `model`, a joint is not in depth-first order,
@@ -194,12 +201,12 @@ class Mechanism(MechanismMethods):
         >>> hp.Mechanism.from_pinocchio(pinocchio.buildSampleModelManipulator()).dof
         6
         """
-        return _new_mechanism(cls, *building.tree_of_pinocchio(model, base, locked))
+        return _new_mechanism(cls, *tree_of_pinocchio(model, base, locked))
 
     @classmethod
     def from_mjcf(cls, model: Any, base: str | None = None, locked: Mapping[str, float] | None = None) -> Mechanism:
-        """Read a robot from MJCF, the model format of MuJoCo, and return a Mechanism. MuJoCo reads the file, so that
-        defaults, included files and inertias of geoms are as there; it must be installed.
+        """Read a robot from MJCF, the model format of MuJoCo. MuJoCo reads the file, so that defaults, included files
+        and inertias of geoms are as there; it must be installed.
 
         Read are bodies with their masses, hinges and slide joints with `ref`, `range`, `armature`, `damping`,
         `frictionloss`, `stiffness`, `springref` and `actuatorfrcrange`, linear equalities of two joints as mimic
@@ -211,7 +218,7 @@ class Mechanism(MechanismMethods):
         Args:
             model: path of a file, its text (which starts with "<"), or a mujoco.MjModel.
             base: "fixed" or "free", as for `from_pinocchio`.
-            locked: dict of the positions [rad or m] at which joints are held, as for `from_urdf`.
+            locked: positions at which joints are held, as for `from_urdf`.
 
         Raises:
             ArgumentError: MuJoCo cannot read the model, or it has a ball joint, or a free joint elsewhere; the
@@ -228,7 +235,7 @@ class Mechanism(MechanismMethods):
         >>> robot.forward_dynamics([0], [1], [0], joint_loads=True).qdd.round(4).tolist()
         [-0.164]
         """
-        return _new_mechanism(cls, *building.tree_of_mjcf(model, base, locked))
+        return _new_mechanism(cls, *tree_of_mjcf(model, base, locked))
 
     # ---- properties
 
@@ -306,9 +313,9 @@ class Mechanism(MechanismMethods):
 
     @property
     def joint_loads(self) -> dict[str, HingeLoad]:
-        """Dict of the loads of joints as the robot's file describes them, with a HingeLoad of spring, damper and dry
-        friction for each joint by its name, and with the position limits as `stops`. Joints without any of these are
-        left out. The load of a slider is in N/m, N s/m and N.
+        """Loads of joints as the robot's file describes them, HingeLoads by the joint's name, with spring, damper and
+        dry friction, and the position limits as `stops`. Joints without any of these are left out. The load of a
+        slider is in N/m, N s/m and N.
 
         The methods of dynamics count springs, dampers and friction with `joint_loads=True`, stops never;
         `hp.simulate(robot, ..., loads=robot.joint_loads)` counts all.
@@ -329,21 +336,35 @@ class Mechanism(MechanismMethods):
     def __getitem__(self, joint: str) -> RobotJoint:
         """Return a moving joint by name, as a HingePair, Slider or Screw between the frames of the links behind their
         joints. A body that has no mass, or no possible one, is None.
-
-        Raises:
-            ArgumentError: there is no such moving joint.
         """
         for candidate in self.tree.joints:
             if candidate.name == joint:
-                return building.pair_of(self.tree, candidate)
+                return changes.pair_of(self.tree, candidate)
         names = [candidate.name for candidate in self.tree.joints]
         expected = choices(names) + nearest(str(joint), names) if names else "no joint, since none moves"
         raise ArgumentError("joint", expected, quoted(joint))
+
+    if not TYPE_CHECKING:  # a type checker knows the attributes
+
+        def __getattr__(self, name: str) -> Any:
+            """Raise an AttributeError with the name that an attribute of other libraries has here."""
+            hint = "" if name.startswith("_") else self._instead(name)
+            raise AttributeError(f"Mechanism has no {name!r}{hint}", name=name, obj=self)
+
+    def _instead(self, name: str) -> str:
+        if hasattr(type(self), name):
+            return "; methods such as with_payload and with_base return changed copies"
+        if name in self.names:
+            return f"; the joint is robot[{name!r}]"
+        return instead(name, [known for known in dir(type(self)) if not known.startswith("_")])
 
     def __iter__(self) -> Any:
         raise TypeError("a Mechanism is no sequence of joints; robot.names are their names")
 
     # ---- extended copies
+
+    def _with_tree(self, tree: Tree) -> Mechanism:
+        return _new_mechanism(type(self), tree, self.base)
 
     def with_payload(
         self,
@@ -354,27 +375,23 @@ class Mechanism(MechanismMethods):
         centre_of_mass: ArrayLike = (0.0, 0.0, 0.0),
         inertia: ArrayLike | None = None,
     ) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, with an additional body that is fixed to the link or other frame
-        named `link`. The robot itself is not changed.
+        """Return a copy of the robot with an additional body that is fixed to a link or other frame.
 
         The body is a Body, or mass properties with samples. Their leading axes broadcast with those of coordinates in
         every output that depends on masses, as if `mass` were an argument of the call: masses of shape (10_000, 1)
-        and q of shape (100, dof) give `tau` of shape (10_000, 100, dof). Error bounds, exports and comparisons are
-        of one robot, and refuse others.
+        and q of shape (100, dof) give `tau` of shape (10_000, 100, dof). Error bounds, exports and comparisons are of
+        one robot, and refuse others.
 
         Args:
-            link: name of the link or other frame to which the body is fixed. The name of a joint stands for the link
-                that the joint carries; for a HingePair, this link is body 2 with the origin R2 and the axes S2. The
-                reference point of the additional body is the origin of the link or frame, and the axes of the
-                additional body are the axes of the link or frame.
-            body: mass properties and shapes of the body.
+            link: name of the link or other frame, whose origin and axes are those of the body. The name of a joint
+                stands for the link that the joint carries; for a HingePair, this link is body 2 with the origin R2
+                and the axes S2.
+            body: mass properties and shapes of the body. A Body without inertia and shapes gets a radius of gyration
+                of 0.1 m, with a DynamicsWarning; `mass` alone is a point.
             mass: in place of `body`, masses [kg] of 0 or above; shape (...).
             centre_of_mass: centres of mass from the frame's origin, in the axes of the frame [m]; shape (..., 3).
             inertia: inertias about the centre of mass, axes of the frame [kg m^2]; shape (..., 3, 3). By default
                 zero: the payload is a point.
-
-        Raises:
-            ArgumentError: the robot has no frame `link`, `body` is not a Body, or no body has the mass properties.
 
         >>> import hingepair as hp
         >>> ball = hp.Body(2, inertia=(1, 1, 1))
@@ -384,67 +401,57 @@ class Mechanism(MechanismMethods):
         5.0
         """
         if mass is None:
-            return _new_mechanism(type(self), building.add_payload(self.tree, self.base, link, body), self.base)
+            return self._with_tree(changes.add_payload(self.tree, self.base, link, body))
         if body is not None:
             raise ArgumentError("mass", "None, since `body` has a mass", quoted(mass))
         payload = read_payload(mass, centre_of_mass, inertia)
-        return _new_mechanism(type(self), building.add_matter(self.tree, link, payload), self.base)
+        return self._with_tree(changes.add_matter(self.tree, link, payload))
 
     def with_locked(self, positions: Mapping[str, float]) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, in which joints are held, as with `locked=` of `from_urdf`. The
-        robot itself is not changed.
+        """Return a copy of the robot in which joints are held.
 
         Args:
-            positions: dict of the positions [rad or m] by joint name. Mimic joints that follow these joints are held
-                too. A position beyond the joint's limits is used, with a DynamicsWarning.
+            positions: positions [rad or m] by joint, as `locked` of `from_urdf`.
 
         Raises:
-            ArgumentError: the robot has no such moving joint, or a position is no number.
             ShapeError: the robot has payloads with samples; they are added after this.
 
         >>> import hingepair as hp
         >>> hp.load_robot("panda").with_locked({"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}).dof
         7
         """
-        tree = building.lock_joints(self.tree, self.base, positions)
-        return _new_mechanism(type(self), tree, self.base)
+        return self._with_tree(changes.lock_joints(self.tree, self.base, positions))
 
     def with_joint_loads(self, loads: Mapping[str, HingeLoad]) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, whose joints have other springs, dampers and dry friction. The
-        robot itself is not changed. Joints that are not named keep their loads (`joint_loads`).
+        """Return a copy of the robot with other `joint_loads`; joints that are not named keep theirs.
 
         Args:
-            loads: dict of HingeLoads by joint name, with stiffness, rest, damping and friction; of a slider in N/m,
-                m, N s/m and N. Their `stops`, if given, become the position limits.
+            loads: HingeLoads by joint, with stiffness, rest, damping and friction; of a slider in N/m, m, N s/m and
+                N. Their `stops`, if given, become the position limits.
 
         Raises:
-            ArgumentError: the robot has no such joint, or a load has other parts, such as a motor.
+            ArgumentError: a load has other parts, such as a motor.
 
         >>> import hingepair as hp
         >>> robot = hp.load_robot("ur5_robot").with_joint_loads({"elbow_joint": hp.HingeLoad(damping=2)})
         >>> robot.joint_loads["elbow_joint"].damping
         2.0
         """
-        return _new_mechanism(type(self), building.set_loads(self.tree, loads), self.base)
+        return self._with_tree(changes.set_loads(self.tree, loads))
 
     def with_frame(
         self, name: str, link: str, R: ArrayLike = (0.0, 0.0, 0.0), S: ArrayLike | None = None
     ) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, with an additional frame called `name`, such as a tool frame. The
-        new frame is fixed to the link or other frame named `link`. R [m] and S (3, 3) are the position and the
-        rotation of the new frame relative to the frame `link`. The robot itself is not changed.
+        """Return a copy of the robot with an additional frame, such as a tool frame, which is fixed to a link or
+        other frame.
 
         Args:
             name: name of the new frame; no link, joint or frame may have it already.
-            link: name of the link or other frame to which the new frame is fixed. The name of a joint stands for the
-                link that the joint carries.
+            link: name of the link or other frame. The name of a joint stands for the link that the joint carries.
             R: vector from the origin of `link` to the origin of the new frame, in the axes of `link` [m]; shape (3,),
-                or (..., 3), whose leading axes broadcast with those of coordinates. By default, it is zero.
+                or (..., 3), whose leading axes broadcast with those of coordinates.
             S: rotation matrix from the axes of the new frame to the axes of `link`; shape (3, 3). By default, it is
                 the identity.
-
-        Raises:
-            ArgumentError: the robot has no frame `link`, the name is already in use, or R or S cannot be used.
 
         >>> import hingepair as hp
         >>> hand = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 1, 0), name="hand")
@@ -453,7 +460,7 @@ class Mechanism(MechanismMethods):
         [0.0, 0.0, 1.5]
         """
         frame = self.tree.known_frame("link", link)
-        return _new_mechanism(type(self), building.add_frame(self.tree, name, frame, R, S), self.base)
+        return self._with_tree(changes.add_frame(self.tree, name, frame, R, S))
 
     # ---- inertial parameters
 
@@ -469,8 +476,8 @@ class Mechanism(MechanismMethods):
         return inertial_parameters(self.tree, self.base == "free")
 
     def with_inertial_parameters(self, parameters: ArrayLike, *, armature: ArrayLike | None = None) -> Mechanism:
-        """Return a copy of the robot, a Mechanism, with other `inertial_parameters`. Computations use them as they
-        are, even if no rigid body can have them; a DynamicsWarning then names the body.
+        """Return a copy of the robot with other `inertial_parameters`. Computations use them as they are, even if no
+        rigid body can have them; a DynamicsWarning then names the body.
 
         Args:
             parameters: in the form of `inertial_parameters`; shape (10 * bodies,).
@@ -492,14 +499,11 @@ class Mechanism(MechanismMethods):
         if rotors is not None and (rotors < 0).any():
             raise ArgumentError("armature", "inertias of at least 0", tuple(rotors.tolist()))
         tree = tree_with_parameters(self.tree, self.base == "free", checked, rotors)
-        return _new_mechanism(type(self), tree, self.base)
+        return self._with_tree(tree)
 
     def base_parameters(self, *, gravity: ArrayLike = DEFAULT_GRAVITY) -> BaseParameters:
         """Find the base parameters: the fewest combinations of `inertial_parameters` on which the torques of
         `torque_regressor` depend. Only they can be identified from motions and torques. A fixed base is at rest.
-
-        Args:
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
 
         >>> import hingepair as hp
         >>> base = hp.load_robot("panda", locked={"panda_finger_joint1": 0.02}).base_parameters()
@@ -525,7 +529,7 @@ class Mechanism(MechanismMethods):
         >>> hp.Mechanism([hand]).with_base("free").base
         'free'
         """
-        check_choice("base", base, building.BASE_KINDS)
+        check_choice("base", base, BASE_KINDS)
         return _new_mechanism(type(self), self.tree, base)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -565,5 +569,6 @@ class Mechanism(MechanismMethods):
 def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:
     """Return a robot without the checks of the constructor."""
     mechanism = object.__new__(mechanism_class)
-    mechanism._set(tree, base)
+    object.__setattr__(mechanism, "tree", tree)
+    object.__setattr__(mechanism, "base", base)
     return mechanism

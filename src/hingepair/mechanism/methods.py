@@ -33,7 +33,7 @@ from hingepair.mechanism.computations import (
     result_class,
 )
 from hingepair.mechanism.constants import RobotConstants, load_numbers, robot_constants
-from hingepair.mechanism.inverse_kinematics import read_max_change, read_question, read_solutions
+from hingepair.mechanism.inverse_kinematics import read_max_change, read_query, read_solutions
 from hingepair.mechanism.rollout import Rollout, rolled_out
 from hingepair.mechanism.states import (
     JointWrenches,
@@ -43,17 +43,18 @@ from hingepair.mechanism.states import (
     MechanismState,
 )
 from hingepair.mechanism.tree import Tree, loads_note
-from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, is_zero, one_constant
+from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, one_constant
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
-from hingepair.numeric.tables import Shown
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion
-from hingepair.pair.dynamics import DEFAULT_GRAVITY, Energy, Momentum
-from hingepair.plans.arguments import CoordinateNames, Coordinates, check_outputs, renamed_out, requested_outputs
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
+from hingepair.pair.states import Energy, Momentum
+from hingepair.plans.arguments import Coordinates, check_outputs, renamed_out, requested_outputs
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.prepared import Prepared
 from hingepair.plans.trees import COORDINATES, FRAME_OUTPUTS, input_shapes
 from hingepair.rollouts.tracks import Feedback
+from hingepair.tables.sheets import Shown
 
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
@@ -63,11 +64,9 @@ _SOLVED: Final = TASKS["forward_dynamics"].outputs
 _TORQUE_SLOPES: Final = ("tau_q", "tau_qd")  # derivatives whose rounding errors are bounded
 
 
-class MechanismMethods(Shown):
-    """Methods of a robot: kinematics, dynamics, energy and momentum; `Mechanism` derives from this class.
-
-    The first computation that uses masses issues a DynamicsWarning if a mass or an inertia was not given or is
-    physically impossible.
+class MechanismMethods(Frozen, Shown):
+    """Methods of a robot: kinematics, dynamics, energy and momentum; `Mechanism` derives from this class, and
+    describes the arguments that they share.
     """
 
     __slots__ = ("_cached_constants",)
@@ -92,8 +91,7 @@ class MechanismMethods(Shown):
         kept = self._constants.cache.others
         if "whole" not in kept:
             kept["whole"] = robot_constants(self.tree, self.base == "free", whole=True)
-        constants: RobotConstants = kept["whole"]
-        return constants
+        return kept["whole"]
 
     # ---- kinematics
 
@@ -110,28 +108,18 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismState:
-        """Compute the motion of frames (E2, E5, E7-E9).
+        """Compute the motion of frames (E2, E5, E7-E9). Arguments not listed: see `Mechanism`.
 
         Args:
-            q: coordinates in the order of `names` [rad of hinges, m of sliders]: an array (..., dof); a tuple, or a
-                dict by joint, of numbers and arrays; or a table whose columns have the joints' names.
-            qd: their time derivatives, which add velocities.
-            qdd: their second time derivatives, which add accelerations.
-            frames: names of links, joints or added frames: a tuple, or one name; by default `robot.tips`, the last
-                links of all branches. A name that a joint and a link share means the link. The frame of a joint moves
-                with its child link.
+            qd: time derivatives of q, which add velocities.
+            qdd: second time derivatives of q, which add accelerations.
             outputs: names out of R, S, d, v, omega, a and alpha. By default, all for which the coordinates suffice.
-            base_motion: pose and motion of the base, which otherwise rests at the origin of the world.
             out: arrays by output name, into which the results are written: (..., frames, 3, 3) of S, (..., frames, 3)
                 of others.
-            workers: number of threads; -1 for one thread per core.
-            backend: "numpy"; "compiled", machine code that the first call compiles (0.1 to 0.3 s, or milliseconds
-                where it is on disk); or "auto", which compiles, but for coordinates given joint by joint only where
-                NumPy would take milliseconds longer.
 
         Returns:
             The MechanismState `state`: `state.R` of all frames, shape (..., frames, 3), and `state["panda_hand"].R`
-            of one. The dtype is float32 if all arrays given are float32, else float64.
+            of one.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -147,10 +135,9 @@ class MechanismMethods(Shown):
             raise ArgumentError("qd", "the first derivatives too, since the second are given", None)
         else:
             given = q, qd, qdd
-        state: MechanismState = self._ask(
+        return self._ask(
             MOTION_LEVELS[len(given) - 1], given, base_motion, out, workers, backend, outputs=outputs, frames=frames
         )
-        return state
 
     def jacobian(
         self,
@@ -166,17 +153,12 @@ class MechanismMethods(Shown):
         """Compute the Jacobian J of a frame, (v, omega) = J @ qd if the base is at rest, shape (..., 6, dof); for a
         free base, (v, omega) = J @ (v1, omega1, qd), shape (..., 6, 6 + dof) (E2, E8).
 
-        v is the velocity of the frame's origin. v1 and omega1, of the base, are in world axes.
+        v is the velocity of the frame's origin. v1 and omega1, of the base, are in world axes. Arguments not listed:
+        see `Mechanism`; of `base_motion`, S is used.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
-            frames: name of a link, a joint or an added frame; or several, for an axis of frames before the last two.
-                By default, the only one of `robot.tips`.
+            frames: one frame; or several, for an axis of frames before the last two.
             axes: of v and omega: "world" (Pinocchio's LOCAL_WORLD_ALIGNED) or "frame" (LOCAL).
-            base_motion: motion of the base, of which S is used; at rest at the origin unless given.
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -187,8 +169,7 @@ class MechanismMethods(Shown):
         (5, 2, 6, 6)
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        J: FloatArray = self._ask(_JACOBIANS[axes], (q,), base_motion, out, workers, backend, frames=frames)
-        return J
+        return self._ask(_JACOBIANS[axes], (q,), base_motion, out, workers, backend, frames=frames)
 
     def jacobian_rate(
         self,
@@ -202,10 +183,7 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the time derivative of `jacobian`, of the same shape.
-
-        `qd` are the time derivatives of q; the other arguments are those of `jacobian`. Of `base_motion`, S and omega
-        are used.
+        """Compute the time derivative of `jacobian`, of the same shape. Of `base_motion`, S and omega are used.
 
         Raises:
             ArgumentError: the robot has too many joints.
@@ -230,19 +208,17 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the bias in (a, alpha) = J @ qdd + bias of a frame, with J of `jacobian`, shape (..., 6); for a
-        free base in (a, alpha) = J @ (a1, alpha1, qdd) + bias (E9).
+        """Compute the bias in (a, alpha) = J @ qdd + bias of one frame, with J of `jacobian`, world axes, shape (...,
+        6); for a free base in (a, alpha) = J @ (a1, alpha1, qdd) + bias (E9).
 
-        World axes; of one frame. `qd` are the time derivatives of q; the other arguments are those of `jacobian`. Of
-        `base_motion`, S and omega are used, and a and alpha unless the base is free.
+        Arguments: see `Mechanism`. Of `base_motion`, S and omega are used, and a and alpha unless the base is free.
 
         >>> import numpy as np
         >>> import hingepair as hp
         >>> hp.load_robot("ur5_robot").acceleration_bias(np.zeros(6), np.zeros(6), "tool0").tolist()
         [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
         """
-        bias: FloatArray = self._ask("acceleration_bias", (q, qd), base_motion, out, workers, backend, frames=frames)
-        return bias
+        return self._ask("acceleration_bias", (q, qd), base_motion, out, workers, backend, frames=frames)
 
     def inverse_kinematics(
         self,
@@ -264,8 +240,7 @@ class MechanismMethods(Shown):
         seed: int = 0,
         workers: int = 1,
     ) -> InverseKinematics:
-        """Compute coordinates q at which frames have wanted poses, for one target or many. Return an
-        InverseKinematics.
+        """Compute coordinates q at which frames have wanted poses, for one target or many.
 
         A target that cannot be reached gives the closest pose found, with `ok` False; a target that is not finite
         gives NaN. A target gives the same bits in any batch. Joints that do not move the frames stay at `prefer`, at
@@ -277,16 +252,14 @@ class MechanismMethods(Shown):
                 R and S are taken; or None. Targets of several frames: a dict of these by the frame's name, and so for
                 S and `direction`.
             S: wanted rotation matrices from frame axes to world axes, shape (..., 3, 3). By default, any attitude.
-            frame: name of a link, a joint or an added frame. The default is the only link in `robot.tips`; if there
-                are several, `frame` must be given.
+            frame: name of a link, a joint or an added frame; by default the only one of `robot.tips`.
             direction: in place of S, wanted directions of an axis of the frame, shape (..., 3); any length. The turn
                 about it is free.
             axis: the axis of the frame that has the direction, in frame axes, shape (3,); a dict by frame.
-            q0: coordinates of the first start, as for `forward_kinematics`; those beyond a limit are put on it. By
-                default, all starts are random.
+            q0: coordinates of the first start; those beyond a limit are put on it. By default, all starts are random.
             limits: whether the coordinates stay within `robot.position_limits`; or limits, shape (dof, 2).
-            prefer: coordinates that are approached as far as that does not move the frames; or "middle", those in
-                the middle of the limits.
+            prefer: coordinates that are approached as far as that does not move the frames; or "middle", those in the
+                middle of the limits.
             select: "any": the first solution found; "nearest": of those from all starts, the one with the least sum
                 of squares of q - q0, which takes some twenty times longer.
             solutions: number of distinct solutions to return, those nearest to q0 first, or to `prefer`, or to the
@@ -301,8 +274,8 @@ class MechanismMethods(Shown):
             workers: number of threads; -1 for one thread per core.
 
         Raises:
-            ArgumentError: an argument cannot be used, `frame` is not given although `robot.tips` has several names,
-                or "nearest" is asked for without q0.
+            ArgumentError: `frame` is not given although `robot.tips` has several names, or "nearest" is asked for
+                without q0.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -314,12 +287,12 @@ class MechanismMethods(Shown):
         ((100, 6), True)
         """
         count = read_solutions(solutions, select, q0)
-        question = read_question(
+        query = read_query(
             self.tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
             prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
             base_motion=base_motion, seed=seed, workers=workers,
         )  # fmt: skip
-        return question.solve(count, select == "nearest")
+        return query.solve(count, select == "nearest")
 
     def inverse_kinematics_path(
         self,
@@ -340,29 +313,19 @@ class MechanismMethods(Shown):
         seed: int = 0,
         workers: int = 1,
     ) -> InverseKinematicsPath:
-        """Compute coordinates along paths of targets, each from the sample before. Return an InverseKinematicsPath.
+        """Compute coordinates along paths of targets, each from the sample before.
 
         The last axis of the targets' samples is the path; axes before it are paths of their own. All solutions found
         of the first target are followed, and of those that last longest the one that moves least is taken. `jumps`
         marks the samples to which none could be followed. A sample out of reach gives the closest pose next to the
-        one before.
+        one before. Arguments not listed: see `inverse_kinematics`.
 
         Args:
-            R: as for `inverse_kinematics`, with an axis of samples: (..., samples, 3).
-            S: rotation matrices.
-            frame: name of the frame.
-            direction: directions, in place of S.
-            axis: the axis that has the direction.
+            R: wanted positions, with an axis of samples: (..., samples, 3).
             q0: coordinates near which the paths start, shape (..., dof) without the axis of samples. By default, they
                 start where they have the fewest jumps.
-            limits: as for `inverse_kinematics`.
             prefer: coordinates that are approached along the path.
             max_change: greatest change of a coordinate from sample to sample that is no jump [rad or m].
-            weights: as for `inverse_kinematics`.
-            position_tolerance: greatest distance from R [m] of a solution.
-            angle_tolerance: greatest angle [rad] of a solution.
-            base_motion: pose of the base at the samples.
-            seed: seed of the random starts.
             workers: number of threads, which share the paths; -1 for one thread per core.
 
         >>> import numpy as np
@@ -374,12 +337,12 @@ class MechanismMethods(Shown):
         >>> found.q.shape, bool(found.ok.all()), int(found.jumps.sum())
         ((200, 6), True, 0)
         """
-        question = read_question(
+        query = read_query(
             self.tree, self._constants, R, S, frame=frame, direction=direction, axis=axis, q0=q0, limits=limits,
             prefer=prefer, weights=weights, position_tolerance=position_tolerance, angle_tolerance=angle_tolerance,
             base_motion=base_motion, seed=seed, workers=workers, path=True,
         )  # fmt: skip
-        return question.follow(read_max_change(max_change))
+        return query.follow(read_max_change(max_change))
 
     def error_bounds(
         self,
@@ -400,26 +363,18 @@ class MechanismMethods(Shown):
         The error is the difference from the exact result of the equations for the given arguments and the robot's
         numbers as they are stored; an attitude stands for the rotation next to it. The bounds hold for all backends
         if sines are as accurate as the page on accuracy says. Those of qdd, a1 and alpha1 come from the results of
-        both backends.
+        both backends. Arguments not listed: see `Mechanism` and `forward_dynamics`.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: their time derivatives.
-            qdd: their second time derivatives.
-            frames: as for `forward_kinematics`.
             outputs: names of results of the robot's methods, such as R, jacobian, tau, qdd, mass_matrix or kinetic;
                 of derivatives tau_q and tau_qd; of momentum angular_about_origin and angular_about_centre. By default
                 those of `forward_kinematics` for which the coordinates suffice.
-            base_motion: pose and motion of the base.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            tau: efforts, for qdd, a1 and alpha1.
-            force1: force on a free base, as for `forward_dynamics`.
-            torque1: torque on a free base.
 
         Returns:
             Bounds by output name on the largest error of a component, in its unit; shape (..., frames) for outputs of
             `forward_kinematics`, else (...). Infinite where an argument is not finite, the computation overflows, or
-            rounding could make the mass matrix singular.
+            rounding could make the mass matrix singular. They are NumPy arrays of float64, whatever the arguments
+            are.
 
         Raises:
             ArgumentError: an output needs an argument that is not given.
@@ -484,24 +439,13 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismForces:
-        """Compute the torques and forces of the joints, and on the base, that a motion requires (T1-T3).
+        """Compute the torques and forces of the joints, and on the base, that a motion requires (T1-T3). Arguments
+        not listed: see `Mechanism`.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: their time derivatives, in the same forms.
-            qdd: their second time derivatives, in the same forms.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads by link: pairs (force, torque), world axes, at the origin of the link's frame [N,
-                N m]; shape (..., 3) each, or the number 0.
-            joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau
-                (T14). By default they do not, and the first call of a robot that has any says so in a
-                DynamicsWarning. Dry friction of a joint at rest counts as 0.
-            base_motion: motion of the base, of which S, omega, a and alpha are used; at rest at the origin unless
-                given.
+            base_motion: motion of the base, of which S, omega, a and alpha are used.
+            joint_loads: as at `Mechanism`; dry friction of a joint at rest counts as 0.
             outputs: names out of tau, force1 and torque1; by default all.
-            out: arrays by output name, into which the results are written; where there is one output, also one array.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
 
         Returns:
             The MechanismForces, which act beside gravity and `wrenches`. force1 and torque1 act on the base at R1; a
@@ -513,11 +457,10 @@ class MechanismMethods(Shown):
         >>> robot.inverse_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).tau.shape
         (6,)
         """
-        forces: MechanismForces = self._ask(
+        return self._ask(
             "inverse_dynamics", (q, qd, qdd), base_motion, out, workers, backend,
             gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
         )  # fmt: skip
-        return forces
 
     def forward_dynamics(
         self,
@@ -536,26 +479,16 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> MechanismAccelerations:
-        """Compute the accelerations of the robot under given torques and forces (T5, T6).
+        """Compute the accelerations of the robot under given torques and forces (T5, T6). Arguments not listed: see
+        `Mechanism`.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: their time derivatives, in the same forms.
-            tau: torques of hinges [N m] and forces of sliders [N], in one of the forms of q.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads on links, as for `inverse_dynamics`.
-            joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau
-                (T14). By default they do not, and the first call of a robot that has any says so in a
-                DynamicsWarning. At a joint at rest, dry friction takes up the effort of all else up to its own size;
-                in this, the body that carries the joint is taken as at rest.
             force1: force on a free base at R1, world axes [N]; shape (..., 3).
             torque1: torque on a free base about R1, world axes [N m]; shape (..., 3).
-            base_motion: motion of the base, of which S and omega are used, and a and alpha unless the base is free;
-                at rest at the origin unless given.
+            base_motion: motion of the base, of which S and omega are used, and a and alpha unless the base is free.
+            joint_loads: as at `Mechanism`; at a joint at rest, dry friction takes up the effort of all else up to its
+                own size, and the body that carries the joint is taken as at rest.
             outputs: names out of qdd, and for a free base a1 and alpha1; by default all.
-            out: arrays by output name, into which the results are written; where there is one output, also one array.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
 
         Returns:
             The MechanismAccelerations; NaN where the mass matrix is singular, with a DynamicsWarning that names a
@@ -567,7 +500,7 @@ class MechanismMethods(Shown):
         >>> robot.forward_dynamics(np.zeros(6), np.zeros(6), np.zeros(6)).qdd.shape
         (6,)
         """
-        found: MechanismAccelerations = self._ask(
+        found = self._ask(
             "forward_dynamics", (q, qd, tau), base_motion, out, workers, backend,
             gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
             loads=self._base_loads(force1, torque1),
@@ -591,10 +524,10 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> JointWrenches:
         """Compute what each joint's carrying body exerts on the joint's body during a motion, at the joint's point
-        (T1-T3).
+        (T1-T3). Arguments not listed: see `inverse_dynamics`.
 
-        `outputs` are names out of force and torque, by default both. The other arguments are those of
-        `inverse_dynamics`.
+        Args:
+            outputs: names out of force and torque, by default both.
 
         Returns:
             The JointWrenches `w`, world axes: `w.force` [N] and `w.torque` [N m] of all joints, mimic joints
@@ -607,11 +540,10 @@ class MechanismMethods(Shown):
         >>> robot.joint_wrenches(np.zeros(6), np.zeros(6), np.zeros(6))["wrist_3_joint"].force.shape
         (3,)
         """
-        found: JointWrenches = self._ask(
+        return self._ask(
             "joint_wrenches", (q, qd, qdd), base_motion, out, workers, backend,
             gravity=gravity, outputs=outputs, wrenches=wrenches,
         )  # fmt: skip
-        return found
 
     def torque_regressor(
         self,
@@ -629,9 +561,9 @@ class MechanismMethods(Shown):
         the robot's `inertial_parameters`; for a free base in (force1, torque1, tau) = Y @ p + (0, 0, armature * qdd),
         shape (..., 6 + dof, 10 * bodies).
 
-        Each body has ten columns. They are those of Pinocchio's `computeJointTorqueRegressor`; of a free base, force1
-        and torque1 are here in world axes, there in the axes of the base. Masses have no influence. The arguments are
-        those of `inverse_dynamics`.
+        Each body has ten columns, those of Pinocchio's `computeJointTorqueRegressor`; of a free base, force1 and
+        torque1 are here in world axes, there in the axes of the base. Masses have no influence. Arguments: see
+        `inverse_dynamics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -640,10 +572,7 @@ class MechanismMethods(Shown):
         >>> Y.shape, np.allclose(Y @ robot.inertial_parameters, robot.inverse_dynamics(q, q, q).tau)
         ((6, 60), True)
         """
-        Y: FloatArray = self._ask(
-            "torque_regressor", (q, qd, qdd), base_motion, out, workers, backend, gravity=gravity
-        )
-        return Y
+        return self._ask("torque_regressor", (q, qd, qdd), base_motion, out, workers, backend, gravity=gravity)
 
     def inverse_dynamics_derivatives(
         self,
@@ -664,20 +593,11 @@ class MechanismMethods(Shown):
 
         Wrenches keep their values in world axes. A free base adds six rows, those of force1 and torque1, and six
         columns: by displacements of R1 and rotations of the base, by v1 and omega1, by a1 and alpha1; world axes, and
-        omega1 and alpha1 stay as they are while the base rotates.
+        omega1 and alpha1 stay as they are while the base rotates. Arguments not listed: see `inverse_dynamics`.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: their time derivatives, in the same forms.
-            qdd: their second time derivatives, in the same forms.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: as for `inverse_dynamics`.
-            joint_loads: as for `inverse_dynamics`; derivatives of dry friction are 0.
-            base_motion: as for `inverse_dynamics`.
+            joint_loads: as at `Mechanism`; derivatives of dry friction are 0.
             outputs: names out of tau_q, tau_qd and tau_qdd; by default all.
-            out: arrays by output name, into which the results are written; where there is one output, also one array.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
 
         Returns:
             The MechanismDerivatives: (..., dof, dof), a row for each torque, a column for each coordinate; of a free
@@ -719,8 +639,11 @@ class MechanismMethods(Shown):
         (T11).
 
         A free base adds rows of a1 and alpha1, and columns as in `inverse_dynamics_derivatives`, those of qdd_tau by
-        force1 and torque1. `outputs` are names out of qdd_q, qdd_qd and qdd_tau, the inverse mass matrix. The other
-        arguments are those of `forward_dynamics`; derivatives of dry friction are 0.
+        force1 and torque1. Arguments not listed: see `forward_dynamics`.
+
+        Args:
+            joint_loads: as at `Mechanism`; derivatives of dry friction are 0.
+            outputs: names out of qdd_q, qdd_qd and qdd_tau, the inverse mass matrix; by default all.
 
         Returns:
             The MechanismDerivatives: (..., dof, dof), a row for each acceleration; NaN where the mass matrix is
@@ -767,11 +690,12 @@ class MechanismMethods(Shown):
         program for many motions.
 
         What acts may change from step to step: such an argument has an axis of steps in front of those of one sample,
-        and is held over each step. An argument of one sample holds for all steps.
+        and is held over each step. An argument of one sample holds for all steps. Arguments not listed: see
+        `Mechanism`.
 
         Args:
-            q0: coordinates at the start, in one of the forms of q; shape (..., dof).
-            qd0: their time derivatives, in the same forms.
+            q0: coordinates at the start, in one of the forms of q.
+            qd0: their time derivatives.
             tau: torques of hinges [N m] and forces of sliders [N]: a number, or shape (dof,) or (..., steps, dof); or
                 a `Feedback`, which "rk4" evaluates in every stage.
             dt: length of a step [s].
@@ -780,24 +704,19 @@ class MechanismMethods(Shown):
             steps: number of steps; needed where no argument has an axis of steps.
             every: record every so many steps.
             effort_limits: True clips the efforts to `robot.effort_limits`; or largest efforts in the forms of tau.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            wrenches: further loads on links, as for `inverse_dynamics`; shape (3,) or (..., steps, 3) each.
-            joint_loads: whether springs, dampers and dry friction of the joints (`robot.joint_loads`) act beside tau
-                (T14). By default they do not, and the first call of a robot that has any says so in a
-                DynamicsWarning. Dry friction stops a joint within a step at most, so that
-                the joint then rests. With "semi_implicit", dampers act with the rate at the end of the step, which
-                is stable for any damping.
+            wrenches: as at `Mechanism`, of shape (3,) or (..., steps, 3) each.
+            joint_loads: as at `Mechanism`. Dry friction stops a joint within a step at most, so that the joint then
+                rests. With "semi_implicit", dampers act with the rate at the end of the step, which is stable for any
+                damping.
             base_motion: the start of a free base; its R, S, v and omega are used. Of any other base the motion as
                 given, S, omega, a and alpha: one sample; or shape (..., steps), held over each step; or for "rk4"
-                (..., 2 steps + 1), at starts, middles and ends of steps. By default at rest at the origin.
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
+                (..., 2 steps + 1), at starts, middles and ends of steps.
 
         Returns:
-            The Rollout `r`: `r.q` and `r.qd`, shape (..., steps // every + 1, dof), the start first. With a free base
-            also R1, S1, v1 and omega1, and `r.base_motion` for other methods, as in
-            `robot.energy(r.q, r.qd, base_motion=r.base_motion)`. The attitude is turned by the exponential of
-            omega1. Where the mass matrix is singular, motions become NaN, and a DynamicsWarning says so.
+            The Rollout `r`: `r.q` and `r.qd`, shape (..., steps // every + 1, dof), the start first, and their
+            instants `r.t`. With a free base also R1, S1, v1 and omega1, and `r.base_motion` for other methods, as in
+            `robot.energy(r.q, r.qd, base_motion=r.base_motion)`. The attitude is turned by the exponential of omega1.
+            Where the mass matrix is singular, motions become NaN, and a DynamicsWarning says so.
 
         Raises:
             ArgumentError: the robot has too many joints.
@@ -837,7 +756,7 @@ class MechanismMethods(Shown):
         alpha1, qdd) + bias = (force1, torque1, tau), world axes, shape (..., 6 + dof, 6 + dof). `bias_forces` is the
         bias.
 
-        The arguments are those of `jacobian`; of `base_motion`, S is used.
+        Arguments: see `Mechanism`. Of `base_motion`, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -845,8 +764,7 @@ class MechanismMethods(Shown):
         >>> M.shape, bool((M == M.T).all())
         ((6, 6), True)
         """
-        found: FloatArray = self._ask("mass_matrix", (q,), base_motion, out, workers, backend)
-        return found
+        return self._ask("mass_matrix", (q,), base_motion, out, workers, backend)
 
     def bias_forces(
         self,
@@ -863,8 +781,8 @@ class MechanismMethods(Shown):
         dof); for a free base (force1, torque1, tau), shape (..., 6 + dof).
 
         They contain the Coriolis, centrifugal and gravity terms, and those of a base acceleration that `base_motion`
-        prescribes. `gravity` is as for `inverse_dynamics`. `qd` are the time derivatives of q; the other arguments
-        are those of `jacobian`. Of `base_motion`, S and omega are used, and a and alpha unless the base is free.
+        prescribes. Arguments: see `Mechanism`. Of `base_motion`, S and omega are used, and a and alpha unless the
+        base is free.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -872,8 +790,7 @@ class MechanismMethods(Shown):
         >>> robot.bias_forces(np.zeros(6), np.zeros(6)).shape
         (6,)
         """
-        found: FloatArray = self._ask("bias_forces", (q, qd), base_motion, out, workers, backend, gravity=gravity)
-        return found
+        return self._ask("bias_forces", (q, qd), base_motion, out, workers, backend, gravity=gravity)
 
     def gravity_forces(
         self,
@@ -888,16 +805,14 @@ class MechanismMethods(Shown):
         """Compute the generalized forces that hold the robot at rest against gravity (T1-T3), shape (..., dof); for a
         free base (force1, torque1, tau), shape (..., 6 + dof).
 
-        `gravity` is as for `inverse_dynamics`; the other arguments are those of `jacobian`. Of `base_motion`, S is
-        used.
+        Arguments: see `Mechanism`. Of `base_motion`, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
         >>> hp.load_robot("ur5_robot").gravity_forces(np.zeros(6)).shape
         (6,)
         """
-        found: FloatArray = self._ask("gravity_forces", (q,), base_motion, out, workers, backend, gravity=gravity)
-        return found
+        return self._ask("gravity_forces", (q,), base_motion, out, workers, backend, gravity=gravity)
 
     def centre_of_mass(
         self,
@@ -911,15 +826,14 @@ class MechanismMethods(Shown):
         """Compute the robot's centre of mass, world axes [m]; shape (..., 3). The base counts only if it is free. NaN
         if nothing has mass.
 
-        The arguments are those of `jacobian`; of `base_motion`, R and S are used.
+        Arguments: see `Mechanism`. Of `base_motion`, R and S are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
         >>> hp.load_robot("ur5_robot").centre_of_mass(np.zeros(6)).shape
         (3,)
         """
-        found: FloatArray = self._ask("centre_of_mass", (q,), base_motion, out, workers, backend)
-        return found
+        return self._ask("centre_of_mass", (q,), base_motion, out, workers, backend)
 
     def centre_of_mass_jacobian(
         self,
@@ -933,15 +847,14 @@ class MechanismMethods(Shown):
         """Compute the Jacobian J of the centre of mass, whose velocity is J @ qd if the base is at rest, shape (...,
         3, dof); for a free base J @ (v1, omega1, qd), world axes, shape (..., 3, 6 + dof).
 
-        The arguments are those of `jacobian`; of `base_motion`, S is used.
+        Arguments: see `Mechanism`. Of `base_motion`, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
         >>> hp.load_robot("ur5_robot").centre_of_mass_jacobian(np.zeros(6)).shape
         (3, 6)
         """
-        found: FloatArray = self._ask("centre_of_mass_jacobian", (q,), base_motion, out, workers, backend)
-        return found
+        return self._ask("centre_of_mass_jacobian", (q,), base_motion, out, workers, backend)
 
     def centre_of_mass_bias(
         self,
@@ -956,16 +869,14 @@ class MechanismMethods(Shown):
         """Compute the bias in acceleration = J @ qdd + bias of the centre of mass, with J of
         `centre_of_mass_jacobian`, shape (..., 3) [m/s^2]; for a free base in J @ (a1, alpha1, qdd) + bias.
 
-        `qd` are the time derivatives of q; the other arguments are those of `jacobian`. Of `base_motion`, S and omega
-        are used, and a and alpha unless the base is free.
+        Arguments: see `Mechanism`. Of `base_motion`, S and omega are used, and a and alpha unless the base is free.
 
         >>> import numpy as np
         >>> import hingepair as hp
         >>> hp.load_robot("ur5_robot").centre_of_mass_bias(np.zeros(6), np.zeros(6)).shape
         (3,)
         """
-        found: FloatArray = self._ask("centre_of_mass_bias", (q, qd), base_motion, out, workers, backend)
-        return found
+        return self._ask("centre_of_mass_bias", (q, qd), base_motion, out, workers, backend)
 
     def centroidal_momentum_matrix(
         self,
@@ -979,7 +890,7 @@ class MechanismMethods(Shown):
         """Compute the matrix A of the momentum about the centre of mass, (linear, angular) = A @ qd if the base is at
         rest, shape (..., 6, dof) (T12); for a free base A @ (v1, omega1, qd), world axes, shape (..., 6, 6 + dof).
 
-        What counts is as in `momentum`. The arguments are those of `jacobian`; of `base_motion`, S is used.
+        What counts is as in `momentum`. Arguments: see `Mechanism`. Of `base_motion`, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -988,8 +899,7 @@ class MechanismMethods(Shown):
         >>> np.allclose(robot.centroidal_momentum_matrix(q) @ qd, [*h.linear, *h.angular])
         True
         """
-        found: FloatArray = self._ask("centroidal_momentum_matrix", (q,), base_motion, out, workers, backend)
-        return found
+        return self._ask("centroidal_momentum_matrix", (q,), base_motion, out, workers, backend)
 
     def centroidal_momentum_matrix_rate(
         self,
@@ -1001,10 +911,8 @@ class MechanismMethods(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the time derivative of `centroidal_momentum_matrix`, of the same shape.
-
-        `qd` are the time derivatives of q; the other arguments are those of `jacobian`. Of `base_motion`, S and omega
-        are used.
+        """Compute the time derivative of `centroidal_momentum_matrix`, of the same shape. Of `base_motion`, S and
+        omega are used.
 
         Raises:
             ArgumentError: the robot has too many joints.
@@ -1030,16 +938,15 @@ class MechanismMethods(Shown):
         """Compute the kinetic energy and the potential energy in uniform gravity [J] (T7); the latter is 0 for a mass
         at the world's origin.
 
-        The base counts only if it is free. The rotors of the motors (`armature`) count in the kinetic energy. The
-        arguments are those of `inverse_dynamics`; of `base_motion`, R, S, v and omega are used.
+        The base counts only if it is free. The rotors of the motors (`armature`) count in the kinetic energy.
+        Arguments: see `Mechanism`. Of `base_motion`, R, S, v and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
         >>> float(hp.load_robot("ur5_robot").energy(np.zeros(6), np.zeros(6)).kinetic)
         0.0
         """
-        found = self._ask("energy", (q, qd), base_motion, out, workers, backend, gravity=gravity)
-        return Energy(found["kinetic"], found["potential"])
+        return self._ask("energy", (q, qd), base_motion, out, workers, backend, gravity=gravity)
 
     def momentum(
         self,
@@ -1056,16 +963,10 @@ class MechanismMethods(Shown):
 
         The base counts only if it is free. The motors' rotors, which `energy` counts, do not: their energy follows
         from `armature`, inertia times the square of the gear ratio, but their momentum from inertia times the ratio,
-        which is not known.
+        which is not known. Arguments not listed: see `Mechanism`. Of `base_motion`, R, S, v and omega are used.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: their time derivatives, in the same forms.
             about: "origin" of the world, or "centre" of mass: the point of the angular momentum.
-            base_motion: motion of the base, of which R, S, v and omega are used; at rest at the origin unless given.
-            out: arrays by attribute of the result, which are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1074,11 +975,10 @@ class MechanismMethods(Shown):
         """
         check_choice("about", about, ("origin", "centre"))
         angular = f"angular_about_{about}"
-        found = self._ask(
+        return self._ask(
             "momentum", (q, qd), base_motion, renamed_out(out, {"angular": angular}), workers, backend,
             outputs=("linear", angular),
         )  # fmt: skip
-        return Momentum(found["linear"], found[angular])
 
     # ---- conventions
 
@@ -1094,9 +994,7 @@ class MechanismMethods(Shown):
         of S1, and v with v1 and omega1 in the axes of the base.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: their time derivatives, or None.
-            base_motion: R, S, v and omega of a free base; at rest at the origin unless given.
+            base_motion: R, S, v and omega of a free base.
             cos_sin: hinges without limits become two numbers, cosine and sine, as in models that Pinocchio reads from
                 URDF files.
 
@@ -1115,11 +1013,6 @@ class MechanismMethods(Shown):
         """Return qpos and qvel as MuJoCo writes them, for joints in the order of `names`. For a free base, qpos
         begins with R1 and the quaternion (w, x, y, z) of S1, and qvel with v1 in world axes and omega1 in the axes of
         the base.
-
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: their time derivatives, or None.
-            base_motion: R, S, v and omega of a free base; at rest at the origin unless given.
         """
         return self._written(conventions.MUJOCO, q, qd, base_motion, [])
 
@@ -1149,9 +1042,8 @@ class MechanismMethods(Shown):
         with the change of R1 and the rotation vector of the base, world axes: S1 becomes exp(v[3:6]) S1.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
             v: the change, shape (..., dof), with a free base (..., 6 + dof): the order of `mass_matrix`.
-            base_motion: R and S of a free base; at the origin unless given.
+            base_motion: R and S of a free base.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -1162,7 +1054,7 @@ class MechanismMethods(Shown):
         """
         free = self.base == "free"
         conventions.check_base(base_motion, free)
-        return conventions.integrated(conventions.read_rows("q", q, self._constants.names), v, base_motion, free)
+        return conventions.integrated(conventions.read_rows("q", q, self.tree), v, base_motion, free)
 
     def difference(
         self,
@@ -1171,21 +1063,13 @@ class MechanismMethods(Shown):
         base_motion0: BodyMotion | None = None,
         base_motion1: BodyMotion | None = None,
     ) -> Float64Array:
-        """Return the change for which `integrate` leads from one configuration to the other.
-
-        Args:
-            q0: coordinates, as for `forward_kinematics`.
-            q1: coordinates to reach.
-            base_motion0: R and S of a free base; at the origin unless given.
-            base_motion1: R and S of a free base to reach.
-
-        Returns:
-            The change, shape (..., dof), with a free base (..., 6 + dof).
+        """Return the change for which `integrate` leads from q0 to q1, and a free base from `base_motion0` to
+        `base_motion1`; shape (..., dof), with a free base (..., 6 + dof).
         """
-        free, names = self.base == "free", self._constants.names
+        free = self.base == "free"
         conventions.check_base(base_motion0, free, "base_motion0")
         conventions.check_base(base_motion1, free, "base_motion1")
-        rows = conventions.read_rows("q0", q0, names), conventions.read_rows("q1", q1, names)
+        rows = conventions.read_rows("q0", q0, self.tree), conventions.read_rows("q1", q1, self.tree)
         return conventions.difference(*rows, base_motion0, base_motion1, free)
 
     def _written(
@@ -1196,10 +1080,10 @@ class MechanismMethods(Shown):
         base_motion: BodyMotion | None,
         turning: list[int],
     ) -> tuple[Float64Array, Float64Array | None]:
-        free, names = self.base == "free", self._constants.names
+        free, tree = self.base == "free", self.tree
         conventions.check_base(base_motion, free)
-        rates = None if qd is None else conventions.read_rows("qd", qd, names)
-        written = conventions.written_q(convention, conventions.read_rows("q", q, names), base_motion, free, turning)
+        rates = None if qd is None else conventions.read_rows("qd", qd, tree)
+        written = conventions.written_q(convention, conventions.read_rows("q", q, tree), base_motion, free, turning)
         if rates is None:
             return written, None
         return written, conventions.written_v(convention, rates, base_motion, free)
@@ -1216,7 +1100,7 @@ class MechanismMethods(Shown):
         backend: str = "auto",
     ) -> Prepared:
         """Return a function that computes given outputs, planned and compiled once, for loops over single states or
-        small batches.
+        small batches. Arguments not listed: see `Mechanism`.
 
         Args:
             given: names of the arguments in the order of a call, out of q, qd, qdd, tau; R1, S1, v1, omega1, a1,
@@ -1226,13 +1110,9 @@ class MechanismMethods(Shown):
 
                 What is not given of the base is zero, S1 the identity; but a1 and alpha1 of a free base are results
                 of forward dynamics.
-            frames: as for `forward_kinematics`. "acceleration_bias" needs exactly one.
             outputs: names of the outputs: those of the method; of a tuple of names those of any method for which they
                 suffice. By default all of the method; of a tuple those of `forward_dynamics` where it holds efforts,
                 else those of `forward_kinematics`.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            joint_loads: as for `inverse_dynamics` and `forward_dynamics`.
-            workers: number of threads; -1 for one thread per core.
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
 
         Returns:
@@ -1283,10 +1163,8 @@ class MechanismMethods(Shown):
         constants vanish, or are performed once. A sine and a square root count as one operation.
 
         Args:
-            coordinates: q; or q and qd; or q, qd and qdd; as for `forward_kinematics`.
+            coordinates: q; or q and qd; or q, qd and qdd.
             outputs: names of outputs of both methods.
-            frames: as for `forward_kinematics`.
-            base_motion: pose and motion of the base.
 
         Returns:
             The numbers of operations for each sample, `.per_sample`; once for all samples, `.shared`; and for each
@@ -1330,7 +1208,9 @@ class MechanismMethods(Shown):
         joint_loads: bool | None = False,
         loads: Loads | None = None,
     ) -> Any:
-        """Return what a row of TASKS asks for; `given` are its arguments, `loads` forces on a free base."""
+        """Compute the outputs of the row `task` of TASKS. `given` are the coordinates and efforts that the row names,
+        `loads` force1 and torque1 on a free base.
+        """
         key = None
         if base_motion is None and gravity is DEFAULT_GRAVITY and wrenches is None and not loads:
             key = task, outputs, frames, backend, joint_loads
@@ -1374,7 +1254,7 @@ class MechanismMethods(Shown):
         key = None
         if base_motion is None and gravity is DEFAULT_GRAVITY and wrenches is None and not loads:
             key = "derivatives", task, outputs, backend, joint_loads
-            found: MechanismDerivatives | None = self._again(key, given, out, workers)
+            found = self._again(key, given, out, workers)
             if found is not None:
                 return found
         row = TASKS[task]
@@ -1384,11 +1264,10 @@ class MechanismMethods(Shown):
         computation = self._computation(self._all_efforts(task), links, len(links), self._loaded(joint_loads))
         size = self._constants.form.dof + 6 * (self.base == "free")
         derivative = Derivative("matrices", names, tuple((name.partition("_")[2], (size,)) for name in names))
-        found = self._derive(
+        return self._derive(
             computation, derivative, dict(zip(row.given, given, strict=True)), base_motion, out, workers, backend,
             gravity, {**acting, **loads}, key if isinstance(outputs, tuple | None) else None,
         )  # fmt: skip
-        return found
 
     def _rate(
         self,
@@ -1402,16 +1281,18 @@ class MechanismMethods(Shown):
         frames: str | Iterable[str] | None = None,
     ) -> FloatArray:
         """Return the time derivative of an output that depends on q and the attitude of the base alone."""
-        key = None if base_motion is not None else ("rate", task, frames, backend)
-        rate: FloatArray | None = None if key is None else self._again(key, (q, qd), out, workers)
-        if rate is None:
-            outputs = TASKS[task].outputs
-            computation = self._computation(outputs, self._task_frames(task, frames))
-            rate = self._derive(
-                computation, Derivative("rate", outputs, ()), {"q": q, "qd": qd}, base_motion, out, workers, backend,
-                key=key if isinstance(frames, str | tuple | None) else None,
-            )  # fmt: skip
-        return rate
+        key = None
+        if base_motion is None:
+            key = "rate", task, frames, backend
+            found = self._again(key, (q, qd), out, workers)
+            if found is not None:
+                return found
+        outputs = TASKS[task].outputs
+        computation = self._computation(outputs, self._task_frames(task, frames))
+        return self._derive(
+            computation, Derivative("rate", outputs, ()), {"q": q, "qd": qd}, base_motion, out, workers, backend,
+            key=key if isinstance(frames, str | tuple | None) else None,
+        )  # fmt: skip
 
     def _derive(
         self,
@@ -1568,7 +1449,7 @@ class MechanismMethods(Shown):
 
     def _table_columns(self, name: str, table: Any) -> tuple[str, ...]:
         """Return the names of the columns of a table that hold q, qd, qdd or tau."""
-        return CoordinateNames(self._constants.names).table_columns(name, table)
+        return self.tree.coordinate_names.table_columns(name, table)
 
     def _check_masses(self) -> None:
         """Refuse a body whose mass was never given, and masses that overflow."""

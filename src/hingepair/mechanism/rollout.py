@@ -16,7 +16,7 @@ from hingepair.numeric.array_libraries import is_foreign, library_of
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates, check_out, read_coordinates
-from hingepair.plans.rollouts import BASE_STATE, METHODS, Step
+from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep
 from hingepair.plans.trees import request_loop
 from hingepair.rollouts.gradients import gradients
 from hingepair.rollouts.libraries import rolled_out_in
@@ -56,8 +56,8 @@ class Rollout(Results):
     ) -> dict[str, FloatArray]:
         """Compute the gradient of a weighted sum of the recorded states, such as that of a loss, by the arguments.
 
-        The motions are stepped once more from one record to the next, and then backwards, so that the memory does
-        not grow with the number of steps if `every` does. The arguments and results must not have changed since.
+        The motions are stepped once more from one record to the next, and then backwards, so that the memory does not
+        grow with the number of steps if `every` does. The arguments and results must not have changed since.
 
         Args:
             cotangents: weights by output, the derivatives of the loss by q, qd, R1, S1, v1 and omega1; each of the
@@ -71,8 +71,7 @@ class Rollout(Results):
             gradient of each motion is its own: it is not summed over motions that share an argument.
 
         Raises:
-            ArgumentError: a name is unknown, weights have another shape, or the results were not computed in this
-                process.
+            ArgumentError: the results were not computed in this process.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -88,7 +87,15 @@ class Rollout(Results):
         return gradients(self._motions, self.arrays(), cotangents, wrt)
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), "base_motion", "vjp"]
+        return [*super().__dir__(), "t", "base_motion", "vjp"]
+
+    @property
+    def t(self) -> FloatArray | None:
+        """Instants of the recorded states from 0 at the start [s]; (steps + 1,). None for copies and for arrays of
+        another library.
+        """
+        motions = self._motions
+        return None if motions is None else np.arange(motions.records + 1) * (motions.every * motions.known["h"])
 
     @property
     def base_motion(self) -> BodyMotion | None:
@@ -99,12 +106,7 @@ class Rollout(Results):
 
 
 def base_tracks(base_motion: BodyMotion | None) -> dict[str, Track]:
-    """Return the tracks of a base that moves as given; none where it rests at the origin, and only its attitude where
-    it rests.
-
-    Raises:
-        ArgumentError: a derivative is missing.
-    """
+    """Return the tracks S1, omega1, a1 and alpha1 of a base that moves as given; S1 alone where it rests."""
     if base_motion is None:
         return {}
     tracks = {}
@@ -137,11 +139,7 @@ def rolled_out(
     out: Any,
     execution: Execution,
 ) -> Rollout:
-    """Return what `Mechanism.rollout` describes, by the computation of qdd under the given loads.
-
-    Raises:
-        ArgumentError: the robot has too many joints.
-    """
+    """Return what `Mechanism.rollout` describes, by the computation of qdd under the given loads."""
     foreign = {name: value for name, value in {"q0": q0, "qd0": qd0, "tau": tau}.items() if is_foreign(value)}
     library = library_of(foreign)
     if library is not None:
@@ -184,9 +182,9 @@ def rolled_out(
         tracks |= base_tracks(base_motion)
     if request.varied:
         samples = computation.known["samples"]
-        tracks["samples"] = Track("robot", samples[..., None, :], samples.shape[-1:], False)
+        tracks["samples"] = Track(computation.samples_name, samples[..., None, :], samples.shape[-1:], False)
     known = {name: value for name, value in known.items() if name not in tracks and name not in starts}
-    step = Step(form, request._replace(outputs=()), method, control)
+    step = RolloutStep(form, request._replace(outputs=()), method, control)
     count = count_steps(tracks, steps, method)
     motions = Motions(step, known, starts, tracks, count, int(every), execution.workers)
     return Rollout(motions.run(check_out(out, tuple(starts))), (*motions.shape, motions.records + 1), motions)

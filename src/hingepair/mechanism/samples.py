@@ -23,7 +23,7 @@ _ROUNDING = 1e-9  # of an inertia's trace, by which written inertias may miss be
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples(Frozen):
-    """What differs from sample to sample."""
+    """What differs from sample to sample: matter fixed to bodies beside their own mass, and points of joints."""
 
     shape: tuple[int, ...] = ()  # leading shape of the samples
     # by the number of a body, what is fixed to it beside its own mass: mass, first moment and the entries xx, xy, xz,
@@ -71,12 +71,7 @@ class Payload(Frozen):
 
 
 def read_payload(mass: ArrayLike, centre_of_mass: ArrayLike, inertia: ArrayLike | None) -> Payload:
-    """Check mass properties with leading axes, and return them as a Payload.
-
-    Raises:
-        ArgumentError: not finite, a mass below 0, or an inertia that no body has.
-        ShapeError: shapes that do not fit.
-    """
+    """Check mass properties with leading axes, and return them as a Payload."""
     values = {"mass": mass, "centre_of_mass": centre_of_mass}
     values["inertia"] = np.zeros((3, 3)) if inertia is None else inertia
     tails = {"mass": (), "centre_of_mass": (3,), "inertia": (3, 3)}

@@ -39,9 +39,7 @@ class BodyDrawing(NamedTuple):
 def body_drawing(
     parts: Iterable[tuple[tuple[Shape, ...] | None, tuple[Shape | Mesh, ...], FramePose]],
 ) -> BodyDrawing:
-    """Return the drawing of a body from (shapes, visuals, pose) of each part that belongs to it. It has no shapes if
-    those of a part are None, since meshes draw it, and is empty if a position overflows.
-    """
+    """Return the drawing of a body from (shapes, visuals, pose) of its parts; shapes of None are drawn by meshes."""
     placed: list[Shape] = []
     visuals: list[Shape | Mesh] = []
     is_complete = True
@@ -58,12 +56,8 @@ def body_drawing(
 
 
 def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
-    """Return the boxes, cylinders and spheres of a LinkRecord as a tuple, in the axes of the link. Return an empty
-    tuple if nothing is drawn, and None if the link is drawn by meshes or its elements cannot be read.
-
-    Args:
-        link: record of the link.
-        tags: elements to search, "visual" or "collision"; the first that holds only shapes is used.
+    """Return the shapes of a link, in its axes, from the first of the elements `tags` ("visual", "collision") that
+    holds nothing else; () if nothing is drawn, None if meshes draw it or it cannot be read.
     """
     drawn = False
     for tag in tags:
@@ -111,7 +105,6 @@ def _placed(shape: Any, pose: FramePose) -> Any:
 
 
 def _shape_of_visual(visual: Visual) -> Shape:
-    """Convert a Visual record of a URDF, whose kind is box, cylinder or sphere, to a Box, Cylinder or Sphere."""
     axes, center = (part + 0.0 for part in visual.pose)
     if visual.kind == "box":
         return Box(visual.sizes, center, axes)

@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from hingepair.engine.results import Results
-from hingepair.equations.quantities import attribute_texts
+from hingepair.equations.quantities import attribute_texts, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import FloatArray
-from hingepair.numeric.tables import Sheet, align_columns, cell_text
-from hingepair.pair.results import column_names, import_data_package
 from hingepair.plans.trees import FRAME_OUTPUTS
+from hingepair.tables.data_frames import column_names, sample_rows, split_columns
+from hingepair.tables.sheets import Sheet, align_columns, cell_text
 
-_PER_COORDINATE_OUTPUT_NAMES: Final = ("tau", "qdd")
+_BY_COORDINATE: Final = ("tau", "qdd")
 """Outputs with a component for each coordinate."""
+
+
+def _by_place(arrays: Mapping[str, FloatArray], places: Sequence[str]) -> dict[str, FloatArray]:
+    """Return vectors and matrices by output and frame or joint, such as R_hand, as saved results have them."""
+    return {
+        f"{name}_{place}": array[..., k, :, :] if name == "S" else array[..., k, :]
+        for name, array in arrays.items()
+        for k, place in enumerate(places)
+    }
 
 
 class FrameState(Results):
@@ -59,11 +67,7 @@ class MechanismState(Results):
     alpha: FloatArray
 
     def __getitem__(self, name: str) -> Any:
-        """Return the FrameState of a frame by its name.
-
-        Raises:
-            ArgumentError: the frame is not among those that were computed.
-        """
+        """Return the FrameState of a frame by its name."""
         if name not in self.frames:
             expected = choices(self.frames)
             if name in self._robot_frames:
@@ -75,6 +79,15 @@ class MechanismState(Results):
         moving = {output: array for output, array in self.arrays().items() if output in FRAME_OUTPUTS}
         arrays = {output: array[(slice(None),) * axis + (place,)] for output, array in moving.items()}
         return FrameState(arrays, self.shape)
+
+    def _recorded(self) -> dict[str, Any]:
+        arrays = self.arrays()
+        moving = {name: array for name, array in arrays.items() if name in FRAME_OUTPUTS}
+        return _by_place(moving, self.frames) | {name: arrays[name] for name in arrays if name not in moving}
+
+    def _unit(self, name: str) -> str:
+        letter, _, place = name.partition("_")
+        return unit_of(letter if place and letter in FRAME_OUTPUTS else name)
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), "frames"]
@@ -118,44 +131,26 @@ class JointResults(Results):
 
     names: ClassVar[tuple[str, ...]] = ()  # names of the joints with a coordinate, in the order of the columns
 
-    def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each sample. The values of the joints are in columns with
-        the names of the joints: qdd in a MechanismAccelerations, tau in a MechanismForces. The components of the
-        base's vectors are in columns such as a1_x in a MechanismAccelerations and force1_x in a MechanismForces.
-
-        The columns are in the order of the attribute `outputs`. The methods of the robot accept a table of qdd alone
-        as the argument `qdd`, and a table of tau alone as the argument `tau`.
-
-        Raises:
-            ArgumentError: the samples have more than one axis.
-            MissingDependencyError: pandas is not installed.
+    def _recorded(self) -> dict[str, Any]:
+        """Return the outputs by column; those of joints have the names of the joints, so that a table of qdd or tau
+        alone is taken as this argument.
         """
-        if len(self.shape) > 1:
-            raise ArgumentError("to_dataframe", "one sample, or samples along one axis", f"shape {self.shape}")
-        return import_data_package("pandas", "to_dataframe").DataFrame(*self._table())
-
-    def _table(self) -> tuple[FloatArray, None, list[str]]:
-        """Return rows of samples, None for the index, and names of columns, as a DataFrame takes them."""
-        arrays = {name: np.asarray(self[name]) for name in self.outputs if name in type(self).__slots__}
-        samples = math.prod(self.shape)
-        columns: list[str] = []
-        for name, array in arrays.items():
-            columns += (
-                self.names
-                if name in _PER_COORDINATE_OUTPUT_NAMES
-                else column_names({name: array.reshape(samples, 3)})
-            )
-        rows = [array.reshape(samples, array.shape[-1]) for array in arrays.values()]
-        return np.concatenate(rows, axis=1), None, columns
+        recorded: dict[str, Any] = {}
+        for name, array in self.arrays().items():
+            if name in _BY_COORDINATE:
+                recorded |= {joint: array[..., k] for k, joint in enumerate(self.names)}
+            else:
+                recorded[name] = array
+        return recorded
 
     def _sheet(self) -> Sheet:
         """Return the printed table: the values of one sample, or the largest sizes."""
         if not all(isinstance(array, np.ndarray) for array in self.arrays().values()):
             return super()._sheet()  # arrays of Dask or JAX are not computed only to be printed
-        table, _, columns = self._table()
-        shown = "value" if self.shape == () else "largest size"
-        sizes = table[0] if self.shape == () else np.abs(table).max(axis=0, initial=0.0)
-        rows = ((name, cell_text(size)) for name, size in zip(columns, sizes.tolist(), strict=True))
+        arrays, shown = sample_rows(self._recorded(), len(self.shape)), "largest size" if self.shape else "value"
+        parts = split_columns(arrays)
+        sizes = [part[0] if self.shape == () else np.abs(part).max(initial=0.0) for part in parts]
+        rows = ((name, cell_text(float(size))) for name, size in zip(column_names(arrays), sizes, strict=True))
         return Sheet(f"{type(self).__name__}, shape {self.shape}", (("", shown), *rows))
 
     def __str__(self) -> str:
@@ -163,7 +158,7 @@ class JointResults(Results):
         return "\n".join((title, *align_columns(rows, {1})))
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), "names", "to_dataframe"]
+        return [*super().__dir__(), "names"]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild_joint_results, (type(self).__base__, self.names, self.arrays(), self.shape)
@@ -220,23 +215,18 @@ class JointWrenches(JointResults):
     torque: FloatArray
 
     def __getitem__(self, name: str) -> Any:
-        """Return the JointWrench of a joint.
-
-        Raises:
-            ArgumentError: no joint has this name.
-        """
+        """Return the JointWrench of a joint."""
         arrays = self.arrays()
         if name not in self.names:
             raise ArgumentError("joint", choices(self.names) + nearest(str(name), self.names), quoted(name))
         place = self.names.index(name)
         return JointWrench({output: array[..., place, :] for output, array in arrays.items()}, self.shape)
 
-    def _table(self) -> tuple[FloatArray, None, list[str]]:
-        samples = math.prod(self.shape)
-        arrays = self.arrays()
-        columns = [f"{joint}_{output}_{axis}" for output in arrays for joint in self.names for axis in "xyz"]
-        rows = [np.asarray(array).reshape(samples, -1) for array in arrays.values()]
-        return np.concatenate(rows, axis=1), None, columns
+    def _recorded(self) -> dict[str, Any]:
+        return _by_place(self.arrays(), self.names)
+
+    def _unit(self, name: str) -> str:
+        return unit_of(name.partition("_")[0])
 
 
 class MechanismAccelerations(JointResults):

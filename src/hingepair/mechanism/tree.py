@@ -27,12 +27,16 @@ from numpy.typing import NDArray
 
 from hingepair.equations.joints import Axis
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
-from hingepair.mechanism.kinds import KINDS, JointKind
+from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.samples import Samples
 from hingepair.mechanism.shapes import BodyDrawing
 from hingepair.numeric.arrays import Frozen, read_only
 from hingepair.pair.hinge_load import HingeLoad
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.plans.arguments import CoordinateNames
 
+BASE_KINDS = ("fixed", "free")
+"""Accepted values of the argument `base`."""
 NO_LOAD = HingeLoad()
 
 
@@ -104,6 +108,19 @@ class Joint(Frozen):
         return abs(self.axis.shift(largest)) if np.isfinite(largest) else 0.0
 
 
+def hinge_of_pair(pair: HingePair, load: HingeLoad = NO_LOAD) -> Joint:
+    """Return the hinge of a pair under a load, whose stops replace the limits of the pair, with its point as the
+    origin of body 2. The masses are left out.
+    """
+    return Joint(
+        "hinge", "hinge", 0, pair.u1, pair.home, pair.home.T @ pair.n, ZERO_MASS_PROPERTIES,
+        position_limits=load.stops or pair.limits or (-np.inf, np.inf),
+        rate_limit=np.inf if pair.rate_limit is None else pair.rate_limit,
+        effort_limit=np.inf if pair.torque_limit is None else pair.torque_limit,
+        load=load,
+    )  # fmt: skip
+
+
 LOAD_FIELDS = ("stiffness", "rest", "damping", "friction")
 """What files say of the load of a joint: fields of its HingeLoad."""
 
@@ -160,11 +177,7 @@ class Tree(Frozen):
     """Names of all links that carry no further link, tips among them."""
 
     def single(self) -> Tree:
-        """Return this tree, for what takes one robot.
-
-        Raises:
-            ShapeError: masses or lengths differ from sample to sample.
-        """
+        """Return this tree where it is one robot; refuse masses or lengths that differ from sample to sample."""
         if self.samples is not None:
             expected = "one robot, with payloads and lengths that are the same for all samples"
             raise ShapeError("robot", expected, f"samples of shape {self.samples.shape}")
@@ -174,6 +187,12 @@ class Tree(Frozen):
     def coordinates(self) -> tuple[Joint, ...]:
         """Joints with a coordinate of their own, in the order of q."""
         return tuple(joint for joint in self.joints if joint.mimic is None)
+
+    @property
+    def coordinate_names(self) -> CoordinateNames:
+        """Names of the joints with a coordinate, and of those that follow them, for arguments and messages."""
+        leaders = {one.name: self.joints[one.mimic.leader - 1].name for one in self.joints if one.mimic is not None}
+        return CoordinateNames(tuple(one.name for one in self.coordinates), noun="joints", leaders=leaders)
 
     @property
     def frame_names(self) -> tuple[str, ...]:
@@ -196,11 +215,7 @@ class Tree(Frozen):
         return tuple(Frame(number, read_only(np.zeros(3)), read_only(np.eye(3))) for number in numbers)
 
     def known_frame(self, argument: str, name: object) -> Frame:
-        """Return the frame with a name.
-
-        Raises:
-            ArgumentError: there is none.
-        """
+        """Return the frame with a name, or refuse the argument."""
         frame = self.frame(name) if isinstance(name, str) else None
         if frame is None:
             frame_names = self.frame_names

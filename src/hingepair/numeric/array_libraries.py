@@ -121,18 +121,20 @@ def apply_function(function_name: str, x: ForeignArray) -> ForeignArray:
     if function_name == "versine":
         half = apply_function("sine", 0.5 * x)
         return 2.0 * half * half
-    return getattr(_namespace(x), {"sine": "sin", "cosine": "cos", "square_root": "sqrt"}[function_name])(x)
+    return getattr(namespace_of(x), {"sine": "sin", "cosine": "cos", "square_root": "sqrt"}[function_name])(x)
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> ForeignArray:
     """Return `then` where a < b, and `otherwise` elsewhere; at least one of a and b is an array of another
     library.
     """
-    return _namespace(a if is_foreign(a) else b).where(a < b, then, otherwise)
+    return namespace_of(a if is_foreign(a) else b).where(a < b, then, otherwise)
 
 
-def _namespace(x: ForeignArray) -> Any:
+def namespace_of(x: Any) -> Any:
     """Return the module with the functions of an array's library, named as in the array API standard."""
+    if isinstance(x, np.ndarray):
+        return np
     from array_api_compat import array_namespace
 
     return array_namespace(x)

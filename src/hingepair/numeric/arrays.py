@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import FrozenInstanceError, fields
 from typing import Any, Final, TypeAlias, TypeGuard
 
 import numpy as np
@@ -40,6 +40,10 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     try:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError):
+        if type(value).__name__.endswith("Tracer"):
+            derivatives = 'prepare(...).jacobian(..., wrt="masses") and rollout(...).vjp'
+            expected = f"numbers, since JAX does not trace this argument ({derivatives} give derivatives)"
+            raise DtypeError(name, expected, f"a {type(value).__name__}") from None
         raise ShapeError(
             name, "an array, or lists that make one", f"a {type(value).__name__} that makes none"
         ) from None
@@ -125,7 +129,9 @@ def one_constant(name: str, value: ArrayLike, *sample_shape: int) -> NDArray[np.
     """Return a read-only float64 copy of finite numbers of exactly a given shape, such as 3, 3."""
     array = real_array(name, value)
     if array.shape != sample_shape:
-        raise ShapeError(name, f"shape {sample_shape}", f"shape {array.shape}")
+        is_number = array.ndim == 0 and len(sample_shape) == 1
+        example = f", such as {(*[0] * (sample_shape[0] - 1), array.item())}" if is_number else ""
+        raise ShapeError(name, f"shape {sample_shape}{example}", f"shape {array.shape}")
     return constant(name, array, *sample_shape)
 
 
@@ -145,9 +151,23 @@ def own_copy(array: NDArray[Any]) -> NDArray[Any]:
 
 
 class Frozen:
-    """Base class of frozen dataclasses whose arrays stay read-only in copies and pickles."""
+    """Base class of frozen dataclasses that say so when they are changed, and whose arrays stay read-only in copies
+    and pickles.
+    """
 
     __slots__ = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "__setattr__" in vars(cls):  # what dataclass(slots=True) writes fails for names that are no fields
+            cls.__setattr__ = cls.__delattr__ = Frozen._refuse  # type: ignore[assignment, method-assign]
+
+    def _refuse(self, name: str, *_: object) -> None:
+        raise FrozenInstanceError(f"{name}: this {type(self).__name__} cannot be changed{self._instead(name)}")
+
+    def _instead(self, _: str) -> str:
+        """Return what to do instead of changing an attribute, for the message."""
+        return ""
 
     def __reduce__(self) -> tuple[Any, ...]:
         values: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]

@@ -104,13 +104,13 @@ class Bounded:
         return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
 
     def sine(self) -> Self:
-        """Return the sine, whose evaluation adds 1.5 units in the last place; that of an exact 0 is exact."""
+        """Return the sine of this angle, which adds 1.5 units in the last place; that of an exact 0 is exact."""
         s = np.sin(self.value)
         rounding = self._sine_rounding(np.abs(s) + 2 * self.bound) + self._reduction_error() + self.smallest
         return type(self)(s, np.where(self._is_exact_zero(), 0.0, self.bound + rounding))
 
     def cosine(self) -> Self:
-        """Return the cosine, whose evaluation adds 1.5 units in the last place; that of an exact 0 is exact."""
+        """Return the cosine of this angle, which adds 1.5 units in the last place; that of an exact 0 is exact."""
         c, half = np.cos(self.value), np.abs(np.sin(0.5 * self.value)) + self.bound
         # The cosine of a small angle is 1, rounded: it is off by no more than a few times what it lacks of 1.
         near_one = 6 * half * half + self.smallest
@@ -126,7 +126,7 @@ class Bounded:
         return (self.value == 0) & (self.bound == 0)
 
     def versine(self) -> Self:
-        """Return 1 - cosine, for s^2 / (1 + c) where the cosine c is above 0.7, and for 1 - c elsewhere."""
+        """Return 1 - cosine of this angle: s^2 / (1 + c) where its cosine c is above 0.7, else 1 - c."""
         s, c = self.sine(), self.cosine()
         near, far = s * s / (1 + c), 1 - c
         value = np.where(c.value > 0.7, near.value, far.value)

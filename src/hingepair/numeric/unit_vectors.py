@@ -29,7 +29,7 @@ def unit_axis(name: str, n: ArrayLike) -> NDArray[Any]:
 
 
 def finite_axis(name: str, n: ArrayLike) -> NDArray[Any]:
-    """Return the axes n as an array (..., 3), not normalised.
+    """Return the axes n as an array (..., 3), not normalised, after checking that each is finite and not zero.
 
     Raises:
         AxisError: n is zero or not finite.

@@ -118,19 +118,8 @@ def output_scales(
     pinocchio: bool = False,
 ) -> dict[str, Float64Array]:
     """Return the scales that the rounding errors of outputs are relative to, the formulas of
-    `PROMISED_BOUND_BY_OUTPUT`, by output name; without those that need what is not given.
-
-    Args:
-        u1: hinge point in body 1's axes [m]; shape (..., 3).
-        u2: hinge point in body 2's axes [m]; shape (..., 3).
-        R1: position of body 1, world axes [m]; shape (..., 3).
-        v1: velocity of body 1, world axes [m/s]; shape (..., 3).
-        a1: acceleration of body 1, world axes [m/s^2]; shape (..., 3).
-        W1: size of body 1's angular velocity [rad/s]; shape (...,).
-        A1: size of body 1's angular acceleration [rad/s^2]; shape (...,).
-        psid: hinge rate [rad/s]; shape (...,).
-        psidd: hinge acceleration [rad/s^2]; shape (...,).
-        pinocchio: add `PINOCCHIO_EXTRA_SCALES` (a2 then needs v1).
+    `PROMISED_BOUND_BY_OUTPUT`, by output name; without those that need what is not given. The vectors have the shape
+    (..., 3), the sizes W1 and A1 and the rates (...,). `pinocchio` adds `PINOCCHIO_EXTRA_SCALES` (a2 then needs v1).
 
     >>> found = output_scales(u1=(3, 4, 0), u2=(0, 0, 1), R1=(-10, 1, 2))
     >>> {name: float(value) for name, value in found.items()}
@@ -243,23 +232,16 @@ def error_bounds(
     sequence: str | None = None,
 ) -> Bounds:
     """Compute bounds on the rounding errors of outputs of forward kinematics; return arrays (...,) by output name.
-
-    Args:
-        kind: motion in space or in a plane.
-        pair: constants of the pair.
-        given: the inputs by name, as users give them.
-        level: level of the default outputs (0 pose, 1 velocity, 2 acceleration).
-        outputs: names of the outputs.
-        sequence: Euler sequence of body 1; None if its attitude is given.
+    `given` are the inputs by name, as users give them, `level` (0 to 2) is that of the default outputs.
 
     Raises:
         ArgumentError: an output needs an input that is not given.
     """
-    names = requested_outputs(outputs, None, kind.levels, default_outputs(level, kind))
+    names = requested_outputs(outputs, None, pair.levels, default_outputs(level, kind))
     check_inputs(computation_of(kind, pair, names, sequence), given)
-    arguments = read_arguments(given, kind.shapes, COORDINATES[kind], INPUT_LABELS)
+    arguments = read_arguments(given, pair.shapes, COORDINATES[kind], INPUT_LABELS)
     values = {name: _without_library(value) for name, value in arguments.values.items()}
-    plan = make_plan(names, sequence, "home" in pair.values, kind=kind, given_names=tuple(values))
+    plan = make_plan(names, sequence, "home" in pair.values, kind=kind, given_names=tuple(values), points=pair.points)
     return _plan_error_bounds(pair, plan, values, arguments.shapes)
 
 
@@ -292,7 +274,7 @@ def _plan_error_bounds(
 
     required_names = plan.inputs | {"u1", "u2"}
     groups = {
-        name: _as_components(group, plan.kind.shapes[name])
+        name: _as_components(group, pair.shapes[name])
         for name, group in {**pair.values, **values}.items()
         if name in required_names
     }

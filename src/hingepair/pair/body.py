@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Frozen, finite_number, one_constant, read_only
-from hingepair.numeric.tables import percent
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.rotations.matrices import check_rotation
+from hingepair.tables.sheets import percent
 
 _ASSUMED_MASS: Final = 1.0  # kg, of a body whose mass is not given
 _ASSUMED_GYRATION = 0.01  # m^2, of a body whose inertia is not given
+INERTIA_ENTRIES: Final = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+"""Rows and columns of the six entries that stand for an inertia matrix, in Pinocchio's order."""
 
 
 class DynamicsWarning(UserWarning):
@@ -200,6 +202,9 @@ class Body(Frozen):
         mass = None if mass is earlier.get("mass") else mass
         centre_of_mass = None if centre_of_mass is earlier.get("centre_of_mass") else centre_of_mass
         inertia = None if inertia is earlier.get("inertia") else inertia
+        if isinstance(mass, np.ndarray | list | tuple) and np.ndim(mass):
+            expected = "a finite number; robot.with_payload(link, mass=...) takes masses with samples"
+            raise ArgumentError("mass", expected, quoted(mass))
         mass_value = _ASSUMED_MASS if mass is None else _positive_number("mass", mass)
         if not isinstance(shapes, Iterable):
             raise ArgumentError("shapes", "a sequence of Box, Cylinder and Sphere", quoted(shapes))
@@ -247,6 +252,15 @@ class Body(Frozen):
 
     def __repr__(self) -> str:
         return _constructor_text(self, "mass", "centre_of_mass", "inertia", *(["shapes"] if self.shapes else []))
+
+
+def inertial_parameters(
+    mass: float, centre_of_mass: NDArray[np.float64], inertia: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return mass m, first moment m c and the `INERTIA_ENTRIES` of J, both about the reference point; shape (10,)."""
+    c = centre_of_mass
+    J = inertia + mass * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.array([mass, *(mass * c), *(J[entry] for entry in INERTIA_ENTRIES)])
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

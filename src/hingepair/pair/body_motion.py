@@ -90,16 +90,9 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is quaternions (x, y, z, w), scalar last as in Pinocchio, SciPy and ROS.
-
-        Args:
-            R: position of the body's reference point [m]; shape (..., 3).
-            quat_xyzw: quaternions of any non-zero length, body axes to world axes; shape (..., 4). S is NaN where one
-                is not finite.
-            v: velocity of the reference point [m/s]; shape (..., 3).
-            omega: angular velocity [rad/s]; shape (..., 3).
-            a: acceleration of the reference point [m/s^2]; shape (..., 3).
-            alpha: angular acceleration [rad/s^2]; shape (..., 3).
+        """Return a BodyMotion whose attitude is quaternions (x, y, z, w), scalar last as in Pinocchio, SciPy and ROS,
+        of any non-zero length, from body axes to world axes; shape (..., 4). S is NaN where one is not finite. The
+        other arguments are those of `BodyMotion`.
 
         Raises:
             RotationError: a quaternion is zero.
@@ -124,8 +117,8 @@ class BodyMotion(Frozen):
         a: ArrayLike | None = None,
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
-        """Return a BodyMotion whose attitude is quaternions (w, x, y, z), scalar first as in MuJoCo. The other
-        arguments are those of `from_quaternion_xyzw`.
+        """Return a BodyMotion whose attitude is quaternions (w, x, y, z), scalar first as in MuJoCo; otherwise as
+        `from_quaternion_xyzw`.
 
         Raises:
             RotationError: a quaternion is zero.
@@ -151,7 +144,7 @@ class BodyMotion(Frozen):
         alpha: ArrayLike | None = None,
     ) -> BodyMotion:
         """Return a BodyMotion whose attitude is rotation vectors, unit axis times angle [rad], shape (..., 3), that
-        turn the world's axes into the body's. The other arguments are those of `from_quaternion_xyzw`.
+        turn the world's axes into the body's. The other arguments are those of `BodyMotion`.
 
         >>> import hingepair as hp
         >>> hp.BodyMotion.from_rotvec(R=(0, 0, 0), rotvec=(0, 0, 3.141592653589793)).S.round(12) + 0.0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Iterable, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,21 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution, execution_of
 from hingepair.engine.loops import Loop
 from hingepair.engine.outputs import Out
-from hingepair.engine.results import writable_arrays
+from hingepair.engine.results import Results, writable_arrays
 from hingepair.errors import ArgumentError
+from hingepair.numeric.dask_arrays import apply_to_chunks
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
-from hingepair.pair.constants import Constants
-from hingepair.pair.states import PairState, PlanarState
+from hingepair.pair.constants import Constants, check_single_pair, least_axis
+from hingepair.pair.states import (
+    Accelerations,
+    Energy,
+    Forces,
+    HingeWrench,
+    Momentum,
+    PairState,
+    PlanarState,
+    Sensitivities,
+)
 from hingepair.plans.arguments import (
     Arguments,
     CoordinateNames,
@@ -25,12 +35,14 @@ from hingepair.plans.arguments import (
     requested_outputs,
 )
 from hingepair.plans.computation import Cache, Computation
+from hingepair.plans.constant_steps import CONSTANT_SHAPES
 from hingepair.plans.dynamics_steps import ACCELERATIONS, FORCES
 from hingepair.plans.plan import (
     PLANAR_MOTION_KIND,
     SPATIAL_MOTION_KIND,
     MotionKind,
     default_outputs,
+    from_constants,
     make_plan,
     plan_loop,
 )
@@ -38,6 +50,8 @@ from hingepair.plans.steps import (
     LOG_COLUMNS_OF,
 )
 from hingepair.rotations.sequences import find_sequence
+
+Returned = TypeVar("Returned")
 
 STATES: Mapping[Any, type[PairState | PlanarState]] = {
     SPATIAL_MOTION_KIND: PairState,
@@ -60,6 +74,7 @@ class Task(NamedTuple):
 
     given: tuple[str, ...]
     outputs: tuple[str, ...]
+    result: type[Results] | None = None  # None: the only output as an array
     masses: tuple[str, ...] = ()  # bodies whose masses it needs
     hint: str = ""  # end of the message where body 1 has none: what to call instead
 
@@ -76,7 +91,7 @@ VELOCITY_SENSITIVITIES: Final = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi",
 
 def _motion_tasks(kind: MotionKind) -> dict[str, Task]:
     levels = enumerate(("pose", "velocity", "acceleration"))
-    return {level: Task(_ROWS[: order + 1], default_outputs(order, kind)) for order, level in levels}
+    return {level: Task(_ROWS[: order + 1], default_outputs(order, kind), STATES[kind]) for order, level in levels}
 
 
 TASKS: Final[Mapping[MotionKind, Mapping[str, Task]]] = {
@@ -86,31 +101,38 @@ TASKS: Final[Mapping[MotionKind, Mapping[str, Task]]] = {
         "acceleration_bias": Task(("S1", "omega1", "psi", "psid"), ("acceleration_bias",)),
         "coordinate_jacobian": Task(("q",), ("coordinate_jacobian",)),
         "coordinate_jacobian_rate": Task(("q", "qd"), ("coordinate_jacobian_rate",)),
-        "sensitivities": Task(("S1", "omega1", "psi", "psid"), (*POSE_SENSITIVITIES, *VELOCITY_SENSITIVITIES)),
+        "sensitivities": Task(
+            ("S1", "omega1", "psi", "psid"), (*POSE_SENSITIVITIES, *VELOCITY_SENSITIVITIES), Sensitivities
+        ),
         "constraint_jacobian": Task(("S1", "S2"), ("constraint_jacobian",)),
         "constraint_bias": Task(("S1", "omega1", "S2", "omega2"), ("constraint_bias",)),
-        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), _BODIES),
-        "inverse_dynamics": Task(_MOVED, FORCES, _BODIES, _HINT),
-        "hinge_wrench": Task(_MOVED, _WRENCH, ("body2",)),
-        "forward_dynamics": Task(("S1", "omega1", "psi", "psid", *FORCES), ACCELERATIONS, _BODIES),
-        "energy": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("kinetic", "potential"), ("body2",)),
-        "momentum": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("linear", "angular"), _BODIES),
+        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), masses=_BODIES),
+        "inverse_dynamics": Task(_MOVED, FORCES, Forces, _BODIES, _HINT),
+        "hinge_wrench": Task(_MOVED, _WRENCH, HingeWrench, ("body2",)),
+        "forward_dynamics": Task(("S1", "omega1", "psi", "psid", *FORCES), ACCELERATIONS, Accelerations, _BODIES),
+        "energy": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("kinetic", "potential"), Energy, ("body2",)),
+        "momentum": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("linear", "angular"), Momentum, _BODIES),
     },
     PLANAR_MOTION_KIND: {
         **_motion_tasks(PLANAR_MOTION_KIND),
-        "mass_matrix": Task(("q",), ("mass_matrix",), _BODIES),
-        "inverse_dynamics": Task(_ROWS, FORCES, _BODIES, _HINT),
-        "hinge_wrench": Task(_ROWS, _WRENCH, ("body2",)),
-        "forward_dynamics": Task(("q", "qd", *FORCES), ("qdd",), _BODIES),
-        "energy": Task(("q", "qd"), ("kinetic", "potential"), ("body2",)),
-        "momentum": Task(("q", "qd"), ("linear", "angular"), _BODIES),
+        "mass_matrix": Task(("q",), ("mass_matrix",), masses=_BODIES),
+        "inverse_dynamics": Task(_ROWS, FORCES, Forces, _BODIES, _HINT),
+        "hinge_wrench": Task(_ROWS, _WRENCH, HingeWrench, ("body2",)),
+        "forward_dynamics": Task(("q", "qd", *FORCES), ("qdd",), masses=_BODIES),
+        "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, ("body2",)),
+        "momentum": Task(("q", "qd"), ("linear", "angular"), Momentum, _BODIES),
     },
 }
 """All that can be asked of pairs in space and in the plane."""
 
 
 def computation_of(
-    kind: MotionKind, pair: Constants, outputs: tuple[str, ...], sequence: str | None = None, bare: bool = False
+    kind: MotionKind,
+    pair: Constants,
+    outputs: tuple[str, ...],
+    sequence: str | None = None,
+    result: type[Results] | None = Results,
+    by_constants: bool = False,
 ) -> Computation:
     """Return the Computation of outputs of a pair, which is made once.
 
@@ -119,19 +141,25 @@ def computation_of(
         pair: constants of the pair.
         outputs: names of the outputs.
         sequence: Euler sequence of body 1; None if its attitude is given.
-        bare: return the only output as an array.
+        result: class of the result; None to return the only output as an array.
+        by_constants: begin with the geometry and the masses, for derivatives by them.
     """
-    key = outputs, sequence, bare
+    key = outputs, sequence, result, by_constants
     found: Computation | None = pair.cache.computations.get(key)
     if found is None:
-        has_home = "home" in pair.values
+        has_home = "home" in pair.values or by_constants
+        known = pair.values if pair.single else pair.arrays
+        if by_constants and kind is SPATIAL_MOTION_KIND:
+            known = {"home": pair.arrays["home"], "least_axis": least_axis(pair.arrays["n"]), **known}
 
         def loop(names: tuple[str, ...], given: tuple[str, ...]) -> Loop:
-            return plan_loop(make_plan(names, sequence, has_home, kind=kind, given_names=given))
+            plan = make_plan(names, sequence, has_home, kind=kind, given_names=given, points=pair.points)
+            return plan_loop(from_constants(plan) if by_constants else plan)
 
         found = pair.cache.computations[key] = Computation(
-            loop, outputs, kind.shapes, pair.values if pair.single else pair.arrays,
-            None if bare else STATES[kind], COORDINATES[kind], shape=pair.shape, shared=True,
+            loop, outputs, pair.shapes, known, result, COORDINATES[kind], shape=pair.shape,
+            shared=True, constant_shapes=CONSTANT_SHAPES[kind is PLANAR_MOTION_KIND],
+            by_constants=functools.partial(computation_of, kind, pair, outputs, sequence, result, True),
         )  # fmt: skip
     return found
 
@@ -155,7 +183,7 @@ def compute(
     backend: str = "auto",
     workers: int = 1,
     gravity: tuple[float, ...] | None = None,
-    bare: bool = False,
+    result: type[Results] | None = Results,
     key: Any = None,
     cache: Cache | None = None,
 ) -> Any:
@@ -165,7 +193,7 @@ def compute(
     Raises:
         ArgumentError: an output needs an input that is not given.
     """
-    what = kind, pair, outputs, sequence, bare
+    what = kind, pair, outputs, sequence, result
     computation = computation_of(*what)
     check_inputs(computation, given)
     return computation.compute(
@@ -230,11 +258,11 @@ def from_coordinates(
     given = coordinate_rows(q, qd, qdd)
     if sequence is not None or kind is SPATIAL_MOTION_KIND:
         find_sequence(sequence)  # type: ignore[arg-type]
-    names = requested_outputs(outputs, out, kind.levels, default_outputs(len(given) - 1, kind))
+    names = requested_outputs(outputs, out, pair.levels, default_outputs(len(given) - 1, kind))
     lasts = isinstance(outputs, tuple | None) and (out is None or type(out) is dict)
     return compute(
         kind, pair, names, given, out=out, sequence=sequence, backend=backend, workers=workers,
-        key=key if lasts else None,
+        result=STATES[kind], key=key if lasts else None,
     )  # fmt: skip
 
 
@@ -252,8 +280,10 @@ def from_body1(
     """Compute the state of a pair from the motion of body 1 and the hinge angle (E1, E2, E5-E9)."""
     given = body1_inputs(body1, psi, psid, psidd)
     level = ("psid" in given) + ("psidd" in given)
-    names = requested_outputs(outputs, out, SPATIAL_MOTION_KIND.levels, default_outputs(level))
-    return compute(SPATIAL_MOTION_KIND, pair, names, given, out=out, backend=backend, workers=workers)
+    names = requested_outputs(outputs, out, pair.levels, default_outputs(level))
+    return compute(
+        SPATIAL_MOTION_KIND, pair, names, given, out=out, backend=backend, workers=workers, result=PairState
+    )
 
 
 def body1_inputs(body1: BodyMotion, psi: Any, psid: Any = None, psidd: Any = None) -> dict[str, Any]:
@@ -268,3 +298,11 @@ def body1_inputs(body1: BodyMotion, psi: Any, psid: Any = None, psidd: Any = Non
         raise ArgumentError("psi", "hinge angles", None)
     hinge = {name: value for name, value in (("psi", psi), ("psid", psid), ("psidd", psidd)) if value is not None}
     return {**motion_inputs("body1", body1), **hinge}
+
+
+def lazily(pair: Any, method: Callable[..., Returned], **arguments: Any) -> Returned:
+    """Return lazy Dask arrays of the results of a method of a pair."""
+    check_single_pair(pair, " if the arguments are Dask arrays")
+    kind = pair.constants.kind
+    shapes = {**kind.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}
+    return apply_to_chunks(method, arguments, shapes, COORDINATES[kind].table_columns)

@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.engine.binding import ArrayShape
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import broadcast_shape, constant, read_only
 from hingepair.numeric.blocks import Components, Named, numbers
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import finite_axis, polar, scaled_by_power_of_two, times_power_of_two
+from hingepair.pair.points import Points, named_points
 from hingepair.plans.computation import Cache
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, shapes_with_points
+from hingepair.plans.points import Point, point_outputs
 from hingepair.plans.steps import LEVER_CONSTANT_STEPS
 from hingepair.rotations.matrices import check_rotation
 
@@ -30,10 +33,11 @@ class Constants:
     arrays: Named  # the same with the components last, and home in any case
     shape: tuple[int, ...]  # leading shape of the pair; () for a single pair
     axis: NDArray[np.float64] | None = None  # hinge axis as it was given, of any length; None for a planar pair
+    points: tuple[Point, ...] = ()  # fixed to the bodies; their vectors are among the values
     cache: Cache = field(default_factory=Cache, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Constants, (self.values, self.arrays, self.shape, self.axis)
+        return Constants, (self.values, self.arrays, self.shape, self.axis, self.points)
 
     @property
     def single(self) -> bool:
@@ -45,16 +49,28 @@ class Constants:
         """Motion in space or in the plane."""
         return SPATIAL_MOTION_KIND if "n" in self.values else PLANAR_MOTION_KIND
 
+    @property
+    def levels(self) -> Mapping[str, int | None]:
+        """The outputs of kinematics, those of points too; the level from which it is a default output, or None."""
+        return {**self.kind.levels, **dict.fromkeys(point_outputs(self.points))} if self.points else self.kind.levels
+
+    @property
+    def shapes(self) -> Mapping[str, ArrayShape]:
+        """Shape of one sample of all that can be given or computed."""
+        return shapes_with_points(self.kind, self.points)
+
     def extended(self, arrays: Mapping[str, NDArray[Any]]) -> Constants:
         """Return these constants with further ones, whose components are on the last axis."""
         values = {name: numbers(array) if array.ndim else float(array) for name, array in arrays.items()}
-        return Constants({**self.values, **values}, {**self.arrays, **arrays}, self.shape)
+        return Constants({**self.values, **values}, {**self.arrays, **arrays}, self.shape, points=self.points)
 
 
-def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None) -> Constants:
+def pair_constants(
+    u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike | None, points1: Points, points2: Points
+) -> Constants:
     """Return the Constants of a pair. u1 and u2 are the vectors from the reference points to the hinge point, in the
     axes of body 1 and of body 2, and n is the hinge axis. `home` is the rotation matrix from body-2 to body-1 axes at
-    psi = 0, or None for the identity.
+    psi = 0, or None for the identity. `points1` and `points2` are the points of the bodies, checked.
 
     Raises:
         ArgumentError: a value is not finite or has the wrong shape; names the argument.
@@ -66,7 +82,8 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
     rotation = _IDENTITY_ROTATION_MATRIX if home is None else constant("home", home, 3, 3)
     if home is not None:
         check_rotation("home", rotation)
-    shapes = {name: array.shape[:-1] for name, array in (vectors | {"n": axis}).items()}
+    points, positions = named_points(points1, points2)
+    shapes = {name: array.shape[:-1] for name, array in {**vectors, "n": axis, **positions}.items()}
     shape = broadcast_shape({**shapes, "home": rotation.shape[:-2]})
     values: Named = {name: numbers(vector) for name, vector in vectors.items()}
     if not (rotation == _IDENTITY_ROTATION_MATRIX).all():
@@ -75,8 +92,9 @@ def pair_constants(u1: ArrayLike, u2: ArrayLike, n: ArrayLike, home: ArrayLike |
     computed = {
         name: read_only(_stack_components(values[name])) for name in ("n", "lever_fixed", "lever_cos", "lever_sin")
     }
-    arrays = {**vectors, **computed, "home": rotation.reshape(*rotation.shape[:-2], 9)}
-    return Constants(values, arrays, shape, axis)
+    arrays = {**vectors, **computed, "home": rotation.reshape(*rotation.shape[:-2], 9), **positions}
+    values |= {name: numbers(position) for name, position in positions.items()}
+    return Constants(values, arrays, shape, axis, points)
 
 
 def _axis_and_levers(values: Named, axis: Components) -> Named:
@@ -132,15 +150,21 @@ def with_hinge_frames(pair: Constants) -> Constants:
     constants: Constants | None = pair.cache.others.get(HINGE_FRAMES)
     if constants is None:
         frames = _hinge_frames(pair.arrays["n"], pair.arrays["home"] if "home" in pair.values else None)
-        constants = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape)
+        constants = Constants({**pair.values, **frames}, {**pair.arrays, **frames}, pair.shape, points=pair.points)
         pair.cache.others[HINGE_FRAMES] = constants
     return constants
+
+
+def least_axis(n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit vector along the coordinate axis with the largest angle to n; shape (..., 3)."""
+    axis: NDArray[np.float64] = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+    return axis
 
 
 def _hinge_frames(n: NDArray[np.float64], home: NDArray[np.float64] | None) -> Named:
     """Return e1, e2 and n in the axes of body 1, and in those of body 2, as tuples of components."""
     with np.errstate(under="ignore"):
-        first = np.eye(3)[np.argmin(np.abs(n), axis=-1)]
+        first = least_axis(n)
         first = first - n * (n * first).sum(axis=-1, keepdims=True)
         first /= np.sqrt((first * first).sum(axis=-1, keepdims=True))
         in_body1 = in_body2 = {"e1": first, "e2": np.cross(n, first), "n": n}

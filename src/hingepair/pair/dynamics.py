@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 from hingepair.equations.spatial import ZERO_VECTOR
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, FloatArray, is_zero, one_constant
-from hingepair.pair.body import Body, warn_of_dynamics
+from hingepair.pair.body import Body, inertial_parameters, warn_of_dynamics
 from hingepair.pair.computations import TASKS, compute, compute_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.plans.dynamics_steps import LOADS
@@ -24,86 +23,6 @@ Bodies: TypeAlias = tuple[Body | None, Body | None]
 _BODIES: Final = ("body1", "body2")
 _ZERO: Final = np.zeros(())
 _ROUNDING = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding
-
-
-def _one_line_repr(self: Any) -> str:
-    """Return a named tuple of arrays as one line of text, with the shapes of fields of more than nine numbers."""
-    shapes = {n: getattr(v, "shape", ()) for n, v in self._asdict().items()}
-    parts = (
-        f"{n}={v!r}" if math.prod(shapes[n]) <= 9 else f"{n}: shape {shapes[n]}" for n, v in self._asdict().items()
-    )
-    return f"{type(self).__name__}({', '.join(parts)})"
-
-
-class Forces(NamedTuple):
-    """Forces and torques that a motion of a pair requires (T1-T3)."""
-
-    #: force that must act on body 1 at R1, world axes [N]; shape (..., 3), (..., 2) for a planar pair
-    force1: FloatArray
-    #: torque that must act on body 1 about R1, world axes [N m]; shape (..., 3), (...,) for a planar pair
-    torque1: FloatArray
-    #: torque that body 1 must exert on body 2 about the hinge axis [N m]: motor, spring, damper, friction and stops;
-    #: shape (...,)
-    hinge_torque: FloatArray
-
-    def __repr__(self) -> str:
-        return _one_line_repr(self)
-
-
-class Accelerations(NamedTuple):
-    """Accelerations of a pair that forces and torques cause (T5, T6)."""
-
-    #: second time derivative of R1, world axes [m/s^2]; shape (..., 3)
-    a1: FloatArray
-    #: angular acceleration of body 1, world axes [rad/s^2]; shape (..., 3)
-    alpha1: FloatArray
-    #: second time derivative of the hinge angle [rad/s^2]; shape (...,)
-    psidd: FloatArray
-
-    def __repr__(self) -> str:
-        return _one_line_repr(self)
-
-
-class HingeWrench(NamedTuple):
-    """Force and torque that body 1 exerts on body 2 at the hinge point (T3)."""
-
-    #: force, world axes [N]; shape (..., 3), (..., 2) for a planar pair
-    force: FloatArray
-    #: torque about the hinge point, world axes [N m]; shape (..., 3), (...,) for a planar pair
-    torque: FloatArray
-    #: component of the torque along the hinge axis [N m]: motor, spring, damper, friction and stops; shape (...,)
-    hinge_torque: FloatArray
-    #: part of the torque across the hinge axis, which the bearing carries, world axes [N m]; shape (..., 3), (...,)
-    #: for a planar pair
-    bearing_torque: FloatArray
-
-    def __repr__(self) -> str:
-        return _one_line_repr(self)
-
-
-class Energy(NamedTuple):
-    """Energy of a pair or a robot (T7)."""
-
-    #: kinetic energy [J]; shape (...,)
-    kinetic: FloatArray
-    #: potential energy in uniform gravity, zero for a mass at the world's origin [J]; shape (...,)
-    potential: FloatArray
-
-    def __repr__(self) -> str:
-        return _one_line_repr(self)
-
-
-class Momentum(NamedTuple):
-    """Momentum of a pair or a robot (T8)."""
-
-    #: linear momentum, world axes [kg m/s]; shape (..., 3), (..., 2) for a planar pair
-    linear: FloatArray
-    #: angular momentum, of a pair about the world's origin, world axes [kg m^2/s]; shape (..., 3), (...,) for a
-    #: planar pair
-    angular: FloatArray
-
-    def __repr__(self) -> str:
-        return _one_line_repr(self)
 
 
 def ask(
@@ -118,18 +37,8 @@ def ask(
     sequence: str | None = None,
     outputs: tuple[str, ...] | None = None,
 ) -> Any:
-    """Compute a row of TASKS: an array if it has one output. Issue a DynamicsWarning for each assumed mass.
-
-    Args:
-        pair: a HingePair or a PlanarPair.
-        name: name of the row.
-        given: arguments by input name.
-        gravity: acceleration of free fall; by default that of the pair.
-        out: as for the methods.
-        workers: as for the methods.
-        backend: as for the methods.
-        sequence: Euler sequence of body 1.
-        outputs: names of outputs of the row; all unless given.
+    """Compute a row of TASKS, or some of its outputs; the other arguments are those of the methods. Issue a
+    DynamicsWarning for each assumed mass.
 
     Raises:
         ArgumentError: a body that is needed has no mass.
@@ -156,18 +65,18 @@ def ask(
         constants = with_hinge_frames(constants)
     return compute(
         constants.kind, constants, names, given, gravity=vector, out=out, sequence=sequence, backend=backend,
-        workers=workers, bare=len(task.outputs) == 1, key=key, cache=cache,
+        workers=workers, result=task.result, key=key, cache=cache,
     )  # fmt: skip
 
 
 def may_be_singular(tree: Constants) -> bool:
     """Return whether the hinge or body 1 may move without any inertia that resists."""
-    return bool(_limits(tree).any())
+    return bool(_limits(tree.arrays).any())
 
 
-def _limits(tree: Constants) -> Float64Array:
+def _limits(arrays: Mapping[str, Any]) -> Float64Array:
     """Return the sizes below which pivots of the hinge, of forces and of torques on body 1 are rounding."""
-    limits: Float64Array = tree.arrays["tree"][..., -3:]
+    limits: Float64Array = arrays["tree"][..., -3:]
     return limits
 
 
@@ -182,7 +91,7 @@ def warn_where_singular(psidd: FloatArray, pair: Any) -> None:
     still: dict[str, Any] = dict.fromkeys(("omega1", "gravity", *LOADS[:-1]), ZERO_VECTOR)
     still |= dict.fromkeys(("psi", "psid", "hinge_torque"), 0.0) | {"S1": np.eye(3)}
     pivots = compute_arrays(tree, ("pivots",), still, dict.fromkeys(still, ()))["pivots"]
-    low = ~(pivots > _limits(tree)[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
+    low = ~(pivots > _limits(tree.arrays)[..., [0, 1, 1, 1, 2, 2, 2]])  # NaN are low
     if low.any():
         which = "the hinge" if low[..., 0].any() else "body 1"
         where = f"at {int(bad.sum())} of {bad.size} samples" if bad.shape else "here"
@@ -205,8 +114,9 @@ def tree_constants(constants: Constants, bodies: Bodies) -> Constants:
     """
     extended: Constants | None = constants.cache.others.get("tree")
     if extended is None:
-        arrays = tree_numbers(constants, *bodies)
-        extended = constants.extended(arrays | {name: np.zeros(3) for name in LOADS[:-1]} | {"hinge_torque": _ZERO})
+        arrays = tree_numbers(constants, *bodies) | body_numbers(*bodies)
+        arrays |= {name: np.zeros(3) for name in LOADS[:-1]} | {"hinge_torque": _ZERO}
+        extended = constants.extended(arrays | {"least_pivots": _limits(arrays)})
         constants.cache.others["tree"] = extended
     return extended
 
@@ -259,6 +169,18 @@ def tree_numbers(constants: Constants, body1: Body | None, body2: Body | None) -
         expected = "masses and lengths whose products mass x length^2 stay below 1.8e308 kg m^2"
         raise ArgumentError("pair", expected, "products that overflow")
     return {"tree": tree, "whole_body2": whole, "arm2": -_product(turn, u2[..., None])[..., 0]}
+
+
+def body_numbers(*bodies: Body | None) -> dict[str, Float64Array]:
+    """Return masses (2,), first moments (6,) and inertias (12,) of both bodies, about their reference points; zeros
+    of a body that is None.
+    """
+    rows = np.zeros((2, 10))
+    for row, body in zip(rows, bodies, strict=True):
+        if body is not None:
+            row[:] = inertial_parameters(body.mass, body.centre_of_mass, body.inertia)
+    masses, first, second = (columns.ravel() for columns in np.split(rows, (1, 4), axis=1))
+    return {"masses": masses, "first_moments": first, "inertias": second}
 
 
 def _moments(body: Body | None, turn: Any, u: Any) -> tuple[float, Any, Any, float, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import Float64Array, finite_number
+from hingepair.numeric.arrays import Float64Array, Frozen, finite_number
 
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 TORQUE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
@@ -21,7 +21,7 @@ _SCALAR_MESSAGES = ("truth value of an array", "arrays can be converted to Pytho
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HingeLoad:
+class HingeLoad(Frozen):
     """Torque about the hinge axis that motor, spring, damper, friction and stops exert on body 2, for `hinge_torque`
     of `simulate`: a callable of t, psi and psid, numbers or arrays.
 
@@ -286,10 +286,16 @@ def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -
     """Call a function of arrays.
 
     Raises:
-        ArgumentError: it compares or converts an array as if it were one number; other errors are passed on.
+        ArgumentError: it compares or converts an array as if it were one number, or takes instants for columns; other
+            errors are passed on.
     """
     try:
         return function(*arguments)
+    except IndexError as error:
+        if f"axis 0 with size {len(arguments[0])}" not in str(error):
+            raise
+        expected = "a callable of arrays with a row for each instant: now.q[:, 1] is the second column"
+        raise ArgumentError(name, expected, f"one that takes rows for columns ({error})") from error
     except (TypeError, ValueError) as error:
         if not any(sign in str(error) for sign in _SCALAR_MESSAGES):
             raise

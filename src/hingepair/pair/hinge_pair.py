@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,54 +13,75 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, number_not_below_0, one_constant
-from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
-from hingepair.numeric.tables import Sheet, Shown, sheet_of
+from hingepair.numeric.arrays import FloatArray, Frozen, number_not_below_0, one_constant
+from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.pair import accuracy, dynamics, residuals, tolerances
 from hingepair.pair import computations as kinematics
 from hingepair.pair.body import Body
-from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_inputs
-from hingepair.pair.computations import COORDINATES, POSE_SENSITIVITIES, VELOCITY_SENSITIVITIES
-from hingepair.pair.constants import Constants, check_single_pair, pair_constants
-from hingepair.pair.derivatives import Sensitivities
-from hingepair.pair.dynamics import DEFAULT_GRAVITY, Accelerations, Energy, Forces, HingeWrench, Momentum
+from hingepair.pair.body_motion import BodyMotion, motion_inputs
+from hingepair.pair.computations import POSE_SENSITIVITIES, VELOCITY_SENSITIVITIES
+from hingepair.pair.constants import Constants, pair_constants
+from hingepair.pair.dynamics import DEFAULT_GRAVITY
+from hingepair.pair.points import Points, checked_points, points_text
 from hingepair.pair.prepare import prepare
 from hingepair.pair.residuals import Residuals
-from hingepair.pair.states import PairState
+from hingepair.pair.states import (
+    Accelerations,
+    Energy,
+    Forces,
+    HingeWrench,
+    Momentum,
+    PairState,
+    Sensitivities,
+)
 from hingepair.pair.tolerances import PoseCovariance
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
-
-Returned = TypeVar("Returned")
+from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
 _MOVED: Final = ("S", "omega", "a", "alpha")
 _PLACED: Final = ("R", "S", "v", "omega")
 WRENCH_OUTPUTS: Final = {"force": "hinge_force", "torque": "hinge_moment"}
 """Outputs by the attributes of a HingeWrench."""
-_DASK_SHAPES: Final = {
-    **SPATIAL_MOTION_KIND.shapes,
-    **dict.fromkeys(("body1", "body2"), MOTION_SHAPES),
-}
-"""Shape of one sample of each argument that may be a Dask array."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class HingePair(Shown):
+class HingePair(Frozen, Shown):
     """Two rigid bodies joined by a hinge, R1 + S1 u1 = R2 + S2 u2 (E1), which turn relative to each other about the
     hinge axis n only (E2).
 
     Values are copied and read-only; `dataclasses.replace(pair, u1=...)` returns a pair with another u1. u1, u2, n and
-    home may have leading axes, which broadcast against those of the samples: each sample has its own pair. The
-    argument `body1` of methods is the motion of body 1, a `BodyMotion`; the attribute `body1` its mass properties, a
-    `Body`.
+    home may have leading axes, which broadcast against those of the samples: each sample has its own pair.
+
+    The methods share these arguments:
+
+    - q, qd, qdd: coordinates (x, y, z, phi_x, phi_y, phi_z, psi), that is, the position of body 1's reference point
+      [m], its Euler angles and the hinge angle [rad], and their first and second time derivatives. Each is one array
+      (..., 7); a tuple of seven numbers, the same for all samples, which saves time, and arrays that broadcast; a
+      dict by name; or a table with these columns.
+    - sequence: Euler sequence of body 1, one of the 24 that SciPy knows: upper case intrinsic, lower case extrinsic.
+      phi_x, phi_y and phi_z are the angles of its first, second and third letter.
+    - body1, body2: motions of the bodies, a `BodyMotion` each. (The attributes of these names are a `Body` each.)
+    - psi, psid, psidd: hinge angle, right-handed about n [rad], and its first and second time derivative; shape
+      (...,), which broadcasts against body1.
+    - outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, and of points, such as
+      tip, tip_v and tip_a. By default, those of body 2 for which the other arguments suffice.
+    - gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
+    - out: array into which the result is written; of methods with several outputs, arrays by output name.
+    - workers: number of threads; -1 for one thread per core.
+    - backend: "numpy"; "compiled", machine code that the first call compiles (0.1 s, or milliseconds where it is on
+      disk); or "auto", which compiles for arrays, and for coordinates one by one where NumPy would take milliseconds
+      longer, and falls back on NumPy with a warning.
+
+    Results are float32 if all arrays given are float32, else float64. Methods that need the mass of a body raise an
+    ArgumentError if the pair has no mass properties of it.
 
     Args:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (3,) or (..., 3).
         u2: hinge point from body 2's reference point, body-2 axes [m]; shape (3,) or (..., 3).
-        n: hinge axis, body-1 axes, of any non-zero length, stored at unit length; shape (3,) or (..., 3). The hinge
-            angle psi is that of body 2 about n, right-handed.
+        n: hinge axis, body-1 axes, of any non-zero length, stored at unit length; shape (3,) or (..., 3).
         home: attitude of body 2 relative to body 1 at psi = 0, from body-2 axes to body-1 axes (C in E5); shape (3,
             3) or (..., 3, 3); by default the identity.
         name: name of the pair in exports and messages.
@@ -70,6 +91,10 @@ class HingePair(Shown):
         body2: mass properties and shapes of body 2.
         torque_limit: largest torque of the motor [N m], for exports; URDF calls it effort.
         rate_limit: largest hinge rate [rad/s], for exports; URDF calls it velocity.
+        points1: further points of body 1 by name, from its reference point, body-1 axes [m]; shape (3,) or (..., 3)
+            each. They have no mass. A point called tip is an output of kinematics, with its velocity tip_v and its
+            acceleration tip_a; exports write it, and it is a frame of a `Mechanism`.
+        points2: further points of body 2, body-2 axes.
         constants: an internal argument that `dataclasses.replace` passes, so that what is not replaced stays the same
             to the last bit.
 
@@ -97,6 +122,8 @@ class HingePair(Shown):
     body2: Body | None
     torque_limit: float | None
     rate_limit: float | None
+    points1: Points
+    points2: Points
     constants: Constants
 
     def __init__(
@@ -111,13 +138,16 @@ class HingePair(Shown):
         body2: Body | None = None,
         torque_limit: float | None = None,
         rate_limit: float | None = None,
+        points1: Mapping[str, ArrayLike] | None = None,
+        points2: Mapping[str, ArrayLike] | None = None,
         *,
         constants: Constants | None = None,
     ) -> None:
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", quoted(name))
         axis = constants.axis if constants is not None and n is constants.arrays["n"] else n
-        new_constants = pair_constants(u1, u2, n if axis is None else axis, home)
+        points = {key: checked_points(key, value, 3) for key, value in (("points1", points1), ("points2", points2))}
+        new_constants = pair_constants(u1, u2, n if axis is None else axis, home, **points)
         rotation = new_constants.arrays["home"]
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
         values_of = {
@@ -128,6 +158,7 @@ class HingePair(Shown):
             "body1": checked_mass_properties("body1", body1),
             "body2": checked_mass_properties("body2", body2),
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
+            **points,
             "constants": new_constants,
         }
         for key, value in values_of.items():
@@ -135,29 +166,22 @@ class HingePair(Shown):
 
     def __reduce__(self) -> tuple[Any, ...]:
         arguments = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "constants"}
-        return partial(type(self), **arguments | {"n": self.constants.axis}), ()
+        points = {key: dict(arguments[key]) for key in ("points1", "points2")}
+        return partial(type(self), **arguments | points | {"n": self.constants.axis}), ()
 
     def __repr__(self) -> str:
         parts = (f"{key}={getattr(self, key).tolist()}" for key in ("u1", "u2", "n", "home"))
         options = ((key, getattr(self, key)) for key in ("limits", "torque_limit", "rate_limit", "body1", "body2"))
         extras = "".join(f", {key}={value!r}" for key, value in options if value is not None)
+        extras += points_text(self.points1, self.points2)
         return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
 
     def _sheet(self) -> Sheet:
         """Return the printed table: geometry, limits and masses."""
         names = ("u1", "u2", "n", "home", "limits", "torque_limit", "rate_limit")
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
-        return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses])
-
-    def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return lazy Dask arrays of the results of a method."""
-        check_single_pair(self, " if the arguments are Dask arrays")
-        return apply_to_chunks(
-            method,
-            arguments,
-            _DASK_SHAPES,
-            COORDINATES[SPATIAL_MOTION_KIND].table_columns,
-        )
+        points = (*self.points1.items(), *self.points2.items())
+        return sheet_of(self.name, [*((name, getattr(self, name)) for name in names), *masses, *points])
 
     def massive(self) -> HingePair:
         """Return the pair in space with the same dynamics: this one."""
@@ -179,26 +203,9 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Compute the motion of body 2 from the seven coordinates (E1-E10).
+        """Compute the motion of body 2 from the seven coordinates (E1-E10); qd adds velocities, qdd accelerations.
 
-        Args:
-            q: (x, y, z, phi_x, phi_y, phi_z, psi): position of body 1's reference point [m], its Euler angles and the
-                hinge angle [rad]. One array (..., 7); a tuple of seven numbers or arrays that broadcast, in which a
-                number is the same for all samples, which saves time; a dict by name; or a table with these columns.
-            qd: time derivatives of q, which add velocities.
-            qdd: second time derivatives of q, which add accelerations.
-            outputs: names out of R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1. By default, those
-                of body 2 for which the coordinates suffice.
-            out: arrays by output name, into which the results are written; where there is one output, also one array.
-            sequence: Euler sequence of body 1, one of the 24 that SciPy knows: upper case intrinsic, lower case
-                extrinsic. phi_x, phi_y and phi_z are the angles of its first, second and third letter.
-            workers: number of threads; -1 for one thread per core.
-            backend: "numpy"; "compiled", machine code that the first call compiles (0.1 s, or milliseconds where it
-                is on disk); or "auto", which compiles for arrays, and for coordinates one by one where NumPy would
-                take milliseconds longer, and falls back on NumPy with a warning.
-
-        Returns:
-            The PairState, in float32 if all arrays given are float32, else in float64.
+        Arguments: see `HingePair`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -207,10 +214,9 @@ class HingePair(Shown):
         >>> state.v2[0]
         array([ 1.,  4., -1.])
         """
-        state: PairState = kinematics.from_coordinates(
+        return kinematics.from_coordinates(
             SPATIAL_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, sequence, backend, workers
         )
-        return state
 
     def prepare(
         self,
@@ -223,7 +229,7 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> Prepared:
         """Return a function that computes given outputs, planned and compiled once, for loops over single states or
-        small batches.
+        small batches. Arguments not listed: see `HingePair`.
 
         Args:
             given: names of the arguments in the order of a call, or a word for them:
@@ -247,9 +253,6 @@ class HingePair(Shown):
 
                 By default those of the method; of a tuple of names those of `forward_kinematics`, or with a load a1,
                 alpha1 and psidd.
-            sequence: Euler sequence of body 1, as for `forward_kinematics`.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            workers: number of threads; -1 for one thread per core.
             backend: "auto" and "compiled" compile during this call, "numpy" never does.
 
         Returns:
@@ -282,20 +285,10 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PairState:
-        """Compute the motion of body 2 from that of body 1 and the hinge angle, without Euler angles (E1, E2, E5-E9).
+        """Compute the motion of body 2 from that of body 1 and the hinge angle, without Euler angles (E1, E2, E5-E9);
+        psid adds velocities, psidd accelerations.
 
-        Args:
-            body1: the motion of body 1.
-            psi: hinge angle, right-handed about n [rad]; shape (...,); broadcasts against body1.
-            psid: its time derivative [rad/s], which adds velocities.
-            psidd: its second time derivative [rad/s^2], which adds accelerations.
-            outputs: as for `forward_kinematics`. Only what these outputs need must be given.
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Raises:
-            ArgumentError: an output needs an input that is not given.
+        Arguments: see `HingePair`. Only what the outputs need must be given.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -303,10 +296,7 @@ class HingePair(Shown):
         >>> pair.forward_kinematics_from_body1(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).R2
         array([2., 0., 0.])
         """
-        state: PairState = kinematics.from_body1(
-            self.constants, body1, psi, psid, psidd, outputs, out, backend, workers
-        )
-        return state
+        return kinematics.from_body1(self.constants, body1, psi, psid, psidd, outputs, out, backend, workers)
 
     def error_bounds(
         self,
@@ -322,17 +312,11 @@ class HingePair(Shown):
         The error is the largest difference of a component from the exact result of the equations for the given
         numbers, among them n before it is scaled to unit length. The bounds hold for all backends if sines and
         cosines are accurate to 1.5 units in the last place; actual errors are usually below a third of them.
-
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: time derivatives of q.
-            qdd: second time derivatives of q.
-            outputs: as for `forward_kinematics`.
-            sequence: as for `forward_kinematics`.
+        Arguments: see `HingePair`.
 
         Returns:
-            Bounds by output name, in its unit; shape (...,). Infinite where an intermediate result overflows or an
-            input is not finite.
+            Bounds by output name, in its unit, in NumPy whatever the arguments are; shape (...,). Infinite where an
+            intermediate result overflows or an input is not finite.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -342,7 +326,7 @@ class HingePair(Shown):
         (['2e-15', '6e-08'], ['2e-15', '2e-15'])
         """
         if holds_dask(q, qd, qdd):
-            return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
+            return kinematics.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs, sequence=sequence)
         given = kinematics.coordinate_rows(q, qd, qdd)
         find_sequence(sequence)
         return accuracy.error_bounds(SPATIAL_MOTION_KIND, self.constants, given, len(given) - 1, outputs, sequence)
@@ -358,17 +342,6 @@ class HingePair(Shown):
         """Compute rigorous bounds on the rounding errors of `forward_kinematics_from_body1`, as `error_bounds` does;
         errors that body1 already has, such as from quaternions, are not included.
 
-        Args:
-            body1: the motion of body 1.
-            psi: hinge angle [rad]; shape (...,).
-            psid: hinge rate [rad/s]; shape (...,).
-            psidd: acceleration of the hinge angle [rad/s^2]; shape (...,).
-            outputs: as for `forward_kinematics`.
-
-        Returns:
-            Bounds by output name, in its unit; shape (...,). Infinite where an intermediate result overflows or an
-            input is not finite.
-
         >>> import numpy as np
         >>> import hingepair as hp
         >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
@@ -376,8 +349,8 @@ class HingePair(Shown):
         '5e-16'
         """
         if holds_dask(body1, psi, psid, psidd):
-            return self._lazily(
-                self.error_bounds_from_body1, body1=body1, psi=psi, psid=psid, psidd=psidd, outputs=outputs
+            return kinematics.lazily(
+                self, self.error_bounds_from_body1, body1=body1, psi=psi, psid=psid, psidd=psidd, outputs=outputs
             )
         given = kinematics.body1_inputs(body1, psi, psid, psidd)
         level = ("psid" in given) + ("psidd" in given)
@@ -394,18 +367,8 @@ class HingePair(Shown):
     ) -> FloatArray:
         """Compute the mass matrix M in M @ (a1, alpha1, psi'') + bias = (force1, torque1, hinge_torque) (T4).
 
-        Args:
-            body1: the motion of body 1, of which S is used.
-            psi: hinge angle [rad]; shape (...,).
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Returns:
-            M, symmetric; shape (..., 7, 7) [kg, kg m, kg m^2]. force1 and torque1 are those of `inverse_dynamics`.
-
-        Raises:
-            ArgumentError: a body of the pair has no mass properties.
+        It is symmetric; shape (..., 7, 7) [kg, kg m, kg m^2]. force1 and torque1 are those of `inverse_dynamics`.
+        Arguments: see `HingePair`; of body1, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -415,8 +378,7 @@ class HingePair(Shown):
         [4.0, 4.0, 4.0, 2.0, 10.0, 10.0, 3.0]
         """
         given = {**motion_inputs("body1", body1, ("S",)), "psi": psi}
-        matrix: FloatArray = dynamics.ask(self, "mass_matrix", given, out=out, workers=workers, backend=backend)
-        return matrix
+        return dynamics.ask(self, "mass_matrix", given, out=out, workers=workers, backend=backend)
 
     def inverse_dynamics(
         self,
@@ -430,23 +392,9 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Forces:
-        """Compute the force and torque on body 1 and the hinge torque that a motion requires (T1-T3).
+        """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
-        Args:
-            body1: the motion of body 1, of which S, omega, a and alpha are used.
-            psi: hinge angle [rad]; shape (...,).
-            psid: hinge rate [rad/s]; shape (...,).
-            psidd: acceleration of the hinge angle [rad/s^2]; shape (...,).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Returns:
-            The Forces, which act beside gravity.
-
-        Raises:
-            ArgumentError: a body of the pair has no mass properties.
+        Arguments: see `HingePair`; of body1, S, omega, a and alpha are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -459,10 +407,9 @@ class HingePair(Shown):
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        found = dynamics.ask(
+        return dynamics.ask(
             self, "inverse_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
         )
-        return Forces(found["force1"], found["torque1"], found["hinge_torque"])
 
     def forward_dynamics(
         self,
@@ -481,27 +428,18 @@ class HingePair(Shown):
         backend: str = "auto",
     ) -> Accelerations:
         """Compute the accelerations of the pair under gravity and the forces and torques on both bodies (T5, T6).
+        Arguments not listed: see `HingePair`; of body1, S and omega are used.
 
         Args:
-            body1: the motion of body 1, of which S and omega are used.
-            psi: hinge angle [rad]; shape (...,).
-            psid: hinge rate [rad/s]; shape (...,).
             force1: force on body 1 at R1, world axes [N]; shape (..., 3).
             torque1: torque on body 1 about R1, world axes [N m]; shape (..., 3).
             hinge_torque: torque of body 1 on body 2 about the hinge axis [N m]; shape (...,).
             force2: force on body 2 at R2, world axes [N]; shape (..., 3).
             torque2: torque on body 2 about R2, world axes [N m]; shape (..., 3).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
 
         Returns:
             The Accelerations; NaN, with a DynamicsWarning, where the mass matrix is singular, such as where body 2
             has no inertia about the hinge axis.
-
-        Raises:
-            ArgumentError: a body of the pair has no mass properties.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -515,11 +453,11 @@ class HingePair(Shown):
         loads = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
         hinge = {"psi": psi, "psid": psid, "hinge_torque": hinge_torque}
         given = {**motion_inputs("body1", body1, ("S", "omega")), **hinge, **loads}
-        found = dynamics.ask(
+        found: Accelerations = dynamics.ask(
             self, "forward_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
         )
         dynamics.warn_where_singular(found["psidd"], self)
-        return Accelerations(found["a1"], found["alpha1"], found["psidd"])
+        return found
 
     def hinge_wrench(
         self,
@@ -533,20 +471,9 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> HingeWrench:
-        """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3).
+        """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
 
-        Args:
-            body1: the motion of body 1, of which S, omega, a and alpha are used.
-            psi: hinge angle [rad]; shape (...,).
-            psid: hinge rate [rad/s]; shape (...,).
-            psidd: acceleration of the hinge angle [rad/s^2]; shape (...,).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            out: arrays by attribute of the result, which are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Raises:
-            ArgumentError: body 2 has no mass properties.
+        Arguments: see `HingePair`; of body1, S, omega, a and alpha are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -558,7 +485,7 @@ class HingePair(Shown):
         """
         hinge = {"psi": psi, "psid": psid, "psidd": psidd}
         given = {**motion_inputs("body1", body1, _MOVED), **hinge}
-        found = dynamics.ask(
+        return dynamics.ask(
             self,
             "hinge_wrench",
             given,
@@ -567,7 +494,6 @@ class HingePair(Shown):
             workers=workers,
             backend=backend,
         )
-        return HingeWrench(*(found[name] for name in found.outputs))
 
     def energy(
         self,
@@ -583,17 +509,7 @@ class HingePair(Shown):
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
         1 has no mass properties.
 
-        Args:
-            body1: the motion of body 1, of which R, S, v and omega are used.
-            psi: hinge angle [rad]; shape (...,).
-            psid: hinge rate [rad/s]; shape (...,).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Raises:
-            ArgumentError: body 2 has no mass properties.
+        Arguments: see `HingePair`; of body1, R, S, v and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -604,8 +520,7 @@ class HingePair(Shown):
         [2.0, 78.48]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        found = dynamics.ask(self, "energy", given, gravity=gravity, out=out, workers=workers, backend=backend)
-        return Energy(found["kinetic"], found["potential"])
+        return dynamics.ask(self, "energy", given, gravity=gravity, out=out, workers=workers, backend=backend)
 
     def momentum(
         self,
@@ -619,16 +534,7 @@ class HingePair(Shown):
     ) -> Momentum:
         """Compute the momentum of the pair: linear, and angular about the world's origin (T8).
 
-        Args:
-            body1: the motion of body 1, of which R, S, v and omega are used.
-            psi: hinge angle [rad]; shape (...,).
-            psid: hinge rate [rad/s]; shape (...,).
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Raises:
-            ArgumentError: a body of the pair has no mass properties.
+        Arguments: see `HingePair`; of body1, R, S, v and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -639,8 +545,7 @@ class HingePair(Shown):
         [4.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1, _PLACED), "psi": psi, "psid": psid}
-        found = dynamics.ask(self, "momentum", given, out=out, workers=workers, backend=backend)
-        return Momentum(found["linear"], found["angular"])
+        return dynamics.ask(self, "momentum", given, out=out, workers=workers, backend=backend)
 
     def residuals(
         self,
@@ -662,9 +567,11 @@ class HingePair(Shown):
             t: instants of the samples, numbers [s] or datetime64, by which the worst ones are named.
 
         Returns:
-            The `Residuals`; `.ok` says whether all are within their tolerances, `print` gives a table. Residuals that
-            are not finite at a sample are not compared there. Of Dask arrays, a `LazyResiduals`: `.compute()` returns
-            the `Residuals` in memory, `.compute_summary()` those of motions larger than memory.
+            The `Residuals`, in NumPy whatever the motions are, since a verdict needs numbers (`prepare` computes gap,
+            tilt and so on under `jax.jit`); `.ok` says whether all are within their tolerances, `print` gives a
+            table. Residuals that are not finite at a sample are not compared there. Of Dask arrays, a
+            `LazyResiduals`: `.compute()` returns the `Residuals` in memory, `.compute_summary()` those of motions
+            larger than memory.
 
         Raises:
             ArgumentError: a tolerance is given for a residual that needs velocities or accelerations which the
@@ -680,9 +587,9 @@ class HingePair(Shown):
         True
         """
         if holds_dask(body1, body2):
-            arrays = self._lazily(self._residual_arrays, body1=body1, body2=body2, tolerances=tolerances)
+            arrays = kinematics.lazily(self, self._residual_arrays, body1=body1, body2=body2, tolerances=tolerances)
             lazy: Any = residuals.lazy_residuals(arrays, self.name, body1, body2, tolerances, t)
-            return lazy  # type: ignore[no-any-return]
+            return lazy
         return residuals.residuals(self.constants, self.name, body1, body2, tolerances, t)
 
     def _residual_arrays(
@@ -702,14 +609,8 @@ class HingePair(Shown):
     ) -> FloatArray:
         """Compute the Jacobian J in (v2, omega2) = J @ (v1, omega1, psi'), world axes; shape (..., 6, 7) (E8, E2).
 
-        `coordinate_jacobian` is that by the rates of the coordinates.
-
-        Args:
-            body1: the motion of body 1, of which S is used.
-            psi: hinge angle [rad]; shape (...,).
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
+        `coordinate_jacobian` is that by the rates of the coordinates. Arguments: see `HingePair`; of body1, S is
+        used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -717,10 +618,9 @@ class HingePair(Shown):
         >>> pair.jacobian(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0) @ (0, 0, 0, 0, 0, 1, 2)
         array([0., 4., 0., 0., 0., 3.])
         """
-        found: FloatArray = dynamics.ask(
+        return dynamics.ask(
             self, "jacobian", kinematics.body1_inputs(body1, psi), out=out, workers=workers, backend=backend
         )
-        return found
 
     def acceleration_bias(
         self,
@@ -732,18 +632,10 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the bias in (a2, alpha2) = J @ (a1, alpha1, psi'') + bias, with J of `jacobian` (E9).
+        """Compute the bias in (a2, alpha2) = J @ (a1, alpha1, psi'') + bias, with J of `jacobian`, world axes: a2
+        [m/s^2], then alpha2 [rad/s^2]; shape (..., 6) (E9).
 
-        Args:
-            body1: the motion of body 1, of which S and omega are used.
-            psi: hinge angle [rad]; shape (...,).
-            psid: hinge rate [rad/s]; shape (...,).
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Returns:
-            The bias, world axes: a2 [m/s^2], then alpha2 [rad/s^2]; shape (..., 6).
+        Arguments: see `HingePair`; of body1, S and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -752,7 +644,7 @@ class HingePair(Shown):
         >>> pair.acceleration_bias(body1, 0.0, 2.0)
         array([-4.,  0.,  0.,  0.,  0.,  0.])
         """
-        found: FloatArray = dynamics.ask(
+        return dynamics.ask(
             self,
             "acceleration_bias",
             kinematics.body1_inputs(body1, psi, psid),
@@ -760,7 +652,6 @@ class HingePair(Shown):
             workers=workers,
             backend=backend,
         )
-        return found
 
     def coordinate_jacobian(
         self,
@@ -773,12 +664,7 @@ class HingePair(Shown):
     ) -> FloatArray:
         """Compute the Jacobian J in (v2, omega2) = J @ qd, world axes; shape (..., 6, 7) (E8, E2, E4).
 
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            sequence: as for `forward_kinematics`.
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
+        Arguments: see `HingePair`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -788,10 +674,9 @@ class HingePair(Shown):
         """
         find_sequence(sequence)
         given = kinematics.coordinate_rows(q, None, None)
-        found: FloatArray = dynamics.ask(
+        return dynamics.ask(
             self, "coordinate_jacobian", given, out=out, workers=workers, backend=backend, sequence=sequence
         )
-        return found
 
     def coordinate_jacobian_rate(
         self,
@@ -806,13 +691,7 @@ class HingePair(Shown):
         """Compute the time derivative J' of `coordinate_jacobian`, in (a2, alpha2) = J @ qdd + J' @ qd; shape (...,
         6, 7) (E9).
 
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: time derivatives of q, in the same forms.
-            sequence: as for `forward_kinematics`.
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
+        Arguments: see `HingePair`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -823,10 +702,9 @@ class HingePair(Shown):
         """
         find_sequence(sequence)
         given = kinematics.coordinate_rows(q, qd, None)
-        found: FloatArray = dynamics.ask(
+        return dynamics.ask(
             self, "coordinate_jacobian_rate", given, out=out, workers=workers, backend=backend, sequence=sequence
         )
-        return found
 
     def sensitivities(
         self,
@@ -840,15 +718,8 @@ class HingePair(Shown):
     ) -> Sensitivities:
         """Compute the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and psi (E2, E5-E8).
 
-        R2 has the derivatives of d, because R1 is given.
-
-        Args:
-            body1: the motion of body 1, of which S is used, and omega if psid is given.
-            psi: hinge angle [rad]; shape (...,).
-            psid: hinge rate [rad/s]; without it, the derivatives of v2 and omega2 are None.
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
+        R2 has the derivatives of d, because R1 is given. Without psid, those of v2 and omega2 are None. Arguments:
+        see `HingePair`; of body1, S is used, and omega if psid is given.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -858,14 +729,17 @@ class HingePair(Shown):
         """
         given = kinematics.body1_inputs(body1, psi, psid)
         names = POSE_SENSITIVITIES if psid is None else (*POSE_SENSITIVITIES, *VELOCITY_SENSITIVITIES)
-        found = dynamics.ask(self, "sensitivities", given, out=out, workers=workers, backend=backend, outputs=names)
-        return Sensitivities(**found.arrays())
+        return dynamics.ask(self, "sensitivities", given, out=out, workers=workers, backend=backend, outputs=names)
 
     def propagate_covariance(
         self,
         body1: BodyMotion,
         psi: ArrayLike,
         *,
+        u1: tolerances.Limits = None,
+        u2: tolerances.Limits = None,
+        axis: str | None = None,
+        home: tolerances.Limits = None,
         u1_std: ArrayLike = 0.0,
         u2_std: ArrayLike = 0.0,
         axis_std: float = 0.0,
@@ -880,17 +754,23 @@ class HingePair(Shown):
         Args:
             body1: the motion of body 1, of which S is used.
             psi: hinge angle [rad]; shape (...,).
-            u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
-            u2_std: the same of u2, body-2 axes.
+            u1: limits of each component of u1 as on drawings, body-1 axes: "+-0.2 mm", whose standard deviation is a
+                third of the limit; "+-0.2 mm uniform", where it is the limit by the root of 3; or three of these.
+            u2: the same of u2, body-2 axes.
+            axis: limit of the tilt of the hinge axis in any direction across it, "+-0.1 deg", as that of u1;
+                "uniform": half of the limit.
+            home: limits of each component of the rotation vector r by which home deviates, exp(r) @ home, body-1
+                axes, as those of u1.
+            u1_std: in place of u1, the standard deviation of each component [m]: a number, or shape (3,).
+            u2_std: the same of u2.
             axis_std: standard deviation of each of two tilt angles of the hinge axis, about directions across it
                 [rad].
-            home_std: standard deviation of each component of the rotation vector r by which home deviates, exp(r) @
-                home, body-1 axes [rad]: a number, or shape (3,).
+            home_std: standard deviation of each component of r [rad]: a number, or shape (3,).
             covariance: in place of these, the covariance of the components of u1, u2, n and r, in this order; shape
                 (12, 12), such as `HingeFit.covariance`.
 
         Raises:
-            ArgumentError: a covariance and standard deviations are both given, or neither.
+            ArgumentError: no tolerance is given, or two for one dimension.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -898,11 +778,16 @@ class HingePair(Shown):
         >>> still = hp.BodyMotion(R=(0, 0, 0), S=np.eye(3))
         >>> pair.propagate_covariance(still, 1.0, u1_std=0.001, axis_std=0.002).R2_std.round(6)
         array([0.001   , 0.001   , 0.001385])
+        >>> (1000 * pair.propagate_covariance(still, 1.0, u1="+-0.3 mm").R2_std).round(6)
+        array([0.1, 0.1, 0.1])
         """
-        std = {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
+        given: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
+        given |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
         if holds_dask(body1, psi):
-            return self._lazily(self.propagate_covariance, body1=body1, psi=psi, covariance=covariance, **std)
-        return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **std)
+            return kinematics.lazily(
+                self, self.propagate_covariance, body1=body1, psi=psi, covariance=covariance, **given
+            )
+        return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **given)
 
     def constraint_jacobian(
         self,
@@ -913,23 +798,14 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the Jacobian G of the hinge constraints, (gap', tilt') = G @ (v1, omega1, v2, omega2) (E1, E2).
+        """Compute the Jacobian G of the hinge constraints, (gap', tilt') = G @ (v1, omega1, v2, omega2): three rows
+        of gap', two of tilt'; shape (..., 5, 12) (E1, E2).
 
         Solvers of differential-algebraic equations need G; it is exact even if a motion violates the constraints. gap
         is R1 + S1 u1 - R2 - S2 u2, world axes [m]. tilt has two components, (h1 x h2) . (S1 e1) and (h1 x h2) . (S1
         e2), with the hinge axis as it is fixed in body 1 and in body 2, h1 = S1 n and h2 = S2 C^-1 n, where C is
         `home`. e1 is the coordinate axis of body 1 along which n has its smallest component, made perpendicular to n
-        and of unit length; e2 is n x e1.
-
-        Args:
-            body1: the motion of body 1, of which S is used.
-            body2: the motion of body 2, of which S is used.
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Returns:
-            G: three rows of gap', two of tilt'; shape (..., 5, 12).
+        and of unit length; e2 is n x e1. Arguments: see `HingePair`; of body1 and body2, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -939,10 +815,7 @@ class HingePair(Shown):
         [0.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        found: FloatArray = dynamics.ask(
-            self, "constraint_jacobian", given, out=out, workers=workers, backend=backend
-        )
-        return found
+        return dynamics.ask(self, "constraint_jacobian", given, out=out, workers=workers, backend=backend)
 
     def constraint_bias(
         self,
@@ -953,18 +826,10 @@ class HingePair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, with G of `constraint_jacobian`
-        (E1, E2).
+        """Compute the bias in (gap'', tilt'') = G @ (a1, alpha1, a2, alpha2) + bias, with G of `constraint_jacobian`:
+        three components of gap'' [m/s^2], two of tilt'' [1/s^2]; shape (..., 5) (E1, E2).
 
-        Args:
-            body1: the motion of body 1, of which S and omega are used.
-            body2: the motion of body 2, of which S and omega are used.
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Returns:
-            The bias: three components of gap'' [m/s^2], two of tilt'' [1/s^2]; shape (..., 5).
+        Arguments: see `HingePair`; of body1 and body2, S and omega are used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -975,8 +840,7 @@ class HingePair(Shown):
         [-4.0, 0.0, 0.0, 0.0, 0.0]
         """
         given = {**motion_inputs("body1", body1), **motion_inputs("body2", body2)}
-        found: FloatArray = dynamics.ask(self, "constraint_bias", given, out=out, workers=workers, backend=backend)
-        return found
+        return dynamics.ask(self, "constraint_bias", given, out=out, workers=workers, backend=backend)
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:

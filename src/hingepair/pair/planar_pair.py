@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,39 +12,45 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, broadcast_shape, constant
+from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, constant
 from hingepair.numeric.blocks import numbers
-from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
-from hingepair.numeric.tables import Sheet, Shown, sheet_of
+from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.pair import accuracy, dynamics
 from hingepair.pair import computations as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
-from hingepair.pair.computations import COORDINATES
-from hingepair.pair.constants import Constants, check_single_pair
-from hingepair.pair.dynamics import Energy, Forces, HingeWrench, Momentum
+from hingepair.pair.constants import Constants
 from hingepair.pair.hinge_pair import WRENCH_OUTPUTS, HingePair, checked_mass_properties
+from hingepair.pair.points import Points, checked_points, named_points, points_text
 from hingepair.pair.prepare import prepare
-from hingepair.pair.states import PlanarState
+from hingepair.pair.states import Energy, Forces, HingeWrench, Momentum, PlanarState
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
 from hingepair.plans.dynamics_steps import LOADS, MASS_NUMBERS
 from hingepair.plans.plan import PLANAR_MOTION_KIND
 from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
+from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
 PLANAR_GRAVITY = PLANAR_MOTION_KIND.gravity
 
-Returned = TypeVar("Returned")
-
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
-class PlanarPair(Shown):
+class PlanarPair(Frozen, Shown):
     """Two bodies in a plane joined by a hinge, R1 + S1 u1 = R2 + S2 u2 and phi2 = phi + psi (E11): a HingePair with n
     = (0, 0, 1) in the xy plane.
 
     phi and phi2 are the angles of the bodies, S1 and S2 their rotation matrices (2, 2). Values are copied and
     read-only; `dataclasses.replace(pair, u1=...)` returns a pair with another u1. u1 and u2 may have leading axes,
     which broadcast against those of the samples.
+
+    The methods share these arguments; out, workers and backend are those of `HingePair`:
+
+    - q, qd, qdd: coordinates (x, y, phi, psi), that is, the position of body 1's reference point [m], its angle and
+      the hinge angle [rad], and their first and second time derivatives. Each is one array (..., 4), a tuple of four
+      numbers or arrays that broadcast, a dict by name, or a table with these columns.
+    - outputs: names out of R2, phi2, d, v2, omega2, a2, alpha2, and of points, such as tip, tip_v and tip_a. By
+      default, all but those of points for which the coordinates suffice.
+    - gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
 
     Args:
         u1: hinge point from body 1's reference point, body-1 axes [m]; shape (2,) or (..., 2).
@@ -53,6 +59,9 @@ class PlanarPair(Shown):
         body1: mass properties and shapes of body 1, a `Body` in space, of which dynamics use the mass, the moment
             about the z axis through the centre of mass, and its x and y.
         body2: mass properties and shapes of body 2.
+        points1: further points of body 1 by name, from its reference point, body-1 axes [m]; shape (2,) or (..., 2)
+            each; as for a `HingePair`.
+        points2: further points of body 2, body-2 axes.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -66,6 +75,8 @@ class PlanarPair(Shown):
     name: str
     body1: Body | None
     body2: Body | None
+    points1: Points
+    points2: Points
     constants: Constants = field(init=False)
 
     def __init__(
@@ -75,35 +86,40 @@ class PlanarPair(Shown):
         name: str = "planar_pair",
         body1: Body | None = None,
         body2: Body | None = None,
+        points1: Mapping[str, ArrayLike] | None = None,
+        points2: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         if not isinstance(name, str) or not name.strip():
             raise ArgumentError("name", "a text that is not empty", quoted(name))
         arrays = {"u1": constant("u1", u1, 2), "u2": constant("u2", u2, 2)}
         values = {key: numbers(array) for key, array in arrays.items()}
-        shape = broadcast_shape({key: array.shape[:-1] for key, array in arrays.items()})
+        points = {key: checked_points(key, value, 2) for key, value in (("points1", points1), ("points2", points2))}
+        names, positions = named_points(**points)
+        shape = broadcast_shape({key: array.shape[:-1] for key, array in {**arrays, **positions}.items()})
+        values |= {key: numbers(array) for key, array in positions.items()}
+        constants = Constants(values, {**arrays, **positions}, shape, points=names)
         bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
-        attributes = {**arrays, **bodies, "name": name, "constants": Constants(values, arrays, shape)}
+        attributes = {**arrays, **bodies, **points, "name": name, "constants": constants}
         for key, value in attributes.items():
             object.__setattr__(self, key, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.u1, self.u2, self.name, self.body1, self.body2)
+        return type(self), (
+            *(self.u1, self.u2, self.name, self.body1, self.body2),
+            *(dict(self.points1), dict(self.points2)),
+        )
 
     def __repr__(self) -> str:
         body_by_name = ((key, getattr(self, key)) for key in ("body1", "body2"))
         bodies = "".join(f", {key}={body!r}" for key, body in body_by_name if body is not None)
+        bodies += points_text(self.points1, self.points2)
         return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r}{bodies})"
 
     def _sheet(self) -> Sheet:
         """Return the printed table: u1, u2 and the masses."""
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
-        return sheet_of(self.name, [("u1", self.u1), ("u2", self.u2), *masses])
-
-    def _lazily(self, method: Callable[..., Returned], **arguments: Any) -> Returned:
-        """Return lazy Dask arrays of the results of a method."""
-        check_single_pair(self, " if the arguments are Dask arrays")
-        return apply_to_chunks(
-            method, arguments, PLANAR_MOTION_KIND.shapes, COORDINATES[PLANAR_MOTION_KIND].table_columns
+        return sheet_of(
+            self.name, [("u1", self.u1), ("u2", self.u2), *masses, *self.points1.items(), *self.points2.items()]
         )
 
     def forward_kinematics(
@@ -117,21 +133,9 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> PlanarState:
-        """Compute the motion of body 2 from the four coordinates (E11).
+        """Compute the motion of body 2 from the four coordinates (E11); qd adds velocities, qdd accelerations.
 
-        Args:
-            q: (x, y, phi, psi): position of body 1's reference point [m], its angle and the hinge angle [rad]; one
-                array (..., 4), a tuple of four numbers or arrays that broadcast, a dict by name, or a table.
-            qd: time derivatives of q, which add velocities.
-            qdd: second time derivatives of q, which add accelerations.
-            outputs: names out of R2, phi2, d, v2, omega2, a2, alpha2. By default, all for which the coordinates
-                suffice.
-            out: arrays by output name, into which the results are written; where there is one output, also one array.
-            workers: number of threads; -1 for one thread per core.
-            backend: "auto", "numpy" or "compiled", as for `HingePair.forward_kinematics`.
-
-        Returns:
-            The PlanarState, in float32 if all arrays given are float32, else in float64.
+        Arguments: see `PlanarPair`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -140,10 +144,9 @@ class PlanarPair(Shown):
         >>> state.v2[0], state.omega2[0]
         (array([1., 4.]), np.float64(2.0))
         """
-        state: PlanarState = kinematics.from_coordinates(
+        return kinematics.from_coordinates(
             PLANAR_MOTION_KIND, self.constants, q, qd, qdd, outputs, out, None, backend, workers
         )
-        return state
 
     def prepare(
         self,
@@ -154,16 +157,14 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Prepared:
-        """Plan, check and compile once, and return a function of arrays that computes the given outputs.
+        """Return a function of arrays that computes given outputs, planned and compiled once, as `HingePair.prepare`
+        does. Arguments not listed: see `PlanarPair`.
 
         Args:
             given: names of the arguments, out of q, qd, qdd and the loads force1, torque1, force2, torque2 and
                 hinge_torque; or a word: "pose", "velocity", "acceleration", or the name of a method of dynamics.
             outputs: names of the outputs: those of `forward_kinematics`; force1, torque1, hinge_torque, hinge_force,
                 hinge_moment, bearing_torque, mass_matrix, kinetic, potential, linear, angular; with a load, qdd.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `HingePair.prepare`.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -185,23 +186,13 @@ class PlanarPair(Shown):
         """Compute rigorous bounds on the rounding errors of `forward_kinematics` at every sample, as
         `HingePair.error_bounds` does.
 
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: time derivatives of q, in the same forms.
-            qdd: second time derivatives of q, in the same forms.
-            outputs: as for `forward_kinematics`.
-
-        Returns:
-            Bounds by output name, in its unit; shape (...,). Infinite where an intermediate result overflows or an
-            input is not finite.
-
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair(u1=(1, 0), u2=(-1, 0))
         >>> f"{pair.error_bounds((0, 0, 0.5, 0.25))['R2']:.0e}"
         '7e-16'
         """
         if holds_dask(q, qd, qdd):
-            return self._lazily(self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
+            return kinematics.lazily(self, self.error_bounds, q=q, qd=qd, qdd=qdd, outputs=outputs)
         given = kinematics.coordinate_rows(q, qd, qdd)
         return accuracy.error_bounds(PLANAR_MOTION_KIND, self.constants, given, len(given) - 1, outputs)
 
@@ -239,8 +230,13 @@ class PlanarPair(Shown):
 
     def _in_space(self, body1: Body | None, body2: Body | None) -> HingePair:
         """Return the HingePair with n = (0, 0, 1), the levers of this pair and these mass properties."""
-        u1, u2 = (np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1) for u in (self.u1, self.u2))
-        return HingePair(u1=u1, u2=u2, n=(0, 0, 1), name=self.name, body1=body1, body2=body2)
+        points1, points2 = (
+            {name: _lifted(position) for name, position in points.items()} for points in (self.points1, self.points2)
+        )
+        return HingePair(
+            _lifted(self.u1), _lifted(self.u2), (0, 0, 1), name=self.name, body1=body1, body2=body2,
+            points1=points1, points2=points2,
+        )  # fmt: skip
 
     def mass_matrix(
         self,
@@ -250,27 +246,15 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> FloatArray:
-        """Compute the mass matrix M in M @ (x'', y'', phi'', psi'') + bias = (force1, torque1, hinge_torque) (T4).
-
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Returns:
-            M, symmetric; shape (..., 4, 4) [kg, kg m, kg m^2].
-
-        Raises:
-            ArgumentError: a body of the pair has no mass properties.
+        """Compute the mass matrix M in M @ (x'', y'', phi'', psi'') + bias = (force1, torque1, hinge_torque) (T4),
+        symmetric; shape (..., 4, 4) [kg, kg m, kg m^2]. Arguments: see `PlanarPair`.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).mass_matrix((0, 0, 0, 0)).diagonal().tolist()
         [4.0, 4.0, 10.0, 3.0]
         """
-        matrix: FloatArray = dynamics.ask(self, "mass_matrix", {"q": q}, out=out, workers=workers, backend=backend)
-        return matrix
+        return dynamics.ask(self, "mass_matrix", {"q": q}, out=out, workers=workers, backend=backend)
 
     def inverse_dynamics(
         self,
@@ -283,19 +267,9 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Forces:
-        """Compute the force and torque on body 1 and the hinge torque that a motion requires (T1-T3).
+        """Compute the force and torque on body 1 and the hinge torque that a motion requires beside gravity (T1-T3).
 
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: time derivatives of q, in the same forms.
-            qdd: second time derivatives of q, in the same forms.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Raises:
-            ArgumentError: a body of the pair has no mass properties.
+        Arguments: see `PlanarPair`.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -305,10 +279,9 @@ class PlanarPair(Shown):
         ([0.0, 39.24], 19.62)
         """
         given = {"q": q, "qd": qd, "qdd": qdd}
-        found = dynamics.ask(
+        return dynamics.ask(
             self, "inverse_dynamics", given, gravity=gravity, out=out, workers=workers, backend=backend
         )
-        return Forces(found["force1"], found["torque1"], found["hinge_torque"])
 
     def hinge_wrench(
         self,
@@ -321,22 +294,10 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> HingeWrench:
-        """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3).
+        """Compute the force and torque that body 1 exerts on body 2 at the hinge point (T3); body 1 needs no mass.
+        hinge_torque is the torque, bearing_torque 0.
 
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: time derivatives of q, in the same forms.
-            qdd: second time derivatives of q, in the same forms.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
-            out: arrays by attribute of the result, which are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Returns:
-            The HingeWrench; its hinge_torque is its torque, its bearing_torque 0.
-
-        Raises:
-            ArgumentError: body 2 has no mass properties.
+        Arguments: see `PlanarPair`.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
@@ -345,10 +306,7 @@ class PlanarPair(Shown):
         ([0.0, 19.62], 19.62)
         """
         given, named = {"q": q, "qd": qd, "qdd": qdd}, renamed_out(out, WRENCH_OUTPUTS)
-        found = dynamics.ask(
-            self, "hinge_wrench", given, gravity=gravity, out=named, workers=workers, backend=backend
-        )
-        return HingeWrench(*(found[name] for name in found.outputs))
+        return dynamics.ask(self, "hinge_wrench", given, gravity=gravity, out=named, workers=workers, backend=backend)
 
     def forward_dynamics(
         self,
@@ -366,27 +324,18 @@ class PlanarPair(Shown):
         backend: str = "auto",
     ) -> FloatArray:
         """Compute the accelerations of the coordinates under gravity and the forces and torques on both bodies (T5,
-        T6).
+        T6). Arguments not listed: see `PlanarPair`.
 
         Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: time derivatives of q, in the same forms.
             force1: force on body 1 at R1, world axes [N]; shape (..., 2).
             torque1: torque on body 1 about R1 [N m]; shape (...,).
             hinge_torque: torque of body 1 on body 2 [N m]; shape (...,).
             force2: force on body 2 at R2, world axes [N]; shape (..., 2).
             torque2: torque on body 2 about R2 [N m]; shape (...,).
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
-            out: array into which the result is written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
 
         Returns:
             qdd = (x'', y'', phi'', psi'') [m/s^2, rad/s^2]; shape (..., 4). NaN, with a DynamicsWarning, where the
             mass matrix is singular.
-
-        Raises:
-            ArgumentError: a body of the pair has no mass properties.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
@@ -413,28 +362,16 @@ class PlanarPair(Shown):
         backend: str = "auto",
     ) -> Energy:
         """Compute the kinetic and potential energy of the pair in uniform gravity (T7); that of body 2 alone if body
-        1 has no mass properties.
-
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: time derivatives of q, in the same forms.
-            gravity: acceleration of free fall, world axes [m/s^2]; shape (2,).
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Raises:
-            ArgumentError: body 2 has no mass properties.
+        1 has no mass properties. Arguments: see `PlanarPair`.
 
         >>> import hingepair as hp
         >>> pair = hp.PlanarPair((1, 0), (-1, 0), body2=hp.Body(mass=2, inertia=(0.1, 1, 1)))
         >>> pair.energy((0, 1, 0, 0), (1, 0, 0, 0)).potential.round(9).tolist()
         19.62
         """
-        found = dynamics.ask(
+        return dynamics.ask(
             self, "energy", {"q": q, "qd": qd}, gravity=gravity, out=out, workers=workers, backend=backend
         )
-        return Energy(found["kinetic"], found["potential"])
 
     def momentum(
         self,
@@ -445,33 +382,26 @@ class PlanarPair(Shown):
         workers: int = 1,
         backend: str = "auto",
     ) -> Momentum:
-        """Compute the momentum of the pair: linear, and angular about the world's origin (T8).
-
-        Args:
-            q: coordinates, as for `forward_kinematics`.
-            qd: time derivatives of q, in the same forms.
-            out: arrays by output name, into which the results are written.
-            workers: number of threads; -1 for one thread per core.
-            backend: as for `forward_kinematics`.
-
-        Raises:
-            ArgumentError: a body of the pair has no mass properties.
+        """Compute the momentum of the pair: linear, and angular about the world's origin (T8). Arguments: see
+        `PlanarPair`.
 
         >>> import hingepair as hp
         >>> rod = hp.Body(mass=2, inertia=(0.1, 1, 1))
         >>> hp.PlanarPair((1, 0), (-1, 0), body1=rod, body2=rod).momentum((0, 1, 0, 0), (1, 0, 0, 0)).linear.tolist()
         [4.0, 0.0]
         """
-        found = dynamics.ask(self, "momentum", {"q": q, "qd": qd}, out=out, workers=workers, backend=backend)
-        return Momentum(found["linear"], found["angular"])
+        return dynamics.ask(self, "momentum", {"q": q, "qd": qd}, out=out, workers=workers, backend=backend)
 
     def with_masses(self) -> Constants:
         """Return the constants with those of the pair as a tree."""
         kept = self.constants.cache.others
         if "tree" not in kept:
             tree = self.massive().with_masses().arrays
-            loads = {name: np.zeros(PLANAR_MOTION_KIND.shapes[name]) for name in LOADS}
-            kept["tree"] = self.constants.extended({name: tree[name] for name in MASS_NUMBERS} | loads)
+            arrays = {name: tree[name] for name in (*MASS_NUMBERS, "masses", "least_pivots")}
+            arrays |= {name: np.zeros(PLANAR_MOTION_KIND.shapes[name]) for name in LOADS}
+            arrays["first_moments"] = tree["first_moments"][[0, 1, 3, 4]]
+            arrays["inertias"] = tree["inertias"][[5, 11]]  # about z
+            kept["tree"] = self.constants.extended(arrays)
         constants: Constants = kept["tree"]
         return constants
 
@@ -500,3 +430,8 @@ def motion_in_space(q: Coordinates, qd: Coordinates | None = None, qdd: Coordina
         hinge.append(psi)
     S = rotation_exp(arrays.pop("S"))
     return motion_of_rotations(S=S, **arrays), *hinge
+
+
+def _lifted(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return vectors of the plane as vectors in space with z = 0."""
+    return np.concatenate([u, np.zeros((*u.shape[:-1], 1))], axis=-1)

@@ -12,7 +12,7 @@ from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import one_constant
 from hingepair.pair import dynamics
-from hingepair.pair.computations import TASKS, computation_of
+from hingepair.pair.computations import STATES, TASKS, computation_of
 from hingepair.pair.constants import HINGE_FRAMES, with_hinge_frames
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.computation import QUATERNIONS
@@ -22,7 +22,7 @@ from hingepair.plans.prepared import Prepared
 from hingepair.plans.steps import ATTITUDE_STEPS
 from hingepair.rotations.sequences import find_sequence
 
-_ROWS: Final = ("q", "qd", "qdd")
+_ROWS: Final = ("q", "qd", "qdd")  # all coordinates of the pair, and their derivatives
 _INPUTS: Final = {  # that a prepared call can take
     SPATIAL_MOTION_KIND: (
         *(*_ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
@@ -59,7 +59,9 @@ def prepare(
     order = sequence if rows else None
     if outputs is not None:
         further = _OF_BOTH_BODIES if kind is SPATIAL_MOTION_KIND else ()
-        known = dict.fromkeys((*kind.levels, *(name for task in tasks.values() for name in task.outputs), *further))
+        known = dict.fromkeys(
+            (*constants.levels, *(name for task in tasks.values() for name in task.outputs), *further)
+        )
         output_names = check_outputs(outputs, known)
     elif isinstance(given, str):
         output_names = tasks[given].outputs
@@ -68,7 +70,9 @@ def prepare(
     else:
         level = sum(name in names for name in (("qd", "qdd") if rows else ("psid", "psidd")))
         output_names = default_outputs(level, kind)
-    plan_of = functools.partial(make_plan, sequence=order, has_home="home" in constants.values, kind=kind)
+    plan_of = functools.partial(
+        make_plan, sequence=order, has_home="home" in constants.values, kind=kind, points=constants.points
+    )
     plan = plan_of(output_names, given_names=names)
     if not plan.inputs.isdisjoint(MASS_NUMBERS):
         dynamics.check_masses({one: getattr(pair, one) for one in _bodies(tasks, output_names)})
@@ -82,7 +86,7 @@ def prepare(
         if missing:  # a plan without q takes the results of coordinates as inputs
             needed = ", ".join("q" if one == name else one for one in missing)
             raise ArgumentError("given", f"names with {needed}, which output {name} needs", ", ".join(names))
-    computation = computation_of(kind, constants, output_names, order)
+    computation = computation_of(kind, constants, output_names, order, STATES[kind])
     remade = functools.partial(
         pair.prepare, names, outputs=output_names, gravity=gravity, workers=execution.workers,
         backend=execution.backend, **({} if sequence is None else {"sequence": sequence}),
@@ -105,7 +109,9 @@ def _bodies(tasks: Any, outputs: tuple[str, ...]) -> set[str]:
 
 
 def _checked_names(kind: Any, given: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the inputs for which `given`, a word or the names themselves, stands."""
+    """Return the names of the inputs that `given` means: a key of TASKS such as "velocity", or the names themselves.
+    Refuse unknown and repeated names, and any but one attitude of body 1.
+    """
     tasks, allowed = TASKS[kind], _INPUTS[kind]
     try:
         names = tasks[given].given if isinstance(given, str) else tuple(given)

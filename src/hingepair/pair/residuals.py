@@ -6,22 +6,22 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.engine.results import Results
+from hingepair.equations.quantities import attribute_texts
 from hingepair.errors import ArgumentError, ShapeError, choices, quoted
-from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, finite_number, read_only, real_array
+from hingepair.numeric.arrays import Float64Array, broadcast_shape, finite_number, read_only, real_array
 from hingepair.numeric.dask_arrays import holds_dask
-from hingepair.numeric.tables import Sheet, Shown, align_columns, instant_text, json_text, left_out_remark
 from hingepair.pair.accuracy import largest, norm, unit_roundoff
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion, motion_arrays
 from hingepair.pair.computations import compute_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.plans.plan import make_plan
+from hingepair.tables.sheets import Sheet, align_columns, instant_text, json_text, left_out_remark
 
 # The headings of the printed table.
 _RESIDUAL_TABLE_HEADINGS = (
@@ -34,34 +34,20 @@ class ResidualCheck(NamedTuple):
     """Comparison of one residual with its tolerance at all samples, a row of the printed table. The worst sample is
     the one with the largest size / tolerance; the size is the norm of the residual's array, of `tilt` the angle
     between the hinge axes.
-
-    Attributes:
-        residual: name of the residual, such as "gap".
-        label: label of its equation, with a prime for each time derivative.
-        unit: unit of rms, largest, worst and tolerance.
-        largest: largest size of all samples.
-        rms: root mean square of the sizes.
-        worst: size at the worst sample.
-        tolerance: tolerance at the worst sample.
-        ratio: worst / tolerance; the residual passes if this is at most 1.
-        worst_sample: index of the worst sample; None if no sample was compared.
-        worst_time: instant of the worst sample; None if no instants were given.
-        samples: number of samples that were compared.
-        basis: origin of the tolerance: "given", or the formula for rounding errors.
     """
 
-    residual: str  # name of the residual, such as "gap"
-    label: str  # label of its equation, with a prime for each time derivative
-    unit: str  # unit of rms, largest, worst and tolerance
-    largest: float  # largest size of all samples
-    rms: float  # root mean square of the sizes of all samples
-    worst: float  # size at the worst sample
-    tolerance: float  # tolerance at the worst sample
-    ratio: float  # worst / tolerance; the residual passes if this is at most 1
-    worst_sample: tuple[int, ...] | None  # index of the worst sample; None if no sample was compared
-    worst_time: float | str | None  # instant of the worst sample; None if no instants were given
-    samples: int  # number of samples that were compared
-    basis: str  # origin of the tolerance: "given", or the formula for rounding errors
+    residual: str  #: name of the residual, such as "gap"
+    label: str  #: label of its equation, with a prime for each time derivative
+    unit: str  #: unit of rms, largest, worst and tolerance
+    largest: float  #: largest size of all samples
+    rms: float  #: root mean square of the sizes of all samples
+    worst: float  #: size at the worst sample
+    tolerance: float  #: tolerance at the worst sample
+    ratio: float  #: worst / tolerance; the residual passes if this is at most 1
+    worst_sample: tuple[int, ...] | None  #: index of the worst sample; None if no sample was compared
+    worst_time: float | str | None  #: instant of the worst sample; None if no instants were given
+    samples: int  #: number of samples that were compared
+    basis: str  #: origin of the tolerance: "given", or the formula for rounding errors
 
     @property
     def ok(self) -> bool:
@@ -80,34 +66,31 @@ class ResidualCheck(NamedTuple):
         return self.residual, self.label, *numbers, where, when, str(self.samples), "ok" if self.ok else "FAILED"
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Residuals(Frozen, Shown):
+# The attributes of a report that are arrays over the samples.
+_ARRAYS = (
+    *("gap", "tilt", "tilt_angle", "psi"),
+    *("gap_rate", "tilt_rate", "psid", "gap_acceleration", "tilt_acceleration", "psidd"),
+)
+
+
+class Residuals(Results):
     """Residuals of the hinge constraints for two motions (E1, E2), compared with tolerances, and the hinge angle
     between the motions.
 
     The arrays are float64 and read-only, None where they need what the motions do not have. Rates and accelerations
-    are exact time derivatives of gap, tilt and psi, even if the motions violate the constraints.
-
-    Attributes:
-        gap: R1 + S1 u1 - (R2 + S2 u2), world axes [m]; shape (..., 3).
-        tilt: cross product of the hinge axes of both bodies, two components as `constraint_jacobian` defines them;
-            shape (..., 2).
-        tilt_angle: angle between the hinge axes of both bodies, in [0, pi] [rad]; shape (...,).
-        psi: hinge angle, in [-pi, pi] [rad]; shape (...,); where the axes differ, after the smallest rotation of body
-            2 that aligns them.
-        gap_rate: time derivative of gap [m/s]; shape (..., 3).
-        tilt_rate: time derivative of tilt [rad/s]; shape (..., 2).
-        psid: time derivative of psi [rad/s]; shape (...,).
-        gap_acceleration: second time derivative of gap [m/s^2]; shape (..., 3).
-        tilt_acceleration: second time derivative of tilt [rad/s^2]; shape (..., 2).
-        psidd: second time derivative of psi [rad/s^2]; shape (...,).
-        rows: a `ResidualCheck` for each residual.
-        name: name of the pair.
-        shape: leading shape of the samples.
-        skipped: number of samples at which a residual is not finite, where it is not compared.
-        u: unit roundoff of the least precise array of the motions.
-        t: instants of the samples; None if they were not given.
+    are exact time derivatives of gap, tilt and psi, even if the motions violate the constraints. tilt has two
+    components, as `constraint_jacobian` defines them; psi is in [-pi, pi], where the axes differ after the smallest
+    rotation of body 2 that aligns them.
     """
+
+    __slots__ = {
+        **attribute_texts(_ARRAYS),
+        "rows": "A `ResidualCheck` for each residual.",
+        "name": "Name of the pair.",
+        "skipped": "Number of samples at which a residual is not finite, where it is not compared.",
+        "u": "Unit roundoff of the least precise array of the motions.",
+        "t": "Instants of the samples; None if they were not given.",
+    }
 
     gap: Float64Array
     tilt: Float64Array
@@ -121,10 +104,39 @@ class Residuals(Frozen, Shown):
     psidd: Float64Array | None
     rows: tuple[ResidualCheck, ...]
     name: str
-    shape: tuple[int, ...]
     skipped: int
     u: float
     t: NDArray[Any] | None
+
+    def __init__(
+        self,
+        arrays: Mapping[str, Any],
+        shape: tuple[int, ...],
+        rows: tuple[ResidualCheck, ...],
+        name: str,
+        skipped: int,
+        u: float,
+        t: NDArray[Any] | None,
+    ) -> None:
+        super().__init__(arrays, shape)
+        for key, value in {"rows": rows, "name": name, "skipped": skipped, "u": u, "t": t}.items():
+            object.__setattr__(self, key, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.arrays(), self.shape, *self._facts())
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *_OF_REPORTS]
+
+    def _facts(self) -> tuple[Any, ...]:
+        return self.rows, self.name, self.skipped, self.u, self.t
+
+    def _dask_parts(self) -> tuple[Mapping[str, Any], Callable[[Mapping[str, Any]], Any]]:
+        lazy, _ = super()._dask_parts()
+        return lazy, functools.partial(_with_arrays, self.arrays(), self.shape, self._facts())
+
+    def _recorded(self) -> dict[str, Any]:
+        return self.arrays() if self.t is None else {"t": self.t, **self.arrays()}
 
     @property
     def ok(self) -> bool:
@@ -226,12 +238,6 @@ RESIDUAL_KIND_BY_NAME = {
 components of both bodies.
 """
 
-# The attributes of a report that are arrays over the samples.
-_ARRAYS = (
-    *("gap", "tilt", "tilt_angle", "psi"),
-    *("gap_rate", "tilt_rate", "psid", "gap_acceleration", "tilt_acceleration", "psidd"),
-)
-
 
 class LazyResiduals(Results):
     """Report on the residuals of motions that hold Dask arrays: the arrays of `Residuals` as Dask arrays.
@@ -286,8 +292,9 @@ class LazyResiduals(Results):
         return f"LazyResiduals(shape={self.shape}, not computed, outputs=({', '.join(self.outputs)}))"
 
 
-# Attributes of `Residuals` that a LazyResiduals does not have.
+# Attributes of `Residuals` beside those of all results, and those of them that a LazyResiduals does not have.
 _ABSENT_WHEN_LAZY = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
+_OF_REPORTS = (*_ABSENT_WHEN_LAZY, "name", "t", "u")
 
 
 def lazy_residuals(
@@ -328,9 +335,7 @@ def lazy_residuals(
 
 
 class _ResidualSummary(NamedTuple):
-    """Summary of the residuals at some samples: `rows`, a `ResidualCheck` for each residual, the leading `shape` of
-    these samples, and `skipped`, the number of samples at which a residual is not finite.
-    """
+    """Summary of the residuals at some samples."""
 
     # comparison of each residual with its tolerance, without instants. The index of the worst sample counts from the
     # first of these samples
@@ -407,12 +412,18 @@ def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays:
     """Return the Residuals of a summary and arrays; each row gets the instant of its worst sample."""
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
-    values: dict[str, Any] = {key: arrays.get(key) for key in _ARRAYS}
-    for key, array in values.items():
-        if array is not None and not holds_dask(array):
-            values[key] = read_only(np.asarray(array))
-    values |= {"shape": summary.shape, "skipped": summary.skipped, "u": u, "rows": rows}
-    return Residuals(name=name, t=instants, **values)
+    shown = {
+        key: array if holds_dask(array) else read_only(np.asarray(array))
+        for key, array in arrays.items()
+        if key in _ARRAYS
+    }
+    return Residuals(shown, summary.shape, rows, name, summary.skipped, u, instants)
+
+
+def _with_arrays(
+    arrays: Mapping[str, Any], shape: tuple[int, ...], facts: tuple[Any, ...], computed: Mapping[str, Any]
+) -> Residuals:
+    return Residuals({**arrays, **computed}, shape, *facts)
 
 
 def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float | str | None:
@@ -431,11 +442,8 @@ _COMPARED = {prefix + kind for prefix in (_SIZE_PREFIX, _TOLERANCE_PREFIX) for k
 def residual_arrays(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
 ) -> dict[str, NDArray[Any]]:
-    """Compute the arrays of a report on two BodyMotions, and return them as a dict. They are the residuals, the hinge
-    angle and its derivatives, `ratio`, which is the largest residual / tolerance of each sample, and the sizes and
-    tolerances of each residual. `tolerances` is a dict by kind of residual, or None for the defaults.
-
-    Sizes and tolerances have shape (...,). Sizes are -inf where the motion is not finite.
+    """Compute the arrays of a report: those of `Residuals`, `ratio`, the largest residual / tolerance of each sample,
+    and the size and tolerance of each residual, (...,); sizes are -inf where the motion is not finite.
     """
     computed = _compute_residuals(pair, body1, body2, tolerances)
     ratio = np.full(computed.shape, -np.inf)
@@ -448,10 +456,7 @@ def residual_arrays(
 
 
 class _ResidualComparison(NamedTuple):
-    """Comparison of a residual with its tolerance at every sample, as a named tuple: arrays (...,) of the `sizes` of
-    the residual, of the `tolerance`, of the `ratio` size / tolerance, and of `is_finite`, and the string `basis`,
-    which names the origin of the tolerance.
-    """
+    """Comparison of a residual with its tolerance at every sample; arrays (...,)."""
 
     sizes: Float64Array  # sizes of the residual; inf where a size overflows
     tolerance: Float64Array  # tolerances of the residual
@@ -461,10 +466,7 @@ class _ResidualComparison(NamedTuple):
 
 
 class _ResidualComputation(NamedTuple):
-    """All residuals of two motions, as a named tuple: the dict `arrays`, the dict `comparison_by_kind` with a
-    _ResidualComparison for each kind of residual, the leading `shape` of the samples, and the unit roundoff `u` of
-    the least precise input.
-    """
+    """All residuals of two motions."""
 
     arrays: dict[str, NDArray[Any]]  # residuals, hinge angle and its derivatives by name
     # comparison of each residual with its tolerance, by the name of the residual
@@ -571,10 +573,7 @@ def residuals(
     tolerances: Mapping[str, float] | None,
     t: ArrayLike | None,
 ) -> Residuals:
-    """Compute the Residuals of two BodyMotions: by how much the motions violate the hinge constraints E1 and E2 and
-    the time derivatives of these constraints, compared with tolerances. `name` is the name of the pair, `tolerances`
-    is a dict by kind of residual or None for the defaults, and `t` holds the instants or is None.
-    """
+    """Compute what `HingePair.residuals` returns."""
     arrays, comparison_by_kind, _, u = _compute_residuals(pair, body1, body2, tolerances)
     return _make_report(name, t, u, _summarize(comparison_by_kind), arrays)
 

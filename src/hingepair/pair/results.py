@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -14,12 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.results import missing_attribute_error
-from hingepair.equations.quantities import QUANTITIES, unit_of
-from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.numeric.column_file import csv_line, write_npz
+from hingepair.equations.quantities import unit_of
+from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.names import Names
-from hingepair.numeric.tables import Sheet, Shown
-from hingepair.numeric.whole_file import whole_file
+from hingepair.numeric.optional import require
+from hingepair.tables.column_file import csv_line, write_npz
+from hingepair.tables.data_frames import column_names, data_frame, dataset, split_columns
+from hingepair.tables.sheets import Sheet, Shown
+from hingepair.tables.units import IN_SI, SI, Columns, Units, UnitsLike
+from hingepair.tables.whole_file import whole_file
 
 RESULT_ROWS_PER_BLOCK: Final = 131072
 """Rows that are computed and written at a time. A row group of a .parquet file has at most this number of
@@ -28,7 +30,6 @@ MAX_HELD_INSTANTS: Final = 10_000_000
 """Largest number of instants of a result that is held in memory; more instants are computed
 block by block, or refused."""
 
-_COMPONENT_LETTERS = "xyz"  # last letters of the names of components
 _CSV_ROWS_PER_WRITE = 8192  # rows of a .csv that are turned into text at a time
 
 RowWriter: TypeAlias = Callable[[NDArray[Any], Mapping[str, NDArray[Any]]], None]
@@ -41,7 +42,7 @@ class Result(Shown):
     __slots__ = ()
 
     t: NDArray[np.float64]
-    _names_hidden_from_dir: ClassVar[frozenset[str]] = frozenset({"inputs", "recorded", "unit"})
+    _names_hidden_from_dir: ClassVar[frozenset[str]] = frozenset({"in_units", "inputs", "recorded", "unit"})
     """Public names that only other modules of the package use; `dir` leaves them out."""
 
     @property
@@ -63,6 +64,10 @@ class Result(Shown):
         none.
         """
         return unit_of(name)
+
+    def in_units(self, units: UnitsLike) -> Columns:
+        """Return names and numbers of columns in units; None for SI units."""
+        return Columns(Units.of(units), self.unit)
 
     def __dir__(self) -> list[str]:
         attributes = (
@@ -87,21 +92,21 @@ class Result(Shown):
         title = f"{self.described}: {len(self.t)} instants"
         return Sheet(title, (("", "shape of one", "unit"), ("t", "", "s"), *rows))
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self, units: str | None = None) -> Any:
         """Return a pandas DataFrame with a row for each instant: a column t, columns such as R2_x of vectors and
         S2_xy of matrices, and psi of numbers. `attrs["units"]` holds the units by name.
 
+        Args:
+            units: units in place of SI units, such as "deg, mm"; the headings then say the units: "R2_x [mm]". By
+                default those of the scene, otherwise SI units.
+
         Raises:
-            ArgumentError: the object holds many motions or Dask arrays.
+            ArgumentError: the object holds many motions or Dask arrays, or a unit is unknown.
             MissingDependencyError: pandas is not installed.
         """
-        pandas = import_data_package("pandas", "to_dataframe")
-        arrays = self.recorded()
-        frame = pandas.DataFrame(dict(zip(("t", *column_names(arrays)), _split_columns(self.t, arrays), strict=True)))
-        frame.attrs = {"description": self.described, "units": {"t": "s", **{n: self.unit(n) for n in arrays}}}
-        return frame
+        return data_frame({"t": self.t, **self.recorded()}, self.in_units(units), self.described)
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self, units: str | None = None) -> Any:
         """Return an xarray Dataset with a variable for each array, with the dimension `time`, and unit and
         description as the attributes `units` and `long_name`.
 
@@ -109,46 +114,43 @@ class Result(Shown):
         `body_xyz` for its columns (body axes). Many motions have the dimension `motion`, or motion_0, motion_1, ...,
         before `time`. Dask arrays stay lazy.
 
+        Args:
+            units: units in place of SI units, such as "deg, mm"; the names stay as they are. By default those of the
+                scene, otherwise SI units.
+
         Raises:
+            ArgumentError: a unit is unknown.
             MissingDependencyError: xarray is not installed.
         """
-        xarray = import_data_package("xarray", "to_xarray")
         leading, arrays = self._axes_and_arrays()
-        variables: dict[str, Any] = {}
-        letters: dict[str, list[str]] = {}
-        names = Names((*leading, "time", "xy", "xyz", "body_xy", "body_xyz")).take_all(
-            arrays
-        )  # a joint may be "time"
-        for name, array in arrays.items():
-            axes = "xyz" if 3 in array.shape[len(leading) :] else "xy"
-            dims = (*leading, axes, f"body_{axes}")[: array.ndim]
-            letters |= {dim: list(axes) for dim in dims[len(leading) :]}
-            facts = {
-                "units": self.unit(name),
-                "long_name": QUANTITIES[name].text if name in QUANTITIES else "",
-            }
-            facts |= {"axes": "world"} if array.ndim > len(leading) else {}
-            variables[names[name]] = dims, array, {key: text for key, text in facts.items() if text}
-        time = ("time", self.t, {"units": "s"})
-        return xarray.Dataset(variables, {"time": time, **letters}, {"description": self.described})
+        return dataset(arrays, leading, self.in_units(units), self.described, self.t)
 
-    def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        inputs: Iterable[str | os.PathLike[str]] = (),
+        units: str | None = None,
+    ) -> Path:
         """Write the arrays to a file, completely or not at all, with the full precision of every number.
 
         Args:
             path: file name, whose ending selects the format: .csv, with columns as in `to_dataframe` and the fewest
                 digits that determine each number; .npz; .parquet; or .nc (NetCDF).
             inputs: further files that must not be overwritten, beside those from which this object was computed.
+            units: units in place of SI units, such as "deg, mm"; the names of columns and of the arrays of a .npz
+                then say the units: "R2_x [mm]", "R2 [mm]". In a .nc file, the attribute `units` does. Logs with such
+                names can be read. By default the units of the scene, otherwise SI units.
 
         Returns:
             The path of the written file.
 
         Raises:
-            ArgumentError: the ending is unknown, the file must not or cannot be written, or the object holds many
-                motions or Dask arrays. A file that existed before stays as it was.
+            ArgumentError: the ending or a unit is unknown, the file must not or cannot be written, or the object
+                holds many motions or Dask arrays. A file that existed before stays as it was.
             MissingDependencyError: the package that writes this format is not installed.
         """
-        with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), self.unit) as add:
+        columns = self.in_units(units)
+        with result_file(path, len(self.t), self.described, (*self.inputs, *inputs), columns) as add:
             add(self.t, self.recorded())
         return Path(path)
 
@@ -162,12 +164,13 @@ class Record(Result):
         described: description in one sentence.
         inputs: files that the arrays were computed from.
         unit: function that returns the unit of an array or component by name.
+        units: units of tables and files unless others are asked for.
 
     >>> Record(np.zeros(2), {"force1": np.ones((2, 3))}, "a push").force1.shape
     (2, 3)
     """
 
-    __slots__ = ("_arrays", "_unit", "described", "inputs", "t")
+    __slots__ = ("_arrays", "_columns", "described", "inputs", "t")
 
     described: str
     inputs: tuple[Path, ...]
@@ -179,9 +182,10 @@ class Record(Result):
         described: str = "",
         inputs: tuple[Path, ...] = (),
         unit: Callable[[str], str] = unit_of,
+        units: Units = SI,
     ) -> None:
         self.t = t
-        self._unit = unit
+        self._columns = Columns(units, unit)
         self.described = described
         self.inputs = inputs
         self._arrays = dict(arrays)
@@ -191,8 +195,12 @@ class Record(Result):
         return self._arrays
 
     def unit(self, name: str) -> str:
-        """Return the unit of an array of the record, or of one of its components, as a string."""
-        return self._unit(name)
+        """Return the SI unit of an array of the record, or of one of its components, as a string."""
+        return self._columns.si_unit(name)
+
+    def in_units(self, units: UnitsLike) -> Columns:
+        """Return names and numbers of columns in units; None for those of the record."""
+        return self._columns if units is None else self._columns._replace(units=Units.of(units))
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self._arrays[name]
@@ -210,13 +218,31 @@ class Record(Result):
         return f"Record({self.described!r}, samples={len(self.t)}, {', '.join(self._arrays)})"
 
 
+class OverInstants:
+    """What has arrays over instants, as tables."""
+
+    __slots__ = ()
+
+    def record(self) -> Record:
+        """Return the arrays over instants as a result, whose `save` writes them."""
+        raise NotImplementedError
+
+    def to_dataframe(self, units: str | None = None) -> Any:
+        """Return a pandas DataFrame with a row for each instant; `units` as of results."""
+        return self.record().to_dataframe(units)
+
+    def to_xarray(self, units: str | None = None) -> Any:
+        """Return an xarray Dataset with the instants as its coordinate; `units` as of results."""
+        return self.record().to_xarray(units)
+
+
 @contextlib.contextmanager
 def result_file(
     path: str | os.PathLike[str],
     samples: int,
     described: str = "",
     inputs: Iterable[str | os.PathLike[str]] = (),
-    unit: Callable[[str], str] = unit_of,
+    columns: Columns = IN_SI,
 ) -> Iterator[RowWriter]:
     """Open a file for results, block by block: yield a function `add(t, arrays)`. The file replaces another only if
     the block ends without an error; .npz and .nc hold all in memory until then.
@@ -226,7 +252,7 @@ def result_file(
         samples: number of instants that will be written.
         described: description of the result, for formats that store it.
         inputs: files that are being read and must not be overwritten.
-        unit: function that returns the unit of an array by its name.
+        columns: units of the columns.
 
     Raises:
         ArgumentError: the ending is unknown or does not allow so many instants, or the file cannot be written.
@@ -241,9 +267,9 @@ def result_file(
         raise ArgumentError("path", expected, quoted(str(target)))
     with (
         whole_file(target, inputs) as file,
-        _WRITERS[kind](file, samples, described, unit) as add,
+        _WRITERS[kind](file, samples, described, columns) as add,
     ):
-        yield add
+        yield lambda t, arrays: add(*_converted(columns, t, arrays))
 
 
 def check_ending(path: Path) -> None:
@@ -252,28 +278,15 @@ def check_ending(path: Path) -> None:
         raise ArgumentError("path", f"a file name that ends in {', '.join(RESULT_FILE_SUFFIXES)}", quoted(str(path)))
 
 
-def column_names(arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Return the names of columns of the components of arrays: R2_x, S2_xy and so on; of numbers the name itself.
-
-    >>> column_names({"d": np.zeros((1, 3))})
-    ['d_x', 'd_y', 'd_z']
-    """
-    return [f"{name}{ending}" for name, array in arrays.items() for ending in _component_suffixes(array.shape[1:])]
-
-
-def _component_suffixes(sample_shape: tuple[int, ...]) -> list[str]:
-    """Return the ends of the names of components: "_x" for vectors, "_xy" for matrices, "" for numbers."""
-    letters = ["".join(_COMPONENT_LETTERS[i] for i in index) for index in np.ndindex(sample_shape)]
-    return [f"_{c}" if c else "" for c in letters]
-
-
-def _split_columns(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
-    """Return a list of t and of all components of the arrays, one array of shape (N,) for each column."""
-    return [t, *(column for array in arrays.values() for column in array.reshape(len(t), -1).T)]
+def _converted(
+    columns: Columns, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]
+) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
+    """Return instants and arrays in units."""
+    return columns.converted("t", t), {name: columns.converted(name, array) for name, array in arrays.items()}
 
 
 @contextlib.contextmanager
-def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
+def _csv_writer(file: IO[bytes], _: int, __: str, columns: Columns) -> Iterator[RowWriter]:
     """Yield a function that appends rows as CSV, after a line of column names."""
     is_header_written = False
 
@@ -284,19 +297,19 @@ def _csv_writer(file: IO[bytes], *_: object) -> Iterator[RowWriter]:
         nonlocal is_header_written
         if not is_header_written:
             is_header_written = True
-            file.write(csv_line(["t", *column_names(arrays)]).encode())
-        columns = _split_columns(t, arrays)
+            file.write(csv_line([columns.heading("t"), *column_names(arrays, columns.heading)]).encode())
+        parts = split_columns({"t": t, **arrays})
         for start in range(0, len(t), _CSV_ROWS_PER_WRITE):
-            rows = np.stack([column[start : start + _CSV_ROWS_PER_WRITE] for column in columns], axis=1)
+            rows = np.stack([part[start : start + _CSV_ROWS_PER_WRITE] for part in parts], axis=1)
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows.tolist()]).encode())
 
     yield add
 
 
 @contextlib.contextmanager
-def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str], str]) -> Iterator[RowWriter]:
+def _parquet_writer(file: IO[bytes], _: int, described: str, columns: Columns) -> Iterator[RowWriter]:
     """Yield a function that appends row groups in the Parquet format, with description and units as metadata."""
-    arrow, parquet = import_data_package("pyarrow", "save"), import_data_package("pyarrow.parquet", "save")
+    arrow, parquet = require("pyarrow", "save"), require("pyarrow.parquet", "save")
     writer: Any = None
 
     def add(t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -304,13 +317,13 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
         the file.
         """
         nonlocal writer
-        arrays_by_column = [np.ascontiguousarray(column) for column in _split_columns(t, arrays)]
-        columns = [
+        parts = [
             arrow.Array.from_buffers(arrow.from_numpy_dtype(c.dtype), len(c), [None, arrow.py_buffer(c)])
-            for c in arrays_by_column
+            for c in map(np.ascontiguousarray, split_columns({"t": t, **arrays}))
         ]
-        facts = {name: unit(name) for name in arrays} | {"description": described, "t": "s"}
-        table = arrow.table(columns, names=["t", *column_names(arrays)]).replace_schema_metadata(facts)
+        facts = {name: columns.unit(name) for name in ("t", *arrays)} | {"description": described}
+        names = [columns.heading("t"), *column_names(arrays, columns.heading)]
+        table = arrow.table(parts, names=names).replace_schema_metadata(facts)
         writer = writer or opened.enter_context(parquet.ParquetWriter(file, table.schema, use_dictionary=False))
         writer.write_table(table, RESULT_ROWS_PER_BLOCK)
 
@@ -320,7 +333,7 @@ def _parquet_writer(file: IO[bytes], _: int, described: str, unit: Callable[[str
 
 @contextlib.contextmanager
 def _collecting_writer(
-    file: IO[bytes], samples: int, described: str, unit: Callable[[str], str], write: Callable[..., None]
+    file: IO[bytes], samples: int, described: str, columns: Columns, write: Callable[..., None]
 ) -> Iterator[RowWriter]:
     """Yield a function that collects rows, all of which `write` gets at the end."""
     array_by_name: dict[str, Any] = {}
@@ -340,17 +353,17 @@ def _collecting_writer(
         count += len(t)
 
     yield add
-    write(file, array_by_name, described, unit)
+    write(file, array_by_name, described, columns)
 
 
-def _write_npz(file: IO[bytes], arrays: dict[str, Any], *_: object) -> None:
-    write_npz(file, arrays)
+def _write_npz(file: IO[bytes], arrays: dict[str, Any], _: str, columns: Columns) -> None:
+    write_npz(file, {columns.heading(name): array for name, array in arrays.items()})
 
 
-def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit: Callable[[str], str]) -> None:
+def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, columns: Columns) -> None:
     """Write arrays, t among them, in the format .nc."""
-    import_data_package("scipy", "save")
-    dataset = Record(arrays.pop("t"), arrays, described, (), unit).to_xarray()
+    require("scipy", "save")
+    dataset = Record(arrays.pop("t"), arrays, described, (), columns.unit).to_xarray()
     written = Names(name for name in dataset.variables if name.isascii())
     for name in [name for name in dataset.data_vars if not name.isascii()]:  # SciPy writes no other letters
         dataset[name].attrs.setdefault("long_name", name)
@@ -358,19 +371,6 @@ def _write_netcdf(file: IO[bytes], arrays: dict[str, Any], described: str, unit:
             {name: written.take(name.encode("ascii", "replace").decode().replace("?", "_"))}
         )
     file.write(dataset.to_netcdf(engine="scipy"))
-
-
-def import_data_package(package: str, caller: str) -> Any:
-    """Import a package that tables or files need.
-
-    Raises:
-        MissingDependencyError: it is not installed; names the method `caller` that needs it.
-    """
-    try:
-        return importlib.import_module(package)
-    except ImportError:
-        expected = f"the package {package.partition('.')[0]}: pip install 'hingepair[data]'"
-        raise MissingDependencyError(caller, expected, "none") from None
 
 
 # Functions that write all arrays at once, by the ending of the file.

@@ -1,17 +1,58 @@
-"""Results of kinematics: the state of the pair at every sample."""
+"""Results of the methods of pairs: states, forces, accelerations, energy and momentum at every sample."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
 from hingepair.engine.results import Results
-from hingepair.equations.quantities import attribute_texts
+from hingepair.equations.quantities import QUANTITIES, attribute_texts
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import FloatArray
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
+from hingepair.plans.points import POINT_ENDINGS, unit_among
 
 
-class PairState(Results):
+class PointState(Results):
+    """Motion of one point of a pair at every sample, world axes; None where an output was not computed."""
+
+    __slots__ = attribute_texts(POINT_ENDINGS)
+
+    R: FloatArray
+    v: FloatArray
+    a: FloatArray
+
+
+class _StateWithPoints(Results):
+    """Outputs of a pair, among them those of points."""
+
+    __slots__ = ()
+
+    def __getitem__(self, name: str) -> Any:
+        """Return an output by its name, or the PointState of a point.
+
+        Raises:
+            KeyError: the output was not computed.
+        """
+        if name not in QUANTITIES:
+            outputs = {letter: f"{name}{ending}" for letter, ending in POINT_ENDINGS.items()}
+            moving = {
+                letter: Results.__getitem__(self, one) for letter, one in outputs.items() if one in self.outputs
+            }
+            if moving and not name.endswith((POINT_ENDINGS["v"], POINT_ENDINGS["a"])):
+                return PointState(moving, self.shape)
+        return Results.__getitem__(self, name)
+
+    def _unit(self, name: str) -> str:
+        return unit_among(self.outputs, name)
+
+
+class PairState(_StateWithPoints):
     """The outputs of a pair at every sample: read-only arrays in world axes; None where one was not computed.
+    `state["tip"]` is the PointState of a point.
 
     Those of body 1 are computed where `outputs` names them; those from `jacobian` on by prepared calls. Only
     hingepair calls the constructor.
@@ -90,9 +131,9 @@ class PairState(Results):
         return motion_of_rotations(**{name: self[name + body] for name in letters})
 
 
-class PlanarState(Results):
+class PlanarState(_StateWithPoints):
     """The outputs of a planar pair at every sample: read-only arrays, and numbers for one state, in world axes; None
-    where one was not computed. Only hingepair calls the constructor.
+    where one was not computed. `state["tip"]` is the PointState of a point. Only hingepair calls the constructor.
 
     Attributes:
         shape: leading shape of all arrays, that of the samples; () for one state.
@@ -108,3 +149,119 @@ class PlanarState(Results):
     omega2: FloatArray
     a2: FloatArray
     alpha2: FloatArray
+
+
+class _Parts(Results):
+    """Results that can be unpacked in the order of their outputs."""
+
+    __slots__ = ()
+
+    def __iter__(self) -> Iterator[FloatArray]:
+        return iter(self.arrays().values())
+
+    def __repr__(self) -> str:
+        arrays = self.arrays().items()
+        parts = (f"{name}={a!r}" if np.size(a) <= 9 else f"{name}: shape {np.shape(a)}" for name, a in arrays)
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+
+class Forces(_Parts):
+    """Forces and torques that a motion of a pair requires (T1-T3). They can be unpacked, here as in all results of
+    dynamics: `force1, torque1, hinge_torque = pair.inverse_dynamics(...)`. Those on body 1 of a planar pair have the
+    shapes (..., 2) and (...,).
+    """
+
+    __slots__ = attribute_texts(("force1", "torque1", "hinge_torque"))
+
+    force1: FloatArray
+    torque1: FloatArray
+    hinge_torque: FloatArray
+
+
+class Accelerations(_Parts):
+    """Accelerations of a pair that forces and torques cause (T5, T6)."""
+
+    __slots__ = attribute_texts(("a1", "alpha1", "psidd"))
+
+    a1: FloatArray
+    alpha1: FloatArray
+    psidd: FloatArray
+
+
+class HingeWrench(_Parts):
+    """Force and torque that body 1 exerts on body 2 at the hinge point, world axes (T3). Those of a planar pair have
+    the shapes (..., 2) and (...,).
+    """
+
+    __slots__ = attribute_texts(("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque"))
+
+    hinge_force: FloatArray
+    hinge_moment: FloatArray
+    hinge_torque: FloatArray
+    bearing_torque: FloatArray
+
+    @property
+    def force(self) -> FloatArray:
+        """The force, hinge_force."""
+        return self.hinge_force
+
+    @property
+    def torque(self) -> FloatArray:
+        """The torque about the hinge point, hinge_moment."""
+        return self.hinge_moment
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), "force", "torque"]
+
+
+class Energy(_Parts):
+    """Energy of a pair or a robot (T7)."""
+
+    __slots__ = attribute_texts(("kinetic", "potential"))
+
+    kinetic: FloatArray
+    potential: FloatArray
+
+
+class Momentum(_Parts):
+    """Momentum of a pair or a robot, world axes (T8)."""
+
+    __slots__ = attribute_texts(("linear",))
+
+    linear: FloatArray
+
+    @property
+    def angular(self) -> FloatArray:
+        """Angular momentum, of a pair about the world's origin [kg m^2/s]; (..., 3), of a planar pair (...,)."""
+        return self[next(name for name in self.outputs if name.startswith("angular"))]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), "angular"]
+
+
+class Sensitivities(Results):
+    """Derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and psi, world axes.
+
+    The last axis is the component of u1, u2 or n: if u1 changes by a small du, d changes by d_by_u1 @ du. Derivatives
+    with respect to psi do not have it. n is scaled to unit length, so that a change along n has no effect. Those not
+    listed are always zero; those of v2 and omega2 are None if psid was not given.
+    """
+
+    __slots__ = attribute_texts(
+        (
+            *("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi"),
+            *("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n"),
+        )
+    )
+
+    d_by_u1: FloatArray
+    d_by_u2: FloatArray
+    d_by_n: FloatArray
+    d_by_psi: FloatArray
+    S2_by_n: FloatArray
+    S2_by_psi: FloatArray
+    v2_by_u1: FloatArray
+    v2_by_u2: FloatArray
+    v2_by_n: FloatArray
+    v2_by_psi: FloatArray
+    omega2_by_n: FloatArray

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.errors import ArgumentError, ShapeError, choices, quoted
+from hingepair.numeric.array_libraries import namespace_of
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
 from hingepair.pair.derivatives import geometry_jacobian
 from hingepair.rotations.matrices import rotation_exp
+from hingepair.tables.units import SCALES
 
 GEOMETRY_COMPONENT_NAMES: Final = tuple(
     f"{vector}_{letter}" for vector in ("u1", "u2", "n", "home") for letter in "xyz"
@@ -24,11 +28,31 @@ that turns home [rad], both in body 1's axes. `HingeFit.covariance` has the same
 DEVIATIONS: Final = ("u1_std", "u2_std", "axis_std", "home_std")
 """The arguments that are standard deviations of the geometry."""
 
+LIMITS: Final = ("u1", "u2", "axis", "home")
+"""The arguments that are limits of the geometry as on drawings, such as "+-0.2 mm"; in the order of `DEVIATIONS`."""
+
+Limits: TypeAlias = str | Sequence[str] | None
+"""Limits of a vector: one text for all components, three texts, or one text with three between commas."""
+
+# A comma between two digits is a decimal comma.
+_SEPARATOR = re.compile(r"\s*(?:;|,(?=\s|[+±])|(?<!\d),)\s*")
+_LIMIT = re.compile(
+    r"(?:±|\+/?-)\s*(\d+(?:[.,]\d*)?|[.,]\d+)(e[+-]?\d+)?\s*([A-Za-z°µμ]+)(?:\s+(normal|uniform))?", re.ASCII
+)
+_UNIT_ALIASES: Final = {"°": "deg", "µm": "um", "μm": "um"}
+
+
+class Scatter(NamedTuple):
+    """How the geometry of pairs scatters."""
+
+    covariance: Float64Array  # in the order of `GEOMETRY_COMPONENT_NAMES`; (12, 12)
+    uniform: NDArray[np.bool_]  # components that are uniformly distributed, not normally; (12,)
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PoseCovariance(Frozen):
     """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample;
-    read-only arrays.
+    read-only arrays, or arrays of the caller's library.
 
     The pose is R2 [m] and the attitude error [rad], the rotation vector away from the attitude without tolerances,
     world axes. The geometry is u1, u2, n, and the rotation vector by which home deviates, body-1 axes.
@@ -65,38 +89,50 @@ class PoseCovariance(Frozen):
 
     def _std(self) -> Float64Array:
         """Return the standard deviations of the pose [m, rad]; shape (..., 6)."""
-        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=-2, axis2=-1), 0.0)))
+        xp = namespace_of(self.covariance)
+        variances = xp.linalg.diagonal(self.covariance)
+        std: Float64Array = xp.sqrt(xp.where(variances < 0, 0 * variances, variances))
+        return std
 
     def contributions(self) -> dict[str, Float64Array]:
         """Return the variances of the pose [m^2, rad^2], (..., 6), that each component of the geometry alone causes,
         by name: u1_x to u2_z, "axis" for n as a whole, and home_x to home_z. They add up if the components are
         independent.
         """
-        indices = {name: [k] for k, name in enumerate(GEOMETRY_COMPONENT_NAMES) if not name.startswith("n_")}
-        columns_by_name = {**dict(list(indices.items())[:6]), "axis": [6, 7, 8], **dict(list(indices.items())[6:])}
+        columns = {"axis" if k == 6 else GEOMETRY_COMPONENT_NAMES[k]: slice(k, k + 3 if k == 6 else k + 1)
+                   for k in (*range(7), 9, 10, 11)}  # fmt: skip
         variances = {}
-        for name, columns in columns_by_name.items():
-            slopes = self.jacobian[..., columns]
-            variances[name] = ((slopes @ self.geometry[np.ix_(columns, columns)]) * slopes).sum(axis=-1)
+        for name, part in columns.items():
+            slopes = self.jacobian[..., part]
+            products = (slopes @ self.geometry[part, part]) * slopes
+            variances[name] = namespace_of(products).sum(products, axis=-1)
         return variances
 
 
 def propagate_covariance(
-    pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **std: ArrayLike
+    pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **tolerances: Any
 ) -> PoseCovariance:
-    """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from standard deviations."""
+    """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances."""
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
-    geometry = geometry_covariance(pair.arrays["n"], covariance, **std)
+    geometry, _ = geometry_scatter(pair.arrays["n"], covariance, tolerances)
     slopes = geometry_jacobian(pair, body1, psi)
-    pose = (slopes @ geometry) @ np.swapaxes(slopes, -1, -2)
-    return PoseCovariance(covariance=read_only(pose), jacobian=read_only(slopes), geometry=read_only(geometry))
+    xp = namespace_of(slopes)
+    if xp is not np:
+        geometry = xp.asarray(geometry, dtype=slopes.dtype)
+    arrays = (slopes @ geometry) @ xp.matrix_transpose(slopes), slopes, geometry
+    pose, slopes, geometry = map(read_only, arrays) if xp is np else arrays
+    return PoseCovariance(covariance=pose, jacobian=slopes, geometry=geometry)
 
 
 def sample_pairs(
     pair: Any,
     samples: int = 10_000,
     *,
+    u1: Limits = None,
+    u2: Limits = None,
+    axis: str | None = None,
+    home: Limits = None,
     u1_std: ArrayLike = 0.0,
     u2_std: ArrayLike = 0.0,
     axis_std: float = 0.0,
@@ -104,18 +140,23 @@ def sample_pairs(
     covariance: ArrayLike | None = None,
     seed: int | np.random.Generator | None = None,
 ) -> Any:
-    """Return a HingePair that holds random pairs within tolerances, normally distributed about a pair, for one call
-    of its methods: one state gives a result for each, and of a motion of shape (samples,), state i is computed with
-    pair i.
+    """Return a HingePair that holds random pairs about a pair, for one call of its methods: one state gives a result
+    for each, and of a motion of shape (samples,), state i is computed with pair i.
 
     Args:
         pair: the HingePair as designed, or as fitted; of a PlanarPair, pair.to_spatial().
         samples: number of pairs.
-        u1_std: standard deviation of each component of u1, body-1 axes [m]: a number, or shape (3,).
-        u2_std: the same of u2, body-2 axes.
+        u1: limits of each component of u1 as on drawings, body-1 axes: "+-0.2 mm", normally distributed with three
+            standard deviations at the limit; "+-0.2 mm uniform", where all values between the limits are as likely;
+            or three of these.
+        u2: the same of u2, body-2 axes.
+        axis: limit of the tilt of the hinge axis, "+-0.1 deg": as above in each of two directions across it;
+            "uniform" makes all tilts up to the limit, in any direction, as likely.
+        home: limits of each component of the rotation vector by which home deviates, body-1 axes, as those of u1.
+        u1_std: in place of u1, the standard deviation of each component [m]: a number, or shape (3,).
+        u2_std: the same of u2.
         axis_std: standard deviation of each of two tilt angles of the hinge axis, about directions across it [rad].
-        home_std: standard deviation of each component of the rotation vector by which home deviates, body-1 axes
-            [rad]: a number, or shape (3,).
+        home_std: standard deviation of each component of the rotation vector of home [rad]: a number, or shape (3,).
         covariance: in place of these, the covariance of the components of u1, u2, n and the rotation vector of home,
             in this order; shape (12, 12), such as `HingeFit.covariance`.
         seed: an integer, for the same pairs in every call, or a numpy.random.Generator.
@@ -124,7 +165,7 @@ def sample_pairs(
         A HingePair; what deviates has the leading shape (samples,).
 
     Raises:
-        ArgumentError: no tolerance is given, or a covariance beside standard deviations.
+        ArgumentError: no tolerance is given, or two for one dimension.
 
     >>> import numpy as np
     >>> import hingepair as hp
@@ -133,6 +174,9 @@ def sample_pairs(
     >>> R2 = made.forward_kinematics((0, 0, 0, 0, 0, 0, 1.0)).R2
     >>> R2.shape, R2.std(axis=0).round(4)
     ((20000, 3), array([0.001 , 0.001 , 0.0014]))
+    >>> drilled = hp.sample_pairs(pair, 20_000, u1="+-0.2 mm uniform", seed=1)
+    >>> float(abs(drilled.u1 - pair.u1).max().round(6))
+    0.0002
     """
     check_pair(pair)
     check_single_pair(pair)
@@ -143,12 +187,13 @@ def sample_pairs(
     except (TypeError, ValueError):
         raise ArgumentError("seed", "an integer from 0 or a numpy.random.Generator", quoted(seed)) from None
     n = pair.n
-    geometry = geometry_covariance(n, covariance, u1_std=u1_std, u2_std=u2_std, axis_std=axis_std, home_std=home_std)
+    tolerances: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
+    tolerances |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
+    geometry, uniform = geometry_scatter(n, covariance, tolerances)
     values, axes = np.linalg.eigh(geometry)
-    root = (
-        axes * np.sqrt(np.maximum(values, 0.0))
-    ) @ axes.T  # the symmetric square root, which does not depend on the order of the axes
-    du1, du2, tilt, turn = np.split(rng.standard_normal((samples, 12)) @ root, 4, axis=1)
+    # The symmetric square root does not depend on the order of the eigenvectors.
+    root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
+    du1, du2, tilt, turn = np.split(_unit_draws(rng, samples, n, uniform) @ root, 4, axis=1)
     variances = np.diagonal(geometry)
     changed: dict[str, Any] = {}
     if variances[:3].any():
@@ -162,33 +207,91 @@ def sample_pairs(
     return replace(pair, **changed)
 
 
-def geometry_covariance(n: Float64Array, covariance: ArrayLike | None, **std: ArrayLike) -> Float64Array:
-    """Return the covariance of u1, u2, n and the rotation vector of home, shape (12, 12): the checked `covariance`,
-    or that of independent deviations.
+def _unit_draws(rng: np.random.Generator, samples: int, n: Float64Array, uniform: NDArray[np.bool_]) -> Float64Array:
+    """Return random numbers (samples, 12) of variance 1, of the tilt of the axis in each direction across n."""
+    draws = rng.standard_normal((samples, 12))
+    if uniform[6]:  # evenly over a disk
+        across = draws[:, 6:9] - (draws[:, 6:9] @ n)[:, None] * n
+        radii = 2.0 * np.sqrt(rng.random((samples, 1)))
+        draws[:, 6:9] = radii * across / np.linalg.norm(across, axis=1, keepdims=True)
+    others = [k for k in np.flatnonzero(uniform) if not 6 <= k < 9]
+    draws[:, others] = rng.uniform(-np.sqrt(3.0), np.sqrt(3.0), (samples, len(others)))
+    return draws
+
+
+def geometry_scatter(n: Float64Array, covariance: ArrayLike | None, tolerances: Mapping[str, Any]) -> Scatter:
+    """Return how u1, u2, n and the rotation vector of home scatter: as the checked `covariance` says, or
+    independently within tolerances.
 
     Args:
         n: hinge axis, of unit length; shape (3,).
-        covariance: the covariance, or None to use standard deviations.
-        **std: standard deviations by the names of `DEVIATIONS`.
+        covariance: the covariance, or None to use tolerances.
+        tolerances: values by the names of `LIMITS` and `DEVIATIONS`.
 
     Raises:
-        ArgumentError: both are given, or neither.
+        ArgumentError: a dimension has two tolerances, or none has one.
     """
-    sizes = {name: _three_deviations(name, value) for name, value in std.items()}
-    names = [name for name, deviations in sizes.items() if deviations.any()]
+    sizes, uniform, names = np.zeros((4, 3)), np.zeros((4, 3), bool), []
+    for k, (limit, deviation) in enumerate(zip(LIMITS, DEVIATIONS, strict=True)):
+        std = _three_deviations(deviation, tolerances.get(deviation, 0.0))
+        within = tolerances.get(limit)
+        if within is not None:
+            if std.any():
+                raise ArgumentError(deviation, f"0, since {limit} gives the tolerance", quoted(tolerances[deviation]))
+            std, uniform[k] = read_limits(limit, within)
+        if std.any():
+            sizes[k] = std
+            names.append(limit if within is not None else deviation)
     if covariance is not None:
         if names:
-            expected = "0, since covariance gives all standard deviations"
-            raise ArgumentError(names[0], expected, quoted(std[names[0]]))
-        return _checked_covariance(covariance)
+            expected = f"{'None' if names[0] in LIMITS else '0'}, since covariance gives all standard deviations"
+            raise ArgumentError(names[0], expected, quoted(tolerances[names[0]]))
+        return Scatter(_checked_covariance(covariance), uniform.ravel())
     if not names:
-        expected = f"a positive standard deviation: {', '.join(std)}, or a covariance"
-        raise ArgumentError("u1_std", expected, "0 for all of them")
-    geometry = np.zeros((12, 12))
-    for name, start in (("u1_std", 0), ("u2_std", 3), ("home_std", 9)):
-        geometry[start : start + 3, start : start + 3] = np.diag(sizes[name] ** 2)
-    geometry[6:9, 6:9] = sizes["axis_std"][0] ** 2 * (np.eye(3) - np.outer(n, n))
-    return geometry
+        expected = (
+            f"a tolerance ({', '.join(LIMITS)}), a standard deviation ({', '.join(DEVIATIONS)}), or a covariance"
+        )
+        raise ArgumentError("u1", expected, "none, or 0 for all")
+    geometry = np.diag(sizes.ravel() ** 2)
+    geometry[6:9, 6:9] = sizes[2, 0] ** 2 * (np.eye(3) - np.outer(n, n))
+    return Scatter(geometry, uniform.ravel())
+
+
+def read_limits(name: str, value: Any) -> tuple[Float64Array, NDArray[np.bool_]]:
+    """Return the standard deviations (3,) that limits as on drawings mean, and which of them are of uniform
+    distributions.
+
+    >>> read_limits("u1", "+-0.3 mm, +-0,6 mm normal, 0")[0].round(6).tolist()
+    [0.0001, 0.0002, 0.0]
+    """
+    si = "m" if name in {"u1", "u2"} else "rad"
+    parts = _SEPARATOR.split(value.strip()) if isinstance(value, str) else value
+    if isinstance(parts, Sequence) and (len(parts) == 1 or (len(parts) == 3 and name != "axis")):
+        found = [_read_limit(part, si, round_zone=name == "axis") for part in parts]
+        if None not in found:
+            std, uniform = zip(*(found * (3 // len(found))), strict=True)
+            return np.array(std), np.array(uniform)
+    example = {"m": "+-0.2 mm", "rad": "+-0.1 deg"}[si]
+    many = "" if name == "axis" else ", or three of these"
+    expected = f'"{example}" or "{example} uniform"{many}, in {choices([si, *SCALES[si]])}'
+    raise ArgumentError(name, f"{expected}; {name}_std takes a standard deviation", quoted(value))
+
+
+def _read_limit(part: Any, si: str, *, round_zone: bool) -> tuple[float, bool] | None:
+    """Return the standard deviation [m or rad] that one limit such as "+-0.2 mm uniform" means, and whether it is of
+    a uniform distribution; None if it cannot be read. `si` is its unit without one of its own. With `round_zone`, a
+    uniform limit is the radius of a disc, otherwise half of an interval.
+    """
+    if isinstance(part, str) and part.strip() == "0":
+        return 0.0, False
+    match = _LIMIT.fullmatch(part.strip()) if isinstance(part, str) else None
+    scales = {si: 1.0, **SCALES[si]}
+    if match is None or (unit := _UNIT_ALIASES.get(match[3], match[3])) not in scales:
+        return None
+    limit = float(match[1].replace(",", ".") + (match[2] or "")) * scales[unit]
+    if match[4] != "uniform":
+        return limit / 3.0, False
+    return limit / (2.0 if round_zone else np.sqrt(3.0)), True
 
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:

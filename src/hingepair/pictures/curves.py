@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.errors import ArgumentError
 from hingepair.integration.trajectory import unwrap_euler_angles
-from hingepair.numeric.instants import rows_after_gaps
+from hingepair.numeric.optional import require
 from hingepair.pictures.motion_samples import Array
 from hingepair.rotations.euler import matrix_to_euler
+from hingepair.tables.instants import break_at_gaps
+from hingepair.tables.sheets import offset_text, round_offset
+from hingepair.tables.units import Columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,10 +39,36 @@ _MAX_DRAWN: Final = 1e100
 
 
 class Curve(NamedTuple):
-    """Samples of a curve over time: instants `t`, shape (N,), and `values`, shape (N,) or (N, components)."""
+    """Samples of a curve over time, from which offsets may have been subtracted."""
 
+    #: shape (N,)
     t: Array
+    #: shape (N,) or (N, components)
     values: Array
+    #: label of the axis of time
+    t_label: str = "t [s]"
+    #: of the components; empty if there are none
+    offsets: tuple[float, ...] = ()
+
+    def converted(self, name: str, columns: Columns, shifts_values: bool = True) -> Curve:
+        """Return the curve of a quantity in units, without what makes it unreadable beside its variation."""
+        t, values = columns.converted("t", self.t), columns.converted(name, self.values)
+        start, label = columns.units.offset_of_instants(*_ends(self.t))
+        label = label or f"t [{columns.unit('t')}]"
+        offsets: tuple[float, ...] = ()
+        if shifts_values:
+            ends = [_ends(component) for component in values.reshape(len(t), -1).T]
+            variation = max((high - low for low, high in ends), default=0.0)
+            offsets = tuple(round_offset(low, high, variation) for low, high in ends)
+        if not any(offsets):
+            return Curve(t - start if start else t, values, label)
+        return Curve(t - start, values - np.reshape(offsets, values.shape[1:]), label, offsets)
+
+
+def _ends(values: Array) -> tuple[float, float]:
+    """Return the smallest and the largest finite number; zeros if there is none."""
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
 class CurveCollector:
@@ -71,10 +100,21 @@ class CurveCollector:
             rows = _envelope_rows(values.reshape(len(t), -1), -(-num_instants // intervals))
             self._pieces.setdefault(name, []).append((t[rows], values[rows]))
 
-    def curves(self) -> dict[str, Curve]:
-        """Return the collected curves by name."""
+    def curves(
+        self, columns: Columns, shifted: Callable[[str], bool] = lambda name: name != PATHS
+    ) -> dict[str, Curve]:
+        """Return the collected curves by name.
+
+        Args:
+            columns: units of the curves.
+            shifted: whether offsets may be subtracted from the values of a curve, by its name.
+        """
         pieces = self._pieces.items()
-        return {name: Curve(*map(np.concatenate, zip(*parts, strict=True))) for name, parts in pieces}
+        curves = {
+            name: Curve(np.concatenate([t for t, _ in parts]), np.concatenate([values for _, values in parts]))
+            for name, parts in pieces
+        }
+        return {name: curve.converted(name, columns, shifted(name)) for name, curve in curves.items()}
 
 
 def check_drawable(name: str, array: Array) -> None:
@@ -88,13 +128,8 @@ def check_drawable(name: str, array: Array) -> None:
 
 def figure_class() -> type[Figure]:
     """Import Matplotlib, and return its class `Figure`."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingDependencyError(
-            "plot", "the package matplotlib: pip install 'hingepair[plot]'", "none"
-        ) from None
-    return Figure
+    figure: type[Figure] = require("matplotlib.figure", "plot").Figure
+    return figure
 
 
 def finish_figure(figure: Figure, title: str) -> Figure:
@@ -169,25 +204,23 @@ def draw_over_time(axes: Axes, title: str, unit: str, curve: Curve) -> None:
     """Draw the components of a curve over time into Matplotlib axes, with a title, a unit and shaded gaps. Add a
     legend to the figure if it has none and the curve has several components.
     """
-    t, values = _break_at_gaps(*curve)
+    t, values = break_at_gaps(curve.t, curve.values)
     shade_gaps(axes, t, values)
-    axes.set(title=title, ylabel=unit, xlabel="t [s]")
+    axes.set(title=title, ylabel=unit, xlabel=curve.t_label)
     axes.tick_params(labelbottom=True)
     if values.ndim == 1:
         axes.plot(t, values, color="#222222", lw=1.2)
+        if curve.offsets:
+            axes.set_title(offset_text(title, *curve.offsets))
         return
     for part, colour, letter, style in zip(values.T, XYZ_COLOURS, "xyz", ("-", "--", "-."), strict=False):
         axes.plot(t, part, style, color=colour, lw=1.2, label=letter)
+    if curve.offsets:
+        labels = [offset_text(letter, offset) for letter, offset in zip("xyz", curve.offsets, strict=False)]
+        axes.legend(axes.get_lines(), labels, fontsize=7)
     if not axes.figure.legends:
         handles, letters = axes.get_legend_handles_labels()
         axes.figure.legend(handles, letters, fontsize=8, ncols=3, loc="outside upper right")
-
-
-def _break_at_gaps(t: Array, values: Array) -> tuple[Array, Array]:
-    """Return the samples of a curve with NaN in each gap that is wide enough to be seen: no line crosses it."""
-    rows = rows_after_gaps(t)
-    rows = rows[t[rows] - t[rows - 1] > np.ptp(t) / 200] if rows.size else rows  # thinned curves have smaller steps
-    return np.insert(t, rows, (t[rows - 1] + t[rows]) / 2), np.insert(values, rows, np.nan, axis=0)
 
 
 def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
@@ -199,20 +232,31 @@ def shade_gaps(axes: Axes, t: Array, values: Array) -> None:
 
 
 def draw_paths(
-    figure: Figure, grid_cell: Any, paths_by_name: Mapping[str, Array], colours: Sequence[str], zoom: float = 1.0
+    figure: Figure,
+    grid_cell: Any,
+    paths_by_name: Mapping[str, Array],
+    colours: Sequence[str],
+    unit: str,
+    zoom: float = 1.0,
 ) -> None:
-    """Draw paths in space, a dict of arrays (N, 3) [m] by name, into a cell of a figure's grid, in 3D or, if z is
+    """Draw paths in space, a dict of arrays (N, 3) by name, into a cell of a figure's grid, in 3D or, if z is
     constant, in the plane, at equal scales.
 
     Args:
         figure: the figure.
         grid_cell: cell of the figure's grid.
-        paths_by_name: the paths by name, in world axes [m]; shape (N, 3) each.
+        paths_by_name: the paths by name, in world axes; shape (N, 3) each.
         colours: colours of the paths, in order.
+        unit: unit of the paths; km are drawn where m would be many.
         zoom: size of the drawing; 1 leaves space for the labels in a wide panel.
     """
     finite = [np.where(np.isfinite(path), path, np.nan) for path in paths_by_name.values()]
-    far = np.nanmax(np.abs(finite[0]), initial=0.0) >= 1e4
+    ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in finite if not np.isnan(path).all(0).any()])
+    low, high = (ends[:, 0].min(0), ends[:, 1].max(0)) if len(ends) else (np.zeros(3), np.zeros(3))
+    variation = float((high - low).max())
+    offsets = [round_offset(*own, variation) for own in zip(low.tolist(), high.tolist(), strict=True)]
+    finite = [path - offsets for path in finite] if any(offsets) else finite
+    far = unit == "m" and np.nanmax(np.abs(finite[0]), initial=0.0) >= 1e4
     paths = [path * (1e-3 if far else 1.0) for path in finite]
     ends = np.array([(np.nanmin(path, 0), np.nanmax(path, 0)) for path in paths if not np.isnan(path).all(0).any()])
     letters = "xy" if len(ends) and np.ptp(ends[..., 2]) == 0 else "xyz"
@@ -221,8 +265,10 @@ def draw_paths(
         shown = path.T[: len(letters)]
         axes.plot(*shown, color=colour, lw=1.2, label=name)
         axes.plot(*shown[:, :1], "o", color=colour, ms=3)
-    unit = "km" if far else "m"
-    axes.set(title=f"paths in space [{unit}], from the dots", **{f"{letter}label": letter for letter in letters})
+    title = f"paths in space [{'km' if far else unit}], from the dots"
+    if any(offsets):  # too long for the axes in space
+        title += "\n" + ", ".join(offset_text(letter, own) for letter, own in zip(letters, offsets, strict=False))
+    axes.set(title=title, **{f"{letter}label": letter for letter in letters})
     if letters == "xy":
         axes.set_aspect("equal", adjustable="datalim")
         axes.legend(fontsize=8)

@@ -21,6 +21,7 @@ from hingepair.pictures.curves import (
 )
 from hingepair.pictures.motion_samples import Array
 from hingepair.scenes.robot_scene import RobotResult, RobotScene
+from hingepair.tables.units import Columns, UnitsLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,37 +37,45 @@ _TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the 
 _COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
 
-def plot_mechanism(source: RobotScene | RobotResult, outputs: Iterable[str] | None) -> Figure:
+def plot_mechanism(
+    source: RobotScene | RobotResult, outputs: Iterable[str] | None, units: UnitsLike = None
+) -> Figure:
     """Draw the motion of a scene of a mechanism, or of its result, in a new figure, and return the figure: position,
     rate and motor torque or force of each moving joint over time, and the paths of the scene's frames in space.
 
     Args:
         source: a scene of a mechanism, or its result, whose scene is drawn.
         outputs: names of the outputs to draw instead, as for `RobotScene.evaluate`.
+        units: units in place of SI units; by default those of the scene.
     """
     scene = source if isinstance(source, RobotScene) else source.scene
+    columns = scene.in_units(units)
     collector = CurveCollector()
     if outputs is not None:
         for part in scene.blocks(outputs):
             collector.add_piece(part.t, scene.samples, part.requested_arrays())
-        figure_type = figure_class()
+        drawn = columns._replace(si_unit=lambda name: "rad" if _is_attitude(scene, name) else scene.unit(name))
         figure = draw_side_by_side(
-            figure_type, collector.curves(), lambda name: _mechanism_title_and_unit(scene, name)
+            figure_class(),
+            collector.curves(drawn),
+            lambda name: (f"{name}, Euler angles XYZ" if _is_attitude(scene, name) else name, drawn.unit(name)),
         )
         return finish_figure(figure, scene.title)
     quantities = _QUANTITIES[: scene.motion.level + 1]
     frames = [f"R_{frame}" for frame in scene.frames]
     for part in scene.blocks((*quantities, *frames)):
-        columns = {
+        by_joint = {
             f"{name}_{joint}": values
             for name in quantities
             for joint, values in _columns_by_joint(part, name).items()
         }
         positions = [part[frame].R for frame in scene.frames]
         paths = {PATHS: np.concatenate(positions, axis=1)} if positions else {}
-        collector.add_piece(part.t, scene.samples, columns | paths)
-    figure_type = figure_class()
-    return finish_figure(_draw_joint_panels(figure_type, scene, quantities, collector.curves()), scene.title)
+        collector.add_piece(part.t, scene.samples, by_joint | paths)
+    drawn = columns._replace(si_unit=lambda name: "m" if name == PATHS else _joint_unit(scene, *_joint_curve(name)))
+    curves = collector.curves(drawn, lambda _: False)  # limits are drawn beside the values
+    figure = _draw_joint_panels(figure_class(), scene, quantities, curves, drawn)
+    return finish_figure(figure, scene.title)
 
 
 def _columns_by_joint(piece: RobotResult, quantity: str) -> dict[str, Array]:
@@ -78,17 +87,30 @@ def _columns_by_joint(piece: RobotResult, quantity: str) -> dict[str, Array]:
     return {joint: array[:, i] for i, joint in enumerate(piece.scene.mechanism.names) if joint in moving}
 
 
-def _mechanism_title_and_unit(scene: RobotScene, name: str) -> tuple[str, str]:
-    """Return the title of the panel of the output called `name` of a scene, and the unit of the output, as a tuple of
-    strings.
-    """
-    if name.startswith("S_") and scene.unit(name) == "1":
-        return f"{name}, Euler angles XYZ", "rad"
-    return name, scene.unit(name)
+def _is_attitude(scene: RobotScene, name: str) -> bool:
+    """Return whether an output of a scene is a rotation matrix, which is drawn as Euler angles."""
+    return name.startswith("S_") and scene.unit(name) == "1"
+
+
+def _joint_curve(name: str) -> tuple[str, str]:
+    """Return quantity (q, qd or tau) and joint of a curve's name; a curve of instants has no joint."""
+    quantity, _, joint = name.partition("_")
+    return quantity, joint
+
+
+def _joint_unit(scene: RobotScene, quantity: str, joint: str) -> str:
+    """Return the SI unit of q, qd or tau of a joint, and of instants."""
+    if not joint:
+        return "s"
+    return scene.unit(f"tau_{joint}" if quantity == "tau" else joint + quantity[1:])
 
 
 def _draw_joint_panels(
-    figure_type: type[Figure], scene: RobotScene, quantities: tuple[str, ...], curves: dict[str, Curve]
+    figure_type: type[Figure],
+    scene: RobotScene,
+    quantities: tuple[str, ...],
+    curves: dict[str, Curve],
+    shown: Columns,
 ) -> Figure:
     """Draw a row of panels for each joint or group of joints, with a column for each of `quantities` (q, qd, tau),
     and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure.
@@ -106,8 +128,8 @@ def _draw_joint_panels(
             axes = figure.add_subplot(grid[row, column], sharex=first)
             first = first or axes
             name = group[0].name
-            unit = scene.unit(f"tau_{name}" if quantity == "tau" else name + quantity[1:])
-            _draw_joints(axes, group, quantity, curves)
+            unit = shown.unit(f"{quantity}_{name}")
+            _draw_joints(axes, group, quantity, curves, shown)
             axes.set(title=_TITLES[quantity] if row == 0 else "", ylabel=unit)
             if row < rows - 1:
                 axes.set(xlabel="")
@@ -125,6 +147,7 @@ def _draw_joint_panels(
             grid[:6, columns],
             dict(zip(scene.frames, points, strict=True)),
             colours,
+            shown.unit(PATHS),
             zoom=0.75,
         )
     return figure
@@ -140,19 +163,22 @@ def _panel_groups(scene: RobotScene, joints: Sequence[Joint]) -> list[list[Joint
     return [alike[start : start + size] for alike in (hinges, sliders) for start in range(0, len(alike), size)]
 
 
-def _draw_joints(axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve]) -> None:
+def _draw_joints(
+    axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve], columns: Columns
+) -> None:
     """Draw q, qd or tau, whichever `quantity` names, of joints over time into Matplotlib axes, with their limits as
     lines.
     """
     alone = len(joints) == 1
     for joint, colour in zip(joints, itertools.cycle(_COLOURS), strict=False):
-        curve = curves[f"{quantity}_{joint.name}"]
+        name = f"{quantity}_{joint.name}"
+        curve = curves[name]
         draw_over_time(axes, "", "", curve)
         if not alone:
             axes.get_lines()[-1].set(color=colour, label=_shorten_name(joint.name))
         _draw_limits(
             axes,
-            _joint_limits(joint, quantity),
+            columns.converted(name, np.array(_joint_limits(joint, quantity))).tolist(),
             curve.values,
             XYZ_COLOURS[1] if alone else colour,
             alone,
@@ -169,9 +195,7 @@ def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
     return -largest, largest
 
 
-def _draw_limits(
-    axes: Axes, limits: tuple[float, float], values: Array, colour: str, writes_far_limits: bool
-) -> None:
+def _draw_limits(axes: Axes, limits: Sequence[float], values: Array, colour: str, writes_far_limits: bool) -> None:
     """Draw the (lower, upper) limits that are near the curve's values as dashed lines of the given colour into
     Matplotlib axes.
     """

@@ -83,9 +83,9 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
         outputs: names of the outputs; by default the available rates of body 2.
     """
     if outputs is not None:
-        outputs = () if isinstance(outputs, str) else tuple(outputs)
+        outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
         if not outputs:
-            raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none, or a text")
+            raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none")
     source = source.scene if isinstance(source, PairResult) else source
     if isinstance(source, PairScene):
         for part in source.blocks(_scene_outputs(source, outputs)):
@@ -118,8 +118,10 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
     """
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
-    bodies = pair.forward_kinematics_from_body1(body1, psi, outputs=("R1", "S1", "R2", "S2")).arrays()
-    arrays = {name: array[rows] for name, array in recorded.items()} if recorded else {**bodies, "psi": psi}
+    points = (*pair.points1, *pair.points2)
+    found = pair.forward_kinematics_from_body1(body1, psi, outputs=("R1", "S1", "R2", "S2", *points)).arrays()
+    bodies = {name: array for name, array in found.items() if name not in points}
+    arrays = {name: array[rows] for name, array in recorded.items()} if recorded else {**found, "psi": psi}
     for name in outputs or ():
         if name not in arrays:
             raise ArgumentError("outputs", choices(tuple(arrays)), quoted(name))

@@ -180,6 +180,27 @@ for (const frame of frames.filter((one) => one.axesShown)) {
   frame.axes = poseGroup(frame.name);
   frame.axes.add(new THREE.AxesHelper(axesLength));
 }
+function label(text) {  // a text that keeps its size on the screen, to the right of a point
+  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = "32px system-ui, sans-serif";
+  pen.font = font;
+  Object.assign(canvas, { width: Math.ceil(pen.measureText(text).width) + 24, height: 44 });
+  Object.assign(pen, { font, lineWidth: 6, strokeStyle: "#fff", fillStyle: "#1b1b1b", lineJoin: "round" });
+  pen.strokeText(text, 16, 33);
+  pen.fillText(text, 16, 33);
+  const map = new THREE.CanvasTexture(canvas), height = 0.025;  // as seen from one metre away
+  const made = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
+  made.scale.set(height * canvas.width / canvas.height, height, 1);
+  made.center.set(0, 0.5);
+  made.renderOrder = 2;
+  return made;
+}
+for (const frame of frames.filter((one) => content.marks.includes(one.name))) {
+  const dot = new THREE.Mesh(new THREE.SphereGeometry(0.012 * size, 16, 12),
+    new THREE.MeshBasicMaterial({ color: 0xd62839, depthTest: false, transparent: true }));
+  dot.renderOrder = 1;
+  frame.mark = poseGroup(frame.name);
+  frame.mark.add(dot, label(frame.name));
+}
 const selectedAxes = poseGroup("frame");
 selectedAxes.add(new THREE.AxesHelper(axesLength));
 const axes = content.joints.map((joint, k) => {  // a line along each joint's axis; always visible if there is only one coordinate
@@ -267,7 +288,8 @@ let selectedFrame = frames.find((one) => one.name === content.frame);
 function draw() {
   const poses = bodyPoses(baseAt(frame), q);
   bodies.forEach((body, k) => setPose(body, poses[k]));
-  for (const one of frames) if (one.axes) setPose(one.axes, framePose(poses, one));
+  for (const one of frames)
+    for (const group of [one.axes, one.mark]) if (group) setPose(group, framePose(poses, one));
   const shown = framePose(poses, selectedFrame);
   setPose(selectedAxes, shown);
   const at = byId("follow").checked && isKnown(poses[0]) ? poses[0].R : [0, 0, 0];
@@ -445,6 +467,8 @@ function boxOf(k, values, relative) {  // bounding box of all bodies with a know
   world.updateMatrixWorld(true);
   for (const body of bodies.filter((one) => one.visible))
     for (const child of body.children) if (!axes.includes(child)) box.expandByObject(child);
+  for (const one of frames.filter(({ mark, body }) => mark && bodies[body].visible))
+    box.expandByPoint(toViewerAxes(framePose(poses, one).R));
   if (relative && isKnown(base)) box.translate(toViewerAxes(base.R).negate());
   return box;
 }

@@ -25,7 +25,6 @@ from hingepair.equations.quantities import ACCELERATION, VELOCITY, unit_of
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import is_table, number_not_below_0, real_array
-from hingepair.numeric.whole_file import whole_file
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.motion_samples import (
@@ -36,9 +35,9 @@ from hingepair.pictures.motion_samples import (
     spread_samples,
 )
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
-from hingepair.plans.arguments import CoordinateNames
 from hingepair.scenes.pair_scene import PairResult, PairScene
 from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
+from hingepair.tables.whole_file import whole_file
 
 
 def view(
@@ -48,6 +47,7 @@ def view(
     t: ArrayLike | None = None,
     base_motion: BodyMotion | None = None,
     meshes: float = 4.0,
+    tau: ArrayLike | None = None,
 ) -> Page:
     """Return an HTML page on which a pair, a robot, a scene or a trajectory moves, with a slider for each joint.
 
@@ -70,6 +70,8 @@ def view(
             instants of q. By default the base rests at the origin.
         meshes: size [MB] that the meshes of a robot may take on the page; larger ones are simplified. 0: no meshes.
             They need trimesh, which the extra `robots` installs; what is not drawn is in `page.notes`.
+        tau: torques and forces of the joints at the instants of q [N m or N], in the forms of q; the page shows them
+            against the limits.
 
     Returns:
         A Page. Its attribute `html` is the text of the page, and its method `save(path)` writes it. A notebook
@@ -77,8 +79,8 @@ def view(
         the number of sliders as `joints`.
 
     Raises:
-        ArgumentError: the source is of another kind, or is a trajectory that holds many motions; q, t or base_motion
-            cannot be used; or the file cannot be written. The error names the argument.
+        ArgumentError: the source is of another kind, or is a trajectory that holds many motions; q, t, base_motion or
+            tau cannot be used; or the file cannot be written. The error names the argument.
 
     >>> import hingepair as hp
     >>> hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
@@ -88,10 +90,10 @@ def view(
     """
     if isinstance(source, Mechanism):
         megabytes = number_not_below_0("meshes", meshes)
-        motion = _read_robot_motion(source, q, t, base_motion)
+        motion = _read_robot_motion(source, q, t, base_motion, tau)
         model = robot_model(source, source.name, megabytes=megabytes)
     else:
-        for name, value in (("q", q), ("t", t), ("base_motion", base_motion)):
+        for name, value in (("q", q), ("t", t), ("base_motion", base_motion), ("tau", tau)):
             if value is not None:
                 raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
         source = source.scene if isinstance(source, PairResult | RobotResult) else source
@@ -206,12 +208,14 @@ def _robot_content(scene: RobotScene, megabytes: float) -> tuple[PageModel, _Pag
 
 
 def _read_robot_motion(
-    robot: Mechanism, q: ArrayLike | None, t: ArrayLike | None, base_motion: BodyMotion | None
+    robot: Mechanism,
+    q: ArrayLike | None,
+    t: ArrayLike | None,
+    base_motion: BodyMotion | None,
+    tau: ArrayLike | None,
 ) -> _PageMotion:
-    """Check the arguments q, t and base_motion of `view`, each of which may be None."""
-    if is_table(q):
-        q = np.stack(tuple(CoordinateNames(robot.names).of_table("q", q).values()), axis=-1)
-    positions = np.zeros((0, robot.dof)) if q is None else real_array("q", q).astype(np.float64)
+    """Check the arguments q, t, base_motion and tau of `view`, each of which may be None."""
+    positions = np.zeros((0, robot.dof)) if q is None else _joint_rows(robot, "q", q)
     if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
         raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)
     instants = np.arange(len(positions)) / 30 if t is None else real_array("t", t).astype(np.float64)
@@ -223,7 +227,20 @@ def _read_robot_motion(
     R, S = _base_poses(base_motion, len(instants))
     if len(R) > 1:
         R, S = R[rows], S[rows]
-    return _PageMotion(instants[rows], len(instants), R, S, positions[rows], {})
+    efforts = None
+    if tau is not None:
+        efforts = _joint_rows(robot, "tau", tau)
+        if efforts.shape != positions.shape:
+            raise ShapeError("tau", f"shape {positions.shape}, that of q", efforts.shape)
+        efforts = efforts[rows]
+    return _PageMotion(instants[rows], len(instants), R, S, positions[rows], {}, tau=efforts)
+
+
+def _joint_rows(robot: Mechanism, name: str, value: ArrayLike) -> Array:
+    """Return numbers of the joints as float64; of a table the columns that have the joints' names."""
+    if is_table(value):
+        value = np.stack(tuple(robot.tree.coordinate_names.of_table(name, value).values()), axis=-1)
+    return real_array(name, value).astype(np.float64)
 
 
 def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array]:

@@ -74,11 +74,13 @@ class PageModel(NamedTuple):
     opacity: float
     #: sentences about what is not drawn
     notes: Sequence[str] = ()
+    #: names of the frames that are marked with a dot and their name
+    marks: Sequence[str] = ()
 
 
 def pair_model(pair: HingePair, title: str) -> PageModel:
     """Return the page model of a pair as a mechanism of one joint. Its base is body 1, and `title` is the page's
-    title; the paths of both bodies and of the hinge are always drawn.
+    title; the paths of both bodies and of the hinge are always drawn. Points are marked.
     """
     for name in ("u1", "u2"):
         check_drawable(name, getattr(pair, name))
@@ -91,7 +93,10 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
         "body 1": Frame(0, here, still),
         "hinge": Frame(1, here, still),
         "body 2": Frame(1, 0.0 - pair.u2, still),
+        **{name: Frame(0, position, still) for name, position in pair.points1.items()},
+        **{name: Frame(1, position - pair.u2, still) for name, position in pair.points2.items()},
     }
+    points = (*pair.points2, *pair.points1)
     return PageModel(
         title=title,
         bodies=[
@@ -105,7 +110,7 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
         joints=[joint],
         chains=[("", [1])],
         frames=frames,
-        frame="body 2",
+        frame=points[0] if points else "body 2",
         path_colours={"body 1": BODY1_COLOUR, "hinge": AXIS_COLOUR, "body 2": BODY2_COLOUR},
         axes_shown=("body 1", "body 2"),
         legend=[(BODY1_COLOUR, "body 1"), (BODY2_COLOUR, "body 2"), (AXIS_COLOUR, "hinge axis")],
@@ -113,6 +118,7 @@ def pair_model(pair: HingePair, title: str) -> PageModel:
         size=size,
         axes_length=0.35 * size,
         opacity=0.85,
+        marks=points,
     )
 
 
@@ -199,6 +205,7 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
         "frame": model.frame,
         "path_colours": model.path_colours,
         "axes_shown": model.axes_shown,
+        "marks": model.marks,
         "legend": model.legend,
         "base": model.base,
         "size": model.size,

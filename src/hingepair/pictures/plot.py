@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
-from hingepair.equations.quantities import unit_of
+from hingepair.equations.quantities import ACCELERATION
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
+from hingepair.pair.hinge_pair import HingePair
+from hingepair.pair.results import MAX_HELD_INSTANTS, Record, Result
 from hingepair.pictures.curves import (
     PATHS,
     XYZ_COLOURS,
@@ -24,7 +28,10 @@ from hingepair.pictures.curves import (
 from hingepair.pictures.mechanism_plot import plot_mechanism
 from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, sample_pieces
 from hingepair.pictures.smoothed_plot import plot_smoothed
+from hingepair.plans.points import point_outputs, unit_among
+from hingepair.scenes.pair_scene import PAIR_FORCES, PairResult, PairScene
 from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
+from hingepair.tables.units import Columns, Units
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,8 +40,9 @@ if TYPE_CHECKING:
 # Colours of the paths of the bodies' reference points and of the hinge point.
 _PATH_COLOURS: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
 # Outputs in the rows of panels, by column.
-_PANELS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"))
+_PANELS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"), ("hinge_torque", "hinge_force", "bearing_torque"))
 _AS_ANGLES: Final = ("S1", "S2")  # drawn as Euler angles
+_RESIDUAL: Final = "residual"  # name of the curve of the residual of E1
 # Titles of the panels, by output.
 _TITLES: Final = {
     "R2": "position of body 2, R2",
@@ -45,17 +53,23 @@ _TITLES: Final = {
     "psi": "hinge angle, psi",
     "omega2": "angular velocity, omega2",
     "alpha2": "angular acceleration, alpha2",
+    "hinge_torque": "torque about the hinge axis",
+    "hinge_force": "force of the hinge on body 2",
+    "bearing_torque": "torque across the hinge axis",
+    "force1": "force on body 1, force1",
+    "torque1": "torque on body 1, torque1",
 }
 
 
 def plot(
-    source: MotionSource | RobotScene | RobotResult | SimulatedRobotMotion | SmoothedMotion | SmoothedAngle,
+    source: MotionSource | RobotScene | RobotResult | SimulatedRobotMotion | SmoothedMotion | SmoothedAngle | Record,
     outputs: Iterable[str] | None = None,
+    units: str | None = None,
 ) -> Figure:
-    """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`).
-    For the motion of a pair, the figure shows position, attitude, velocities and accelerations of body 2 and the
-    hinge angle psi over time, the paths of R1, R2 and the hinge point, and the residual of equation E1. No file is
-    written.
+    """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`)
+    or of the forces of a scene. For the motion of a pair, the figure shows position, attitude, velocities and
+    accelerations of body 2 and the hinge angle psi over time, the torque and the force of the hinge if body 2 has
+    masses, the paths of R1, R2 and the hinge point, and the residual of equation E1. No file is written.
 
     Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point. The residual is the largest
     component of the difference between the two [m]. For a scene of a robot, the figure shows position, rate and
@@ -66,13 +80,16 @@ def plot(
     intervals.
 
     Args:
-        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; or the result of `smooth`.
+        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; the result of `smooth`; or
+            the forces of a scene, `scene.forces()`.
             For a pair, the hinge angle moves from its lower to its upper limit and back, or through a whole turn if
             the pair has no limits. For a PlanarPair, give `pair.to_spatial()`. The result of
             `simulate` for a PlanarPair can be drawn, but the result of `integrate` for it cannot.
         outputs: names of the outputs to draw over time instead of the whole figure. For a scene, these are outputs of
-            its method `evaluate`; for a trajectory or the result of `smooth`, outputs that it holds; for a pair, R1,
-            S1, R2, S2 and psi. Attitudes are drawn as XYZ Euler angles.
+            its method `evaluate` and, of a pair with masses, hinge_torque, bearing_torque, hinge_force, force1 and
+            torque1; for a trajectory or the result of `smooth`, outputs that it holds; for a pair, R1,
+            S1, R2, S2, psi and its points. Attitudes are drawn as XYZ Euler angles.
+        units: units in place of SI units, such as "deg, mm"; by default those of the scene.
 
     Returns:
         A matplotlib Figure; `.savefig(path)` writes it. Vectors are in world axes. Quantities that the motion does
@@ -89,34 +106,79 @@ def plot(
     ['position of body 2, R2', 'attitude of body 2, Euler angles XYZ']
     """
     if isinstance(source, SmoothedMotion | SmoothedAngle):
-        return plot_smoothed(source, outputs)
+        return plot_smoothed(source, outputs, units)
     if isinstance(source, SimulatedRobotMotion):
         source = scene_of_simulation(source)
     if isinstance(source, RobotScene | RobotResult):
-        return plot_mechanism(source, outputs)
-    title, curves = _collect_curves(source, outputs)
-    figure_type = figure_class()
-    return finish_figure(
-        _draw_motion(figure_type, curves)
-        if outputs is None
-        else draw_side_by_side(figure_type, curves, _title_and_unit),
-        title,
-    )
+        return plot_mechanism(source, outputs, units)
+    source = source.scene if isinstance(source, PairResult) else source
+    points = point_outputs(source.constants.points) if isinstance(source, HingePair) else ()
+    columns = Columns(Units.of(units), lambda name: unit_among(points, name))
+    columns = source.in_units(units) if isinstance(source, PairScene | Result) else columns
+    columns = columns._replace(si_unit=_drawn_unit(columns.si_unit))
+    if outputs is not None:
+        outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+        if not outputs:
+            raise ArgumentError("outputs", "a tuple of names such as ('R2', 'v2')", "none")
+    if isinstance(source, Record):
+        title, collector = source.described, _collect_record(source, outputs)
+    else:
+        title, collector = _collect_motion(source, outputs)
+    curves, figure_type = collector.curves(columns, lambda name: name not in {PATHS, _RESIDUAL}), figure_class()
+    if outputs is None and not isinstance(source, Record):
+        return finish_figure(_draw_motion(figure_type, curves, columns), title)
+    return finish_figure(draw_side_by_side(figure_type, curves, lambda name: _title_and_unit(name, columns)), title)
 
 
-def _collect_curves(source: MotionSource, outputs: Iterable[str] | None) -> tuple[str, dict[str, Curve]]:
+def _drawn_unit(unit: Callable[[str], str]) -> Callable[[str], str]:
+    """Return a function from the name of a curve to its SI unit, for the SI units of quantities."""
+    own = {**dict.fromkeys(_AS_ANGLES, "rad"), PATHS: "m", _RESIDUAL: "m"}
+    return lambda name: own.get(name) or unit(name)
+
+
+def _collect_record(source: Record, outputs: tuple[str, ...] | None) -> CurveCollector:
+    """Collect the curves of the arrays of a record, or of some of them."""
+    arrays, collector = source.recorded(), CurveCollector()
+    for name in outputs or ():
+        if name not in arrays:
+            raise ArgumentError("outputs", choices(tuple(arrays)), quoted(name))
+    collector.add_piece(source.t, len(source.t), {name: arrays[name] for name in outputs or arrays})
+    return collector
+
+
+def _collect_motion(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[str, CurveCollector]:
     """Collect the curves of the outputs named in `outputs` or, if it is None, of all quantities that a
     figure shows.
     """
-    title, collector = "", CurveCollector()
-    for samples in sample_pieces(source, outputs):
+    collector = CurveCollector()
+    t, loads = _loads(source, outputs)
+    moving = None if outputs is None else tuple(name for name in outputs if name not in loads)
+    title = source.title if isinstance(source, PairScene) else ""
+    for samples in sample_pieces(source, moving) if moving != () else ():
         title = samples.title
         collector.add_piece(
             samples.t,
             samples.samples,
             samples.outputs_by_name if outputs is not None else _plotted_quantities(samples),
         )
-    return title, collector.curves()
+    if loads:
+        collector.add_piece(t, len(t), loads)
+    return title, collector
+
+
+def _loads(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[Array, dict[str, Array]]:
+    """Return instants, and the torques and forces of the hinge that a figure shows, by name; a motion without masses
+    or accelerations has none.
+    """
+    if isinstance(source, PairScene):
+        names = [name for name in outputs or () if name in PAIR_FORCES]
+        known = source.pair.body2 is not None and source.motion.level == ACCELERATION
+        if outputs is None and known and source.samples <= MAX_HELD_INSTANTS:
+            names = ["hinge_torque", "hinge_force", *["bearing_torque"] * (source.dimensions == 3)]
+        return (source.t, source.arrays(names)) if names else (np.zeros(0), {})
+    if outputs is None and isinstance(source, SimulatedMotion | SimulatedPlanarMotion):
+        return source.t, {"hinge_torque": source.recorded()["hinge_torque"]}
+    return np.zeros(0), {}
 
 
 def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
@@ -137,47 +199,52 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
         "psi": samples.psi,
         PATHS: paths,
     }
-    return {**quantities, "residual": np.stack([residual, rounding], axis=1)}
+    return {**quantities, _RESIDUAL: np.stack([residual, rounding], axis=1)}
 
 
-def _title_and_unit(name: str) -> tuple[str, str]:
+def _title_and_unit(name: str, columns: Columns) -> tuple[str, str]:
     """Return the title of the panel of the output called `name`, and the unit of the output, as two strings."""
-    return _TITLES.get(name, name), "rad" if name in _AS_ANGLES else unit_of(name)
+    return _TITLES.get(name, name), columns.unit(name)
 
 
-def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve]) -> Figure:
+def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve], columns: Columns) -> Figure:
     """Draw the curves of a pair's motion, a dict by name, the paths in space and the residual of E1 in a new figure
     of the class `figure_type`; return the figure.
     """
-    columns = max(2, *(sum(name in curves for name in row) for row in _PANELS))
-    figure = figure_type(figsize=(4.2 * columns, 8.4), layout="constrained")
-    grid = figure.add_gridspec(3, 2 * columns, height_ratios=(1, 1, 1.25))
+    panels = [own for names in _PANELS if (own := [name for name in names if name in curves])]
+    beside = ["psi", *(panels.pop() if panels[-1] == ["hinge_torque"] else [])]  # one panel is no row
+    width = max(2, *map(len, panels))
+    figure = figure_type(figsize=(4.2 * width, 3.1 + 2.65 * len(panels)), layout="constrained")
+    grid = figure.add_gridspec(len(panels) + 1, 2 * width, height_ratios=(*[1] * len(panels), 1.25))
     first: Any = None
-    for row, names in enumerate(_PANELS):
-        for column, name in enumerate(name for name in names if name in curves):
+    for row, names in enumerate(panels):
+        for column, name in enumerate(names):
             axes = figure.add_subplot(grid[row, 2 * column : 2 * column + 2], sharex=first)
             first = first or axes
-            draw_over_time(axes, *_title_and_unit(name), curves[name])
+            draw_over_time(axes, *_title_and_unit(name, columns), curves[name])
     points = np.split(curves[PATHS].values, 3, axis=1)
     draw_paths(
         figure,
-        grid[2, :columns],
+        grid[-1, :width],
         dict(zip(_PATH_COLOURS, points, strict=True)),
         tuple(_PATH_COLOURS.values()),
+        columns.unit(PATHS),
     )
-    lower = grid[2, columns:].subgridspec(2, 1)
-    draw_over_time(figure.add_subplot(lower[0], sharex=first), *_title_and_unit("psi"), curves["psi"])
-    _draw_residual(figure.add_subplot(lower[1], sharex=first), curves["residual"])
+    lower = grid[-1, width:].subgridspec(len(beside) + 1, 1)
+    for row, shown in enumerate(beside):
+        axes = figure.add_subplot(lower[row], sharex=first)
+        draw_over_time(axes, *_title_and_unit(shown, columns), curves[shown])
+    _draw_residual(figure.add_subplot(lower[-1], sharex=first), curves[_RESIDUAL], columns.unit(_RESIDUAL))
     return figure
 
 
-def _draw_residual(axes: Axes, curve: Curve) -> None:
-    """Draw the residual of equation E1 [m] and 16 times its rounding error over time into Matplotlib axes, on a
+def _draw_residual(axes: Axes, curve: Curve, unit: str) -> None:
+    """Draw the residual of equation E1 and 16 times its rounding error over time into Matplotlib axes, on a
     logarithmic scale.
     """
     residual, rounding = curve.values.T
     label = "residual of E1, exact ones at the bottom"
     axes.semilogy(curve.t, np.maximum(residual, rounding / 8), ".", color="#222222", ms=2, label=label)
     axes.semilogy(curve.t, 16 * rounding, color=XYZ_COLOURS[1], lw=1, label="16 u scale")
-    axes.set(ylabel="m", xlabel="t [s]")
+    axes.set(ylabel=unit, xlabel=curve.t_label)
     axes.legend(fontsize=8, ncols=2, loc="lower center", bbox_to_anchor=(0.5, 0.97), frameon=False)

@@ -13,11 +13,13 @@ from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pictures.curves import (
     XYZ_COLOURS,
+    Curve,
     CurveCollector,
     draw_side_by_side,
     figure_class,
     finish_figure,
 )
+from hingepair.tables.units import Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +31,9 @@ _MOTION_OUTPUTS: Final = ("R", "v", "a", "S", "omega", "alpha")
 _ANGLE_OUTPUTS: Final = ("psi", "psid", "psidd")
 
 
-def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None) -> Figure:
+def plot_smoothed(
+    source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None, units: UnitsLike = None
+) -> Figure:
     """Draw the result of `smooth`, a motion or an angle, over time in a new figure, with bands of two standard
     deviations; return the figure. An attitude S is drawn as Euler angles without a band.
 
@@ -37,6 +41,7 @@ def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str]
         source: the result of `smooth`.
         outputs: R, S, v, omega, a, alpha, or psi, psid, psidd; all of them unless given. S is drawn as Euler angles
             XYZ, without a band.
+        units: units in place of SI units.
     """
     known = _ANGLE_OUTPUTS if isinstance(source, SmoothedAngle) else _MOTION_OUTPUTS
     names = known if outputs is None else tuple(outputs)
@@ -45,12 +50,14 @@ def plot_smoothed(source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str]
             raise ArgumentError("outputs", choices(known), name)
     figure_type, collector = figure_class(), CurveCollector()
     collector.add_piece(source.t, source.t.size, {name: getattr(source, name) for name in names})
-    curves = collector.curves()
-    figure = draw_side_by_side(figure_type, curves, lambda name: (name, "rad" if name == "S" else unit_of(name)))
+    columns = Columns(Units.of(units), lambda name: "rad" if name == "S" else unit_of(name))
+    curves = collector.curves(columns)
+    figure = draw_side_by_side(figure_type, curves, lambda name: (name, columns.unit(name)))
     for axes, (name, curve) in zip(figure.axes, curves.items(), strict=True):
         if name != "S":
-            std = np.asarray(source.std[name]).reshape(source.t.size, -1)
-            _draw_band(axes, curve.t, curve.values.reshape(curve.t.size, -1), source.t, std)
+            std = columns.converted(name, np.asarray(source.std[name]).reshape(source.t.size, -1))
+            instants = Curve(source.t, source.t).converted("t", columns).t
+            _draw_band(axes, curve.t, curve.values.reshape(curve.t.size, -1), instants, std)
     return finish_figure(figure, "smoothed: curves, and bands of two standard deviations")
 
 

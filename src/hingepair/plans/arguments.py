@@ -38,11 +38,20 @@ class CoordinateNames(NamedTuple):
     names: tuple[str, ...]  # in the order of q
     columns: Mapping[str, tuple[str, ...]] = {}  # of q, qd and qdd in saved tables, where they are no joints
     noun: str = "coordinates"
+    leaders: Mapping[str, str] = {}  # whom joints without a coordinate follow, by their names
 
     def described(self) -> str:
         """Return the names as a phrase of a message."""
         few = self.names if len(self.names) <= 8 else (*self.names[:6], "...")
-        return f"the {len(self.names)} {self.noun} {', '.join(few)}"
+        return f"the {len(self.names)} {self.noun} {', '.join(few)}{self.follower_note()}"
+
+    def follower_note(self, name: str | None = None) -> str:
+        """Return a remark on the joint of this name, or on the first, that has no coordinate; "" if there is none."""
+        follower = next(iter(self.leaders), "") if name is None else name
+        if follower not in self.leaders:
+            return ""
+        more = f", one of {len(self.leaders)} that follow others," if name is None and len(self.leaders) > 1 else ""
+        return f" ({follower}{more} follows {self.leaders[follower]} and has no coordinate)"
 
     def table_columns(self, name: str, table: Any) -> tuple[str, ...]:
         """Return the names of the columns of a table that hold the argument `name`, in the order of q."""
@@ -59,7 +68,10 @@ class CoordinateNames(NamedTuple):
         if self.columns:
             families = [*dict.fromkeys((self.columns[name], *families))]
         optional = {column for family in self.columns.values() for column in family}
-        return columns_by_name(name, table, families, optional, last_family=self.names)
+        try:
+            return columns_by_name(name, table, families, optional, last_family=self.names)
+        except ArgumentError as error:
+            raise ArgumentError(name, f"{error.expected}{self.follower_note()}", error.got) from None
 
 
 class Arguments(NamedTuple):
@@ -139,7 +151,7 @@ def read_coordinates(
     if is_table(value):
         value = dict(zip(names, coordinates.of_table(name, value).values(), strict=True))
     if isinstance(value, Mapping):
-        _check_keys(name, value, names)
+        _check_keys(name, value, coordinates)
         return _components({f"{name}[{one!r}]": value[one] for one in names})
     is_tuple = isinstance(value, tuple) and len(value) == len(names)
     if len(names) > 1 and (
@@ -178,12 +190,14 @@ def _float_row(value: Any, count: int) -> NDArray[np.float64] | None:
         return None
 
 
-def _check_keys(name: str, values: Mapping[str, Any], names: tuple[str, ...]) -> None:
+def _check_keys(name: str, values: Mapping[str, Any], coordinates: CoordinateNames) -> None:
     """Refuse a dict that lacks a coordinate, or has another key."""
+    names = coordinates.names
     for key in values:
         if key not in names:
             expected = choices(names) if names else "no joint, since none moves"
-            raise ArgumentError(name, expected + nearest(str(key), names), quoted(key))
+            remark = coordinates.follower_note(str(key)) or nearest(str(key), names)
+            raise ArgumentError(name, expected + remark, quoted(key))
     for one in names:
         if one not in values:
             raise ArgumentError(f"{name}[{one!r}]", "a number or an array", "none")
@@ -221,13 +235,13 @@ def _parts(value: Any) -> Iterable[Any]:
 
 
 def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the argument `outputs` as a tuple without repetitions.
+    """Return the names of the argument `outputs`, or the only one, as a tuple without repetitions.
 
     Raises:
         ArgumentError: not a collection of known names.
     """
     try:
-        names = () if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
+        names = (outputs,) if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
     except TypeError:
         names = ()
     known = tuple(known_names)

@@ -14,7 +14,7 @@ import numpy as np
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.calls import Call
-from hingepair.numeric.array_libraries import Library, is_foreign
+from hingepair.numeric.array_libraries import Library, is_foreign, namespace_of
 from hingepair.plans.derivatives import Derivative
 
 Arrays = Sequence[Any]
@@ -225,7 +225,7 @@ def _torch_function(call_of: Caller) -> Functions:
             def second(given: Any, _: Any, weights: Any) -> Any:
                 with torch.enable_grad():
                     inputs = [one.detach().requires_grad_() for one in given]
-                    library = Library("torch", _namespace(inputs[0]), inputs[0].dtype, inputs[0].device)
+                    library = Library("torch", namespace_of(inputs[0]), inputs[0].dtype, inputs[0].device)
                     found = _traced(derived, library, inputs)
                     return torch.autograd.grad(found, inputs, weights, allow_unused=True)
 
@@ -259,9 +259,3 @@ def _torch_function(call_of: Caller) -> Functions:
 
     function: Functions = differentiable(call, pullback, pushforward)
     return function
-
-
-def _namespace(array: Any) -> Any:
-    from array_api_compat import array_namespace
-
-    return array_namespace(array)

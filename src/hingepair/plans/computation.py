@@ -65,10 +65,12 @@ class Computation:
         coordinates: names of the coordinates.
         derivatives: class of the result of a derivative.
         owner: "pair" or "robot", for messages.
+        samples_name: name in messages of the constants that have samples; by default `owner`.
         shape: leading shape of a pair whose geometry has axes.
         shared: whether few samples of a plain call are computed by a kernel for any constants.
         operations: estimated number of operations, where it may be large.
         constant_shapes: shapes of the constants by which outputs can be differentiated.
+        by_constants: returns the computation whose derivatives by constants are taken; by default this one.
     """
 
     def __init__(
@@ -82,16 +84,19 @@ class Computation:
         *,
         derivatives: type[Results] = Results,
         owner: str = "pair",
+        samples_name: str | None = None,
         shape: ArrayShape = (),
         shared: bool = False,
         operations: int = 0,
         constant_shapes: Mapping[str, ArrayShape] | None = None,
+        by_constants: Callable[[], Computation] | None = None,
     ) -> None:
         self.outputs, self.shapes, self.known = outputs, shapes, known
         self.result, self.coordinates = result, coordinates
         self._loop, self._derivatives, self._owner, self._shape = loop, derivatives, owner, shape
+        self.samples_name = samples_name or owner
         self._shared, self._operations = shared, operations
-        self.constant_shapes = constant_shapes or {}
+        self.constant_shapes, self._by_constants = constant_shapes or {}, by_constants
         self._calls: dict[Any, Call] = {}
         self._sufficient: set[tuple[str, ...]] = set()  # names of arguments that suffice
         self._functions: dict[Any, autodiff.Functions | None] = {}  # of JAX and PyTorch
@@ -129,7 +134,8 @@ class Computation:
                 {name: known[name] for name, _ in loop.inputs if name not in given},
                 self.result if derivative is None or derivative.kind == "rate" else self._derivatives,
                 shape=self._shape, backend="numpy" if empty else backend, constants_name=self._owner,
-                shared=self._shared and not prepared, limits=checks, on_limit=_check_attitudes,
+                samples_name=self.samples_name, shared=self._shared and not prepared, limits=checks,
+                on_limit=_check_attitudes,
             )  # fmt: skip
             if len(self._calls) >= _MAX_CALLS:
                 self._calls.clear()
@@ -139,7 +145,7 @@ class Computation:
     @property
     def by_constants(self) -> Computation:
         """The computation whose derivatives by constants are taken."""
-        return self
+        return self if self._by_constants is None else self._by_constants()
 
     def missing(self, given: Collection[str]) -> tuple[str, str] | None:
         """Return an output and an input that it needs but that is neither given nor known; None if all are."""

@@ -20,9 +20,9 @@ from hingepair.engine.trace import Operand, TracedValue
 from hingepair.equations.dynamics import factor_symmetric, solve_factored
 from hingepair.numeric.blocks import components
 from hingepair.plans.trees import (
-    Computation,
     Request,
     TreeForm,
+    TreeQuantities,
     complete_numbers,
     constant_place,
     velocity_count,
@@ -34,7 +34,8 @@ Parts: TypeAlias = Mapping[str, Sequence[Operand]]
 Moves: TypeAlias = dict[str, list[Change]]
 """Changes by argument, one for each component of a change of it."""
 
-_ATTITUDES: Final = frozenset({"S", "S1", "S2", "next_S1"})  # the last is that of a step in time
+# The last is that of a step in time; home of a pair turns about the axes of body 1.
+_ATTITUDES: Final = frozenset({"S", "S1", "S2", "home", "next_S1"})
 _QUATERNIONS: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # where w, x, y, z stand
 # What belongs to the coordinates of a robot, those of a free base first.
 _GROUPS: Final = {
@@ -151,7 +152,7 @@ def _matrices(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
     blocks = {kind: [*itertools.islice(columns, velocity_count(form, request))] for kind in groups}
     for name, kind in kinds.items():
         if kind == "qdd":
-            found[name] = Computation(form, request, given).mass_matrix()
+            found[name] = TreeQuantities(form, request, given).mass_matrix()
         elif isinstance(functions, Accelerations) and kind == "tau":
             found[name] = functions.inverse_mass_matrix()
         else:
@@ -300,7 +301,7 @@ def _functions(plain: Loop, values: dict[str, Any]) -> Functions:
     """Return the outputs of a loop as functions that can be differentiated."""
     if {name for name, _ in plain.outputs}.isdisjoint(_GROUPS["qdd"]) or not isinstance(plain.form, TreeForm):
         return Functions(plain.function(values))
-    return Accelerations(Computation(*plain.form, values))
+    return Accelerations(TreeQuantities(*plain.form, values))
 
 
 def _tree_of(plain: Loop) -> TreeForm:
@@ -348,13 +349,13 @@ class Accelerations(Functions):
         computation: forward dynamics.
     """
 
-    def __init__(self, computation: Computation) -> None:
+    def __init__(self, computation: TreeQuantities) -> None:
         form, request, values = computation.form, computation.request, computation.values
         self._names, loads = (_group(kind, request) for kind in ("qdd", "tau"))
         super().__init__(computation.outputs(dict.fromkeys((*request.outputs, *self._names))))
         motion = {name: variables(self.results[name]) for name in self._names}
         self._held = [(x, 0.0) for part in motion.values() for x in part]
-        inverse = Computation(form, request, {**values, **motion})
+        inverse = TreeQuantities(form, request, {**values, **motion})
         needed = Functions(inverse.outputs(loads)).results
         self._lack = Functions({name: tuple(map(sub, components(values[name]), needed[name])) for name in loads})
         self._lower, pivots = factor_symmetric(inverse.mass_entries)
@@ -406,6 +407,8 @@ def _changes(name: str, value: Sequence[Operand]) -> list[list[tuple[int, Operan
             changes.append([(a, value[b] * (0.5 * sign)) for a, sign, b in rows])
             rows = [(turns[a], sign, turns[b]) for a, sign, b in rows]
         return changes
+    if name == "n":  # stays a unit vector
+        return [[(j, float(j == k) - value[j] * value[k]) for j in range(3)] for k in range(3)]
     if name not in _ATTITUDES:
         return [[(k, 1.0)] for k in range(len(value))]
     changes = []

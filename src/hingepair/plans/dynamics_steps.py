@@ -9,7 +9,7 @@ from typing import Any
 from hingepair.equations.joints import HINGE
 from hingepair.equations.spatial import Scalar, Vector, rotate
 from hingepair.plans.steps import Step, in_plane, in_space, vector_along_z, z_component
-from hingepair.plans.trees import Computation, Form, Request
+from hingepair.plans.trees import Form, Request, TreeQuantities
 
 LOADS = ("force1", "torque1", "force2", "torque2", "hinge_torque")
 """Names of the loads that forward dynamics take."""
@@ -20,15 +20,15 @@ FORCES = ("force1", "torque1", "hinge_torque")
 ACCELERATIONS = ("a1", "alpha1", "psidd")
 """Outputs of forward dynamics."""
 
-_FREE = (None,) * 12  # attitude and point of the hinge, which are parameters
+_PLACE = (None,) * 12  # in `Form.known`: attitude and point of the hinge, numbers that come with each call
 _ROTOR = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a hinge that follows none
 # Body 2 without the matter that counts with body 1 (T9): m = 0, h_z = 0 and N_zz = 0.
 _PAIR = Form(
     ("hinge",), (0,), (HINGE,), (0,),
-    ((None,) * 10 + _FREE + (0.0, None, None, 0.0, None, None, None, None, None, 0.0) + _ROTOR + (None,) * 3),
+    ((None,) * 10 + _PLACE + (0.0, None, None, 0.0, None, None, None, None, None, 0.0) + _ROTOR + (None,) * 3),
 )  # fmt: skip
 # The hinge bears the whole of body 2, and body 1 does not count.
-_BODY2 = Form(("hinge",), (0,), (HINGE,), (0,), (0.0,) * 10 + _FREE + (None,) * 10 + _ROTOR + (0.0,) * 3)
+_BODY2 = Form(("hinge",), (0,), (HINGE,), (0,), (0.0,) * 10 + _PLACE + (None,) * 10 + _ROTOR + (0.0,) * 3)
 _UNLOADED = Request((), free=True)
 # force2 and torque2 act in a frame of body 2 with the axes of the tree.
 _LOADED = Request((), True, (1,), (None, None, None, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), (0,))
@@ -37,7 +37,7 @@ _TREE_NAMES = {"force2": "force_0", "torque2": "torque_0"}
 _TREE_COORDINATES = {"psi": "q", "psid": "qd", "psidd": "qdd", "hinge_torque": "tau"}
 
 
-def _compute(form: Form, request: Request, names: tuple[str, ...], *values: Any) -> Computation:
+def _compute(form: Form, request: Request, names: tuple[str, ...], *values: Any) -> TreeQuantities:
     """Return the quantities of a pair as a tree, from values with these names; constants are joined."""
     given: dict[str, Any] = {"constants": ()}
     for name, value in zip(names, values, strict=True):
@@ -47,38 +47,38 @@ def _compute(form: Form, request: Request, names: tuple[str, ...], *values: Any)
             given[_TREE_COORDINATES[name]] = (value,)
         else:
             given[_TREE_NAMES.get(name, name)] = value
-    return Computation(form, request, given)
+    return TreeQuantities(form, request, given)
 
 
 def _computed(result: str, form: Form, request: Request, *names: str) -> Step:
     return Step(result, functools.partial(_compute, form, request, names), names)
 
 
-def _output(result: str, function: Callable[[Computation], Any], computation: str) -> Step:
+def _output(result: str, function: Callable[[TreeQuantities], Any], computation: str) -> Step:
     return Step(result, function, (computation,))
 
 
-def _hinge_force(c: Computation) -> Vector:
+def _hinge_force(c: TreeQuantities) -> Vector:
     return c.joint_wrenches[0][0]
 
 
-def _hinge_moment(c: Computation) -> Vector:
+def _hinge_moment(c: TreeQuantities) -> Vector:
     return c.joint_wrenches[0][1]
 
 
-def _bearing_torque(c: Computation) -> Vector:
+def _bearing_torque(c: TreeQuantities) -> Vector:
     """Return the torque of the hinge across its axis."""
     x, y, _ = c.transmitted_wrenches[1][1]
     return rotate(c.poses[1].S, (x, y, 0.0))
 
 
-def _hinge_torque(c: Computation) -> Scalar:
+def _hinge_torque(c: TreeQuantities) -> Scalar:
     return c.efforts()[0]
 
 
 DYNAMICS_STEPS = (
     _computed("tree_at_rest", _PAIR, _UNLOADED, "tree", "S1", "psi"),
-    _output("mass_matrix", Computation.mass_matrix, "tree_at_rest"),
+    _output("mass_matrix", TreeQuantities.mass_matrix, "tree_at_rest"),
     *(
         _computed(result, form, _UNLOADED, masses, "S1", "omega1", "a1", "alpha1", "psi", "psid", "psidd", "gravity")
         for result, form, masses in (("tree_forces", _PAIR, "tree"), ("hinge_load", _BODY2, "whole_body2"))
@@ -90,11 +90,11 @@ DYNAMICS_STEPS = (
     _output("hinge_moment", _hinge_moment, "hinge_load"),
     _output("bearing_torque", _bearing_torque, "hinge_load"),
     _computed("moving_tree", _PAIR, _UNLOADED, "tree", "R1", "S1", "v1", "omega1", "psi", "psid"),
-    _output("kinetic", Computation.kinetic, "moving_tree"),
+    _output("kinetic", TreeQuantities.kinetic, "moving_tree"),
     _output("linear", lambda c: c.momentum[0], "moving_tree"),
     _output("angular", lambda c: c.angular_momentum_about(c.values["R1"]), "moving_tree"),
     _computed("heavy_tree", _PAIR, _UNLOADED, "tree", "R1", "S1", "psi", "gravity"),
-    _output("potential", Computation.potential, "heavy_tree"),
+    _output("potential", TreeQuantities.potential, "heavy_tree"),
 )
 """All steps from a known motion: its forces, the mass matrix, energy and momentum."""
 

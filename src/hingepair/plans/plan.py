@@ -17,12 +17,22 @@ from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
 from hingepair.equations.quantities import QUANTITIES, sample_shape
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
+from hingepair.plans.constant_steps import PLANAR_CONSTANT_STEPS, SPATIAL_CONSTANT_STEPS
 from hingepair.plans.dynamics_steps import (
     DYNAMICS_STEPS,
     LOADS,
     PLANAR_DYNAMICS_STEPS,
     PLANAR_FORWARD_STEPS,
     forward_dynamics_steps,
+)
+from hingepair.plans.points import (
+    Point,
+    named_results,
+    planar_point_steps,
+    point_outputs,
+    point_shapes,
+    result_of,
+    spatial_point_steps,
 )
 from hingepair.plans.steps import (
     ARM_STEPS,
@@ -60,6 +70,7 @@ _INNER_SHAPES: Final[dict[str, ArrayShape]] = {  # of constants, and of what ste
     "tree": (32,),
     "whole_body2": (22,),
     "pivots": (7,),
+    **{"least_axis": (3,), "masses": (2,), "first_moments": (6,), "inertias": (12,), "least_pivots": (3,)},
 }
 
 
@@ -108,7 +119,7 @@ PLANAR_MOTION_KIND: Final = MotionKind(
         **dict.fromkeys(("phi2", "omega2", "alpha2"), ()),
         **dict.fromkeys(("gravity", "force1", "force2", "hinge_force", "linear"), (2,)),
         **dict.fromkeys(("torque1", "torque2", "hinge_moment", "bearing_torque", "angular"), ()),
-        "mass_matrix": (4, 4),
+        **{"mass_matrix": (4, 4), "first_moments": (4,), "inertias": (2,)},
     },
     _levels("R2", "phi2", "d", "v2", "omega2", "a2", "alpha2"),
     (0.0, -9.81),  # y points up
@@ -132,6 +143,7 @@ class Plan:
     steps: tuple[Step, ...]  # the steps, each after those on which it depends
     inputs: frozenset[str]  # names of the inputs that the steps need
     kind: MotionKind  # SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND
+    points: tuple[Point, ...] = ()  # that the outputs may be of
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
         """Run the steps on `values`, a dictionary that holds the inputs by name. The result of each step is added to
@@ -140,6 +152,8 @@ class Plan:
         for result, function, arguments in self.steps:
             value = values[result] = function(*[values[name] for name in arguments])
             name_components(result, value, _COMPONENT_NAMES.get(result))
+        if self.points:
+            named_results(values, self.outputs)
         return values
 
 
@@ -155,6 +169,7 @@ def make_plan(
     trig_functions: TrigFunctions = NUMERIC_TRIG,
     kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
+    points: tuple[Point, ...] = (),
 ) -> Plan:
     """Return the cached `Plan` that computes the named outputs of a pair in space or in a plane (`kind`); equal steps
     give the identical object.
@@ -169,24 +184,48 @@ def make_plan(
         kind: SPATIAL_MOTION_KIND or PLANAR_MOTION_KIND; the latter takes phi1 for the three angles.
         given_names: names of the inputs beside the pair's constants, out of the kind's shapes; empty for the parts of
             the coordinates and of body 1's motion, as far as they are needed.
+        points: points of the pair, of which outputs may be.
 
     Returns:
         The same object for the same steps, whatever the arguments are: programs and kernels are cached by plan.
     """
-    steps, _ = needed_steps(all_steps(sequence, has_home, trig_functions, kind, given_names), outputs)
-    return _plan(steps, outputs, kind)
+    known = point_outputs(points)
+    asked = tuple(point for point in points if any(name in point_outputs((point,)) for name in outputs))
+    results = tuple(result_of(name) if name in known else name for name in outputs)
+    steps, _ = needed_steps(all_steps(sequence, has_home, trig_functions, kind, given_names, asked), results)
+    return _plan(steps, outputs, results, kind, asked)
 
 
 @functools.lru_cache(maxsize=1024)
-def _plan(steps: tuple[Step, ...], outputs: tuple[str, ...], kind: MotionKind) -> Plan:
-    """Return the cached plan of those steps that the outputs need; equal arguments give the identical plan."""
-    return Plan(outputs, *needed_steps(steps, outputs), kind)
+def _plan(
+    steps: tuple[Step, ...],
+    outputs: tuple[str, ...],
+    results: tuple[str, ...],
+    kind: MotionKind,
+    points: tuple[Point, ...],
+) -> Plan:
+    """Return the cached plan of those steps that the results need; equal arguments give the identical plan."""
+    return Plan(outputs, *needed_steps(steps, results), kind, points)
+
+
+@functools.lru_cache(maxsize=1024)
+def shapes_with_points(kind: MotionKind, points: tuple[Point, ...]) -> Mapping[str, ArrayShape]:
+    """Return the shape of one sample of all that can be given or computed of a pair with points."""
+    return {**kind.shapes, **point_shapes(points, len(kind.gravity))} if points else kind.shapes
+
+
+@functools.lru_cache(maxsize=256)
+def from_constants(plan: Plan) -> Plan:
+    """Return a plan that computes the constants of its steps from the geometry and the masses of the pair."""
+    constant_steps = PLANAR_CONSTANT_STEPS if plan.kind is PLANAR_MOTION_KIND else SPATIAL_CONSTANT_STEPS
+    steps, inputs = needed_steps(constant_steps, plan.inputs)
+    return Plan(plan.outputs, (*steps, *plan.steps), inputs, plan.kind, plan.points)
 
 
 @functools.lru_cache(maxsize=1024)
 def plan_loop(plan: Plan) -> Loop:
     """Return the `Loop` that runs a plan over samples. The loop is cached by plan."""
-    shapes = plan.kind.shapes
+    shapes = shapes_with_points(plan.kind, plan.points)
     labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
     inputs, outputs = ({name: shapes[name] for name in names} for names in (sorted(plan.inputs), plan.outputs))
     return Loop("state", plan.run, inputs, outputs, labels=labels)
@@ -222,21 +261,25 @@ def all_steps(
     trig_functions: TrigFunctions = NUMERIC_TRIG,
     kind: MotionKind = SPATIAL_MOTION_KIND,
     given_names: tuple[str, ...] = (),
+    points: tuple[Point, ...] = (),
 ) -> tuple[Step, ...]:
     """Return a cached tuple of all steps that are possible with the given inputs; a plan takes those that it needs.
     `sequence` is the Euler sequence of body 1, or None if S1 is given; `has_home` says that the rotation `home` is
     not the identity. `trig_functions` is a pair of functions that return sines and cosines, of phi and of psi; `kind`
-    is motion in space or in a plane. `given_names` are the names of the inputs other than the constants of the pair.
+    is motion in space or in a plane. `given_names` are the names of the inputs other than the constants of the pair,
+    `points` its points.
     """
     if kind is PLANAR_MOTION_KIND:
         split = PLANAR_SPLIT_STEPS if "q" in given_names else ()
         dynamic = PLANAR_FORWARD_STEPS if any(name in LOADS for name in given_names) else PLANAR_DYNAMICS_STEPS
-        return (*split, *_planar_steps(trig_functions), *(dynamic if given_names else ()))
+        kinematic = *_planar_steps(trig_functions), *planar_point_steps(points)
+        return (*split, *kinematic, *(dynamic if given_names else ()))
     steps = [step for name in given_names for step in ATTITUDE_STEPS.get(name, ())]
     steps += ATTITUDE2_CHECK_STEPS if "S2" in given_names else ()
     steps += [
         *(SPATIAL_SPLIT_STEPS if "q" in given_names else ()),
         *_spatial_steps(sequence, has_home, trig_functions),
+        *spatial_point_steps(points),
     ]
     if not given_names:
         return tuple(steps)

@@ -151,8 +151,8 @@ class Prepared:
 
         Args:
             given: the arguments, as a tuple in the order of the call.
-            wrt: names of arguments out of `given`, by default all; or of constants of a robot: masses, first_moments,
-                inertias and lengths (see below).
+            wrt: names of arguments out of `given`, by default all; or of constants: of a robot masses, first_moments,
+                inertias and lengths, of a pair the first three, u1, u2, n and home (see below).
             out: arrays to write into, in the form of the result.
 
         Returns:
@@ -165,6 +165,10 @@ class Prepared:
             shape (bodies,); first_moments, mass times centre of mass [kg m], (bodies, 3); inertias about the origin
             of the body's frame [kg m^2], (bodies, 6), in Pinocchio's order xx, xy, yy, xz, yz, zz. Each changes while
             the others stay. lengths [m], (joints, 3), are the positions of the joints in their parents' frames.
+
+            Those of a pair are body 1 and body 2, and the origins their reference points. n changes across itself
+            only, home along rotations about the axes of body 1 [rad]. A planar pair has no n and home; its
+            first_moments have the shape (2, 2), its inertias, about z, the shape (2,).
 
         Raises:
             ArgumentError: the robot has too many joints.

@@ -22,7 +22,7 @@ from hingepair.engine.trace import Operand, square_root, where_less
 from hingepair.equations.spatial import ZERO_VECTOR, Matrix, Scalar, Vector, add, compose, cross, dot, scale, subtract
 from hingepair.numeric.blocks import components, cosine, sine
 from hingepair.plans.derivatives import Accelerations, Derivative, Functions, Parts, change_shape, derivative_loop
-from hingepair.plans.trees import Computation, Form, Request, input_shapes
+from hingepair.plans.trees import Form, Request, TreeQuantities, input_shapes
 
 METHODS = ("semi_implicit", "rk4")
 BASE_STATE = {"R1": (3,), "v1": (3,), "omega1": (3,), "S1": (3, 3)}
@@ -32,7 +32,7 @@ Values = Mapping[str, Any]
 
 
 class Control(NamedTuple):
-    """Where the efforts of the joints come from."""
+    """Where the efforts of the joints come from: given numbers, or feedback of q and qd."""
 
     gains: str  # "none": tau is given; "diagonal" or "full": feedback with such gains
     limited: bool  # whether efforts are clipped to the input "limit"
@@ -65,7 +65,7 @@ class Control(NamedTuple):
         return [sum((a * b for a, b in zip(row, errors, strict=True)), 0.0) for row in rows]
 
 
-class Step(NamedTuple):
+class RolloutStep(NamedTuple):
     """A step, or a stage of one, of a robot."""
 
     form: Form  # form of the robot
@@ -100,7 +100,7 @@ Solve = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 
 
 @functools.lru_cache(maxsize=64)
-def step_loop(step: Step) -> Loop:
+def step_loop(step: RolloutStep) -> Loop:
     """Return the cached loop of a step or stage. The next value of q is its output next_q."""
     own = {"tau", "force1", "torque1"}
     inputs = {name: tail for name, tail in input_shapes(step.form, step.solved).items() if name not in own}
@@ -112,7 +112,7 @@ def step_loop(step: Step) -> Loop:
 
 
 @functools.lru_cache(maxsize=64)
-def backward_loop(step: Step, wrt: tuple[str, ...], held: tuple[str, ...]) -> Loop:
+def backward_loop(step: RolloutStep, wrt: tuple[str, ...], held: tuple[str, ...]) -> Loop:
     """Return the loop that takes the derivatives of a loss by what a step or stage passes on, `adjoint_q` and so on,
     back to its start.
 
@@ -154,13 +154,13 @@ class _StepFunctions(Functions):
     The trace is cut before and behind forward dynamics, and put together again in `pullback`.
     """
 
-    def __init__(self, step: Step, values: dict[str, Any]) -> None:
+    def __init__(self, step: RolloutStep, values: dict[str, Any]) -> None:
         attitude = ("S1", "omega1") if step.request.free else ()
 
         def solve(given: Mapping[str, Any]) -> Mapping[str, Any]:
             self._given = {name: components(given[name]) for name in ("q", "qd", "tau", *attitude)}
             self._inner = {name: variables(value) for name, value in self._given.items()}
-            self._accelerations = Accelerations(Computation(step.form, step.solved, {**given, **self._inner}))
+            self._accelerations = Accelerations(TreeQuantities(step.form, step.solved, {**given, **self._inner}))
             self._found = {name: variables(self._accelerations.results[name]) for name in step.solved.outputs}
             return self._found
 
@@ -178,7 +178,7 @@ class _StepFunctions(Functions):
         return [a + b for a, b in zip(rates, through, strict=False)]
 
 
-def _functions(step: Step, values: dict[str, Any]) -> Functions:
+def _functions(step: RolloutStep, values: dict[str, Any]) -> Functions:
     """Return the outputs of a step. Dry friction depends on what the recursion finds for each joint: derivatives are
     then taken through the recursion.
     """
@@ -187,7 +187,7 @@ def _functions(step: Step, values: dict[str, Any]) -> Functions:
     return _StepFunctions(step, values)
 
 
-def _next(step: Step, v: Mapping[str, Any], *, solve: Solve | None) -> dict[str, Any]:
+def _next(step: RolloutStep, v: Mapping[str, Any], *, solve: Solve | None) -> dict[str, Any]:
     """Return what a step or stage passes on, with accelerations from `solve`, by default those of the articulated
     bodies.
     """
@@ -196,11 +196,13 @@ def _next(step: Step, v: Mapping[str, Any], *, solve: Solve | None) -> dict[str,
     return {f"next_{name}": value for name, value in following.items()}
 
 
-def _solved(step: Step, values: Mapping[str, Any]) -> dict[str, Any]:
-    return dict(zip(("a1", "alpha1", "qdd"), Computation(step.form, step.solved, values).solved, strict=True))
+def _solved(step: RolloutStep, values: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(zip(("a1", "alpha1", "qdd"), TreeQuantities(step.form, step.solved, values).solved, strict=True))
 
 
-def _accelerations(step: Step, v: Mapping[str, Any], solve: Solve, moved: Mapping[str, Any]) -> Mapping[str, Any]:
+def _accelerations(
+    step: RolloutStep, v: Mapping[str, Any], solve: Solve, moved: Mapping[str, Any]
+) -> Mapping[str, Any]:
     """Return the accelerations where coordinates, rates and a free base have other values than those given. Dry
     friction stops a joint within the step at most; a damper acts on the rate at the end of a semi-implicit step.
     """
@@ -212,7 +214,7 @@ def _accelerations(step: Step, v: Mapping[str, Any], solve: Solve, moved: Mappin
     return solve(values | dict.fromkeys(("force1", "torque1"), ZERO_VECTOR))
 
 
-def _semi_implicit(step: Step, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
+def _semi_implicit(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
     h, moved = v["h"], {name: v[name] for name in step.state}
     found = _accelerations(step, v, solve, {name: moved[name] for name in moved if name not in {"R1", "v1"}})
     qd = _ahead(v["qd"], found["qdd"], h)
@@ -224,7 +226,7 @@ def _semi_implicit(step: Step, v: Mapping[str, Any], solve: Solve) -> dict[str, 
     return following
 
 
-def _stage(step: Step, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
+def _stage(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
     """Make a stage of "rk4". `shares` are those of a step until the next stage, and of the stage in the mean; and
     whether the stage is the last one.
     """

@@ -18,9 +18,9 @@ from hingepair.equations.spatial import ZERO_VECTOR, Scalar, Vector, add, cross,
 from hingepair.plans.trees import (
     MAX_TRACED_OPERATIONS,
     OUTPUTS,
-    Computation,
     Form,
     Request,
+    TreeQuantities,
     estimated_operations,
     input_shapes,
     output_shape,
@@ -65,11 +65,11 @@ def _outputs(form: Form, request: Request, pinned: bool, outputs: tuple[str, ...
     q, qd = state[12 : 12 + dof], state[12 + dof :]
     S1 = cayley_attitude(g, values["S0"])
     v = {"gravity": ZERO_VECTOR, **values, "q": q, "qd": qd, "S1": S1}
-    still = Computation(form, request, {**v, "v1": ZERO_VECTOR, "omega1": ZERO_VECTOR})
+    still = TreeQuantities(form, request, {**v, "v1": ZERO_VECTOR, "omega1": ZERO_VECTOR})
     centre = still.centre_from_base
     omega1, v1 = _base_rates(still, centre, P, L, pinned)
     R1 = base_point if pinned else subtract(base_point, centre)
-    moving = Computation(form, request, {**v, "R1": R1, "v1": v1, "omega1": omega1})
+    moving = TreeQuantities(form, request, {**v, "R1": R1, "v1": v1, "omega1": omega1})
     found: dict[str, Any] = {"R1": R1, "S1": S1, "v1": v1, "omega1": omega1, "centre": centre}
     if "rates" in outputs:
         mass = still.composites[0].mass
@@ -77,7 +77,7 @@ def _outputs(form: Form, request: Request, pinned: bool, outputs: tuple[str, ...
     return {name: found[name] if name in found else moving.outputs((name,))[name] for name in outputs}
 
 
-def _base_rates(still: Computation, centre: Vector, P: Vector, L: Vector, pinned: bool) -> tuple[Vector, Vector]:
+def _base_rates(still: TreeQuantities, centre: Vector, P: Vector, L: Vector, pinned: bool) -> tuple[Vector, Vector]:
     """Return omega1 and v1 from the momenta; `still` has a base at rest."""
     matter = still.composites[0]
     *_, x, y, z = eq.base_mass_rows(still.values["S1"], matter)
@@ -100,7 +100,7 @@ def _base_rates(still: Computation, centre: Vector, P: Vector, L: Vector, pinned
 
 
 def _rates(
-    moving: Computation, centre: Vector, mass: Scalar, P: Vector, g_rate: Vector, pinned: bool
+    moving: TreeQuantities, centre: Vector, mass: Scalar, P: Vector, g_rate: Vector, pinned: bool
 ) -> tuple[Scalar, ...]:
     """Return the derivative of the state."""
     values = moving.values
@@ -117,7 +117,7 @@ def _rates(
     return (*scale(P, 1 / mass), *momentum_rates, *g_rate, *values["qd"], *moving.solved[2])
 
 
-def _pinned_accelerations(moving: Computation) -> tuple[Scalar, ...]:
+def _pinned_accelerations(moving: TreeQuantities) -> tuple[Scalar, ...]:
     """Return q'' where a1 is 0: the rows of M for a1, which come last, are left out."""
     bias, values = moving.bias_forces(True), moving.values
     size = 3 + moving.form.dof

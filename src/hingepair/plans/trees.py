@@ -99,7 +99,7 @@ class Output(NamedTuple):
     """How an output of a robot is computed."""
 
     inputs: tuple[str, ...]  # names of the inputs that it depends on, the constants apart
-    compute: Callable[[Computation], Any]  # returns a scalar or a flat tuple of components
+    compute: Callable[[TreeQuantities], Any]  # returns a scalar or a flat tuple of components
 
 
 def velocity_count(form: Form, request: Request) -> int:
@@ -109,7 +109,7 @@ def velocity_count(form: Form, request: Request) -> int:
     return form.dof + 6 * request.free
 
 
-class Computation:
+class TreeQuantities:
     """The quantities of a robot for one set of values, given a `Form`, a `Request` and the inputs by name. Quantities
     that several outputs need are properties, which are computed at first access and cached.
 
@@ -771,48 +771,49 @@ FRAME_OUTPUTS: Final = ("R", "S", "d", "v", "omega", "a", "alpha")
 """Motion of frames, with an axis of frames."""
 JACOBIANS: Final = ("jacobian", "jacobian_in_frame")
 """Jacobians of frames; that of a single one has no axis of frames."""
-_PLACED: Final = ("q", "S1")
-_MOVING: Final = (*_PLACED, "qd", "omega1")
-_MOVED_BASE: Final = ("a1", "alpha1")  # accelerations of a base that moves as given
-_ACCELERATED: Final = (*_MOVING, "qdd", "alpha1")
-_DRIVEN: Final = (*_ACCELERATED, "a1", "gravity")
-_PUSHED: Final = (*_MOVING, *_MOVED_BASE, "tau", "gravity", "force1", "torque1")
+# Inputs that poses, rates, accelerations, inverse and forward dynamics depend on.
+_POSE_INPUTS: Final = ("q", "S1")
+_RATE_INPUTS: Final = (*_POSE_INPUTS, "qd", "omega1")
+_BASE_ACCELERATIONS: Final = ("a1", "alpha1")  # accelerations of a base that moves as given
+_ACCELERATION_INPUTS: Final = (*_RATE_INPUTS, "qdd", "alpha1")
+_INVERSE_INPUTS: Final = (*_ACCELERATION_INPUTS, "a1", "gravity")
+_FORWARD_INPUTS: Final = (*_RATE_INPUTS, *_BASE_ACCELERATIONS, "tau", "gravity", "force1", "torque1")
 
 OUTPUTS: Final[Mapping[str, Output]] = {
-    "R": Output((*_PLACED, "R1"), Computation.frame_positions),
-    "S": Output(_PLACED, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
-    "d": Output(_PLACED, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
-    "v": Output((*_MOVING, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_velocities)),
-    "omega": Output(_MOVING, lambda c: _chain_vectors(omega for _, omega in c.frame_velocities)),
-    "a": Output((*_ACCELERATED, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_accelerations)),
-    "alpha": Output(_ACCELERATED, lambda c: _chain_vectors(alpha for _, alpha in c.frame_accelerations)),
-    "jacobian": Output(_PLACED, lambda c: c.jacobian(False)),
-    "jacobian_in_frame": Output(_PLACED, lambda c: c.jacobian(True)),
-    "acceleration_bias": Output((*_MOVING, *_MOVED_BASE), Computation.acceleration_bias),
-    "tau": Output(_DRIVEN, Computation.efforts),
-    "force1": Output(_DRIVEN, lambda c: c.base_wrench(0)),
-    "torque1": Output(_DRIVEN, lambda c: c.base_wrench(1)),
-    "force": Output(_DRIVEN, lambda c: _chain_vectors(force for force, _ in c.joint_wrenches)),
-    "torque": Output(_DRIVEN, lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches)),
-    "torque_regressor": Output(_DRIVEN, Computation.torque_regressor),
-    "mass_matrix": Output(_PLACED, Computation.mass_matrix),
-    "bias_forces": Output((*_MOVING, *_MOVED_BASE, "gravity"), lambda c: c.bias_forces(True)),
-    "gravity_forces": Output((*_PLACED, "gravity"), lambda c: c.bias_forces(False)),
-    "qdd": Output(_PUSHED, lambda c: c.solved[2]),
-    "a1": Output(_PUSHED, lambda c: c.solved[0]),
-    "alpha1": Output(_PUSHED, lambda c: c.solved[1]),
-    "pivots": Output(_PLACED, lambda c: c.pivots),
-    "base_pivots": Output(_PLACED, lambda c: c.base_pivots),
-    "centre_of_mass": Output((*_PLACED, "R1"), Computation.centre_of_mass),
-    "centre_of_mass_jacobian": Output(_PLACED, Computation.centre_of_mass_jacobian),
-    "centre_of_mass_bias": Output((*_MOVING, *_MOVED_BASE), Computation.centre_of_mass_bias),
-    "centroidal_momentum_matrix": Output(_PLACED, Computation.centroidal_momentum_matrix),
-    "kinetic": Output((*_MOVING, "v1"), Computation.kinetic),
-    "potential": Output((*_PLACED, "R1", "gravity"), Computation.potential),
-    "linear": Output((*_MOVING, "v1"), lambda c: c.momentum[0]),
-    "angular_about_origin": Output((*_MOVING, "v1", "R1"), lambda c: c.angular_momentum_about(c.values["R1"])),
+    "R": Output((*_POSE_INPUTS, "R1"), TreeQuantities.frame_positions),
+    "S": Output(_POSE_INPUTS, lambda c: _chain_vectors(pose.S for pose in c.frame_poses)),
+    "d": Output(_POSE_INPUTS, lambda c: _chain_vectors(pose.d for pose in c.frame_poses)),
+    "v": Output((*_RATE_INPUTS, "v1"), lambda c: _chain_vectors(v for v, _ in c.frame_velocities)),
+    "omega": Output(_RATE_INPUTS, lambda c: _chain_vectors(omega for _, omega in c.frame_velocities)),
+    "a": Output((*_ACCELERATION_INPUTS, "a1"), lambda c: _chain_vectors(a for a, _ in c.frame_accelerations)),
+    "alpha": Output(_ACCELERATION_INPUTS, lambda c: _chain_vectors(alpha for _, alpha in c.frame_accelerations)),
+    "jacobian": Output(_POSE_INPUTS, lambda c: c.jacobian(False)),
+    "jacobian_in_frame": Output(_POSE_INPUTS, lambda c: c.jacobian(True)),
+    "acceleration_bias": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS), TreeQuantities.acceleration_bias),
+    "tau": Output(_INVERSE_INPUTS, TreeQuantities.efforts),
+    "force1": Output(_INVERSE_INPUTS, lambda c: c.base_wrench(0)),
+    "torque1": Output(_INVERSE_INPUTS, lambda c: c.base_wrench(1)),
+    "force": Output(_INVERSE_INPUTS, lambda c: _chain_vectors(force for force, _ in c.joint_wrenches)),
+    "torque": Output(_INVERSE_INPUTS, lambda c: _chain_vectors(torque for _, torque in c.joint_wrenches)),
+    "torque_regressor": Output(_INVERSE_INPUTS, TreeQuantities.torque_regressor),
+    "mass_matrix": Output(_POSE_INPUTS, TreeQuantities.mass_matrix),
+    "bias_forces": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS, "gravity"), lambda c: c.bias_forces(True)),
+    "gravity_forces": Output((*_POSE_INPUTS, "gravity"), lambda c: c.bias_forces(False)),
+    "qdd": Output(_FORWARD_INPUTS, lambda c: c.solved[2]),
+    "a1": Output(_FORWARD_INPUTS, lambda c: c.solved[0]),
+    "alpha1": Output(_FORWARD_INPUTS, lambda c: c.solved[1]),
+    "pivots": Output(_POSE_INPUTS, lambda c: c.pivots),
+    "base_pivots": Output(_POSE_INPUTS, lambda c: c.base_pivots),
+    "centre_of_mass": Output((*_POSE_INPUTS, "R1"), TreeQuantities.centre_of_mass),
+    "centre_of_mass_jacobian": Output(_POSE_INPUTS, TreeQuantities.centre_of_mass_jacobian),
+    "centre_of_mass_bias": Output((*_RATE_INPUTS, *_BASE_ACCELERATIONS), TreeQuantities.centre_of_mass_bias),
+    "centroidal_momentum_matrix": Output(_POSE_INPUTS, TreeQuantities.centroidal_momentum_matrix),
+    "kinetic": Output((*_RATE_INPUTS, "v1"), TreeQuantities.kinetic),
+    "potential": Output((*_POSE_INPUTS, "R1", "gravity"), TreeQuantities.potential),
+    "linear": Output((*_RATE_INPUTS, "v1"), lambda c: c.momentum[0]),
+    "angular_about_origin": Output((*_RATE_INPUTS, "v1", "R1"), lambda c: c.angular_momentum_about(c.values["R1"])),
     "angular_about_centre": Output(
-        (*_MOVING, "v1"), lambda c: c.angular_momentum_about(scale(c.centre_from_base, -1.0))
+        (*_RATE_INPUTS, "v1"), lambda c: c.angular_momentum_about(scale(c.centre_from_base, -1.0))
     ),
     "S1_check": Output(("S1",), lambda c: ATTITUDE_STEPS["S1"][0].function(c.values["S1"])),
 }
@@ -832,7 +833,7 @@ def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
     for output in request.outputs:
         inputs = OUTPUTS[output].inputs
         # A free base accelerates as forces have it, unless the accelerations of the joints are given, too.
-        names |= {*inputs} - {*(_MOVED_BASE if request.free and "qdd" not in inputs else ())}
+        names |= {*inputs} - {*(_BASE_ACCELERATIONS if request.free and "qdd" not in inputs else ())}
     shapes: dict[str, ArrayShape] = {"constants": (sum(known is None for known in (*form.known, *request.known)),)}
     if request.varied:
         shapes["samples"] = (len(request.varied),)
@@ -880,7 +881,7 @@ def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> 
     output to a scalar or a flat tuple of components. `values` is a dictionary of the inputs, which may be scalars of
     any kind.
     """
-    return Computation(form, request, values).outputs(request.outputs)
+    return TreeQuantities(form, request, values).outputs(request.outputs)
 
 
 @functools.lru_cache(maxsize=512)

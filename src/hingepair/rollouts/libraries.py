@@ -94,6 +94,7 @@ class _Function(NamedTuple):
 
 
 def _jax_function(function: _Function, library: Library) -> Callable[..., Any]:
+    """Return the rollout as a function of JAX arrays, whose gradients `function.pull` computes."""
     import jax
 
     struct: Any = jax.ShapeDtypeStruct
@@ -125,6 +126,7 @@ def _jax_function(function: _Function, library: Library) -> Callable[..., Any]:
 
 
 def _torch_function(function: _Function, library: Library) -> Callable[..., Any]:
+    """Return the rollout as a function of PyTorch tensors, whose gradients `function.pull` computes."""
     import torch
 
     class Rolled(torch.autograd.Function):  # type: ignore[misc]

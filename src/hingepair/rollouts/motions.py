@@ -13,7 +13,7 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.outputs import Out, output_arrays
 from hingepair.engine.scans import Scan
 from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape
-from hingepair.plans.rollouts import Step, step_loop
+from hingepair.plans.rollouts import RolloutStep, step_loop
 from hingepair.rollouts.tracks import MOVING_BASE, Track
 
 # Of each stage of "rk4": the share of a step until the next stage, that of the stage in the mean, whether it ends a
@@ -47,7 +47,7 @@ class Motions:
 
     def __init__(
         self,
-        step: Step,
+        step: RolloutStep,
         known: Mapping[str, Any],
         starts: Mapping[str, Float64Array],
         tracks: Mapping[str, Track],
@@ -103,7 +103,9 @@ class Motions:
         return found
 
     def inputs(self, motions: slice, records: slice) -> dict[str, FloatArray]:
-        """Return all inputs but the state, as a scan takes them, for some motions and records."""
+        """Return the inputs of the scan but the state, by name, for some motions and records: axes of motions,
+        records, steps and stages, of length 1 where a value holds for all.
+        """
         steps = slice(records.start * self.every, records.stop * self.every)
         found: dict[str, FloatArray] = {}
         for name, array in self._flat.items():

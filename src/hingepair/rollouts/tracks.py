@@ -24,7 +24,7 @@ class Feedback(Frozen):
 
     Args:
         K: gains of the positions [N m/rad, N/m]: a number or shape (dof,), on the diagonal; or matrices, shape
-            (dof, dof) or (..., steps, dof, dof).
+            (dof, dof) or (..., steps, dof, dof). `Feedback.diagonal` takes a diagonal for each motion.
         D: gains of the rates [N m s/rad, N s/m], in the same forms.
         q_ref: wanted coordinates: a number or shape (dof,), held; or shape (..., steps, dof), held over each step.
         qd_ref: wanted rates, in the same forms.
@@ -46,6 +46,35 @@ class Feedback(Frozen):
         given = {"K": K, "D": D, "q_ref": q_ref, "qd_ref": qd_ref, "tau_ff": tau_ff}
         for name, value in given.items():
             object.__setattr__(self, name, own_copy(np.asarray(real_array(f"tau.{name}", value), np.float64)))
+
+    @classmethod
+    def diagonal(
+        cls, K: ArrayLike, D: ArrayLike, q_ref: ArrayLike, qd_ref: ArrayLike = 0.0, tau_ff: ArrayLike = 0.0
+    ) -> Feedback:
+        """Return a Feedback whose gains are diagonals, which may differ from motion to motion.
+
+        Args:
+            K: gains of the positions on the diagonal: a number, or shape (..., dof), such as (2000, dof) for 2000
+                motions.
+            D: gains of the rates, in the same form.
+            q_ref: as for `Feedback`.
+            qd_ref: as for `Feedback`.
+            tau_ff: as for `Feedback`.
+
+        >>> import numpy as np
+        >>> import hingepair as hp
+        >>> robot = hp.load_robot("ur5_robot")
+        >>> gains = np.linspace(1, 9, 5)[:, None] * np.ones(robot.dof)  # five motions
+        >>> control = hp.Feedback.diagonal(gains, 2.0, q_ref=0.3)
+        >>> robot.rollout(np.zeros((5, 6)), np.zeros(6), control, 1e-3, steps=10).q.shape
+        (5, 11, 6)
+        """
+        gains: list[ArrayLike] = []
+        for name, value in (("K", K), ("D", D)):
+            array = np.asarray(real_array(f"tau.{name}", value), np.float64)
+            # Held over all steps, on an axis of one step.
+            gains.append(array if array.ndim < 2 else array[..., None, None, :] * np.eye(array.shape[-1]))
+        return cls(gains[0], gains[1], q_ref, qd_ref, tau_ff)
 
 
 class Track(NamedTuple):
@@ -92,7 +121,8 @@ def track(label: str, value: Any, *tail: int) -> Track:
 
 
 def control_tracks(tau: Any, dof: int, limit: Any) -> tuple[Control, dict[str, Track]]:
-    """Return where efforts come from, and the tracks of its inputs; `limit` holds the largest efforts, or is None.
+    """Return the Control that tau (arrays, or a Feedback) asks for, and the tracks of its inputs; `limit` holds the
+    largest efforts, or is None.
 
     Raises:
         ArgumentError: a value cannot be used.
@@ -108,6 +138,9 @@ def control_tracks(tau: Any, dof: int, limit: Any) -> tuple[Control, dict[str, T
         gain: Any = getattr(tau, name)
         if full and gain.ndim < 2:
             gain = np.diag(track(f"tau.{name}", gain, dof).values[0])
+        if full and gain.shape[-2:] != (dof, dof):
+            expected = f"shape ({dof},), ({dof}, {dof}) or (..., steps, {dof}, {dof}); hp.Feedback.diagonal takes a"
+            raise ShapeError(f"tau.{name}", f"{expected} diagonal for each motion", f"shape {gain.shape}")
         tracks[name] = track(f"tau.{name}", gain, *((dof, dof) if full else (dof,)))
     return Control("full" if full else "diagonal", bool(limited)), {**tracks, **limited}
 

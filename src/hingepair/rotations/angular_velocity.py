@@ -13,8 +13,8 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array, FloatArray, broadcast_shape, result_dtype, vectors
 from hingepair.numeric.blocks import Named, components_of, tabulate
 from hingepair.numeric.finite_differences import stencils
-from hingepair.numeric.instants import instants_of
 from hingepair.rotations.matrices import check_rotation, rotation_exp, rotation_vector
+from hingepair.tables.instants import instants_of
 
 ORDERS = (2, 4, 6, 8)  # in the time step
 

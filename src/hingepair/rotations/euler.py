@@ -23,7 +23,7 @@ from hingepair.numeric.arrays import (
 )
 from hingepair.numeric.blocks import Named, angle_terms, components_of, tabulate, tabulate_one
 from hingepair.rotations.matrices import check_rotation
-from hingepair.rotations.sequences import Sequence, find_sequence, nine
+from hingepair.rotations.sequences import EulerSequence, find_sequence, nine
 
 AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
@@ -54,7 +54,7 @@ def euler_to_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
            [ 1.,  0.,  0.],
            [ 0.,  0.,  1.]])
     """
-    return _matrices_of_angles(phi, sequence, Sequence.attitude)
+    return _matrices_of_angles(phi, sequence, EulerSequence.attitude)
 
 
 @overload
@@ -134,7 +134,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 
 
 def _matrices_of_angles(
-    phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[Sequence, tuple[Any, ...]], Any]
+    phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[EulerSequence, tuple[Any, ...]], Any]
 ) -> FloatArray:
     """Return the matrices (..., 3, 3) that a function computes for Euler angles."""
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
@@ -194,7 +194,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
     return out["phid"]
 
 
-def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
+def _canonical_rates(sequence: EulerSequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
     """Return the rates of the canonical angles for an angular velocity in world axes (E4)."""
     axes = sequence.axes(trig)
     x, y, z = (omega[sequence.place.index(i)] for i in range(3))
@@ -205,7 +205,7 @@ def _canonical_rates(sequence: Sequence, trig: tuple[Any, ...], omega: eq.Vector
     return eq.euler_rates1(axes, (x, y, z), third_rate)
 
 
-def _canonical_angles(sequence: Sequence, S: eq.Matrix) -> eq.Vector:
+def _canonical_angles(sequence: EulerSequence, S: eq.Matrix) -> eq.Vector:
     """Return the canonical angles [rad] of a rotation S = Sx Sy Sz, or Sx Sy Sx of a proper sequence.
 
     The second and third angle are read after the first has been turned back out of S. Of the two first angles of Sx
@@ -287,7 +287,7 @@ def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: st
     limit = _gimbal_lock_limit(arguments["phi"])
 
     def kinematics(values: Named) -> Named:
-        """Return the results for one block of angles."""
+        """Return J, J_inverse, condition, lock_distance and, with phid, J_dot for one block of angles."""
         trig = angle_terms(order.angles(values["phi"]))
         axes = order.axes(trig)
         results: Named = {"J": matrix_from_columns(*order.columns(axes))}

@@ -22,7 +22,7 @@ _INTRINSIC_SEQUENCE_NAMES = tuple(
 SEQUENCE_NAMES = (*_INTRINSIC_SEQUENCE_NAMES, *(name.lower() for name in _INTRINSIC_SEQUENCE_NAMES))
 
 
-class Sequence(NamedTuple):
+class EulerSequence(NamedTuple):
     """An Euler sequence, described by how it differs from the canonical sequence Sx Sy Sz or, if `proper`, Sx Sy Sx:
     `place` is a tuple of the index of the canonical axis of each world axis, `backward` is True if the angles are in
     reverse order, and `sign` (+1 or -1) is the factor of all angles.
@@ -99,8 +99,8 @@ class Sequence(NamedTuple):
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
 
-def find_sequence(name: str) -> Sequence:
-    """Return the Sequence of a name such as "XYZ" (intrinsic) or "zyx" (extrinsic). Raise ArgumentError if there is
+def find_sequence(name: str) -> EulerSequence:
+    """Return the sequence of a name such as "XYZ" (intrinsic) or "zyx" (extrinsic). Raise ArgumentError if there is
     no sequence of this name.
 
     Raises:
@@ -115,8 +115,8 @@ def find_sequence(name: str) -> Sequence:
 
 
 @functools.cache
-def _cached_sequence(name: str) -> Sequence:
-    """Return the Sequence of a name such as "XYZ" (intrinsic) or "xyz" (extrinsic)."""
+def _cached_sequence(name: str) -> EulerSequence:
+    """Return the sequence of a name such as "XYZ" (intrinsic) or "xyz" (extrinsic)."""
     check_choice("sequence", name, SEQUENCE_NAMES)
     letters = name.upper()[::-1] if name.islower() else name
     axes = ["XYZ".index(letter) for letter in letters]
@@ -125,7 +125,7 @@ def _cached_sequence(name: str) -> Sequence:
         axes[2] = 3 - axes[0] - axes[1]
     sign = 1 if (axes[1] - axes[0]) % 3 == 1 else -1
     place = (axes.index(0), axes.index(1), axes.index(2))
-    return Sequence(proper, name.islower(), place, sign)
+    return EulerSequence(proper, name.islower(), place, sign)
 
 
 def nine(entries: Any) -> eq.Matrix:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, overload
 
@@ -12,7 +11,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.scenes.load import load_pair, load_tables
+from hingepair.scenes.load import SceneFile
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.robot_scene import RobotScene
 from hingepair.scenes.tables import Table
@@ -120,19 +119,17 @@ def derive(
     return Derivation(pair, symbolic=_symbolic_names(symbolic, pair, ()))
 
 
-def derive_any_motion(path: str | os.PathLike[str], symbolic: Iterable[str] = ()) -> Derivation:
-    """Return the Derivation of the pair in a scene file, ignoring the motion of the file: the coordinates are
-    unspecified functions of t.
+def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> Derivation:
+    """Return the Derivation of the pair in a scene file with coordinates that are unspecified functions of t.
 
     Args:
-        path: the scene file.
+        file: the scene file, whose motion is ignored.
         symbolic: as for `derive`.
     """
-    tables = load_tables(path)
-    pair = load_pair(path)
-    names = _symbolic_names(symbolic, pair, tables.constants)
-    symbolic_constants = tuple(name for name in names if name in tables.constants)
-    return Derivation(pair, symbolic=names, exact_values=_exact_pair_values(pair, tables, symbolic_constants))
+    pair, constants = file.pair, file.tables.constants
+    names = _symbolic_names(symbolic, pair, constants)
+    symbolic_constants = tuple(name for name in names if name in constants)
+    return Derivation(pair, symbolic=names, exact_values=_exact_pair_values(pair, file.tables, symbolic_constants))
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from hingepair.pair.computations import computation_of
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, all_steps, default_outputs, make_plan
+from hingepair.plans.points import result_of
 from hingepair.plans.steps import SPATIAL_PARTS, WITHOUT_HOME
 from hingepair.scenes.motions.known import KnownMotion
 
@@ -51,6 +52,12 @@ _STEPS = {
 }
 
 
+def _meaning(name: str) -> str:
+    """Return what a step or an output of a point is, as text."""
+    ofs = {"_v": "velocity", "_a": "acceleration"}
+    return _STEPS.get(name) or f"{ofs.get(name[-2:], 'position')} of a point"
+
+
 @dataclass(frozen=True, slots=True)
 class ScenePlan:
     """What a pair's scene computes and skips."""
@@ -69,7 +76,8 @@ class ScenePlan:
         lines = [f"outputs: {', '.join(self.outputs)}", f"computed: {left}"]
         width = max(len(name) for name, _ in self.computed) + 2 if self.computed else 0
         lines += [
-            f"  {name:<{width}}{_STEPS[name]}{' - once' if often == 'once' else ''}" for name, often in self.computed
+            f"  {name:<{width}}{_meaning(name)}{' - once' if often == 'once' else ''}"
+            for name, often in self.computed
         ]
         lines += ["skipped:", *(f"  {what}: {why}" for what, why in self.skipped)] if self.skipped else []
         return "\n".join(lines)
@@ -85,7 +93,9 @@ def explain(
     kind = PLANAR_MOTION_KIND if isinstance(pair, PlanarPair) else SPATIAL_MOTION_KIND
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()
     form = motion.sequence, "home" in pair.constants.values
-    plan, others = make_plan(names, *form, kind=kind), [step.result for step in all_steps(*form, kind=kind)]
+    points = pair.constants.points
+    plan = make_plan(names, *form, kind=kind, points=points)
+    others = [step.result for step in all_steps(*form, kind=kind)]
     rows = dict(zip(SPATIAL_PARTS, motion.derivatives, strict=False))
     varying = {
         name: tuple(np.empty(2) if isinstance(c, np.ndarray) else c for c in row) for name, row in rows.items()
@@ -97,6 +107,7 @@ def explain(
         still |= {step.result} if once else set()
         if step.result in _STEPS:
             computed.append((step.result, "once" if once else "each"))
+        computed += [(name, "once" if once else "each") for name in names if step.result == result_of(name)]
     reasons = ["no output needs them" if i < motion_level else "the motion does not give them" for i in range(2)]
     skipped = [
         (f"{('first', 'second')[i]} derivatives of the coordinates", reasons[i]) for i in range(motion.level, 2)
@@ -109,6 +120,7 @@ def explain(
         skipped.append((f"{operations.shared} operations at each instant", "they depend on constants only"))
     made = {step.result for step in plan.steps}
     skipped += [(_STEPS[name], "no output needs it") for name in others if name in _STEPS and name not in made]
+    skipped += [(f"the point {point.name}", "no output needs it") for point in points if point not in plan.points]
     if motion.sequence is None and kind is SPATIAL_MOTION_KIND:
         skipped.append(("Euler angles, their sines and cosines", "the attitude of body 1 is given"))
     if WITHOUT_HOME in plan.steps:

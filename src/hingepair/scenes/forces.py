@@ -13,20 +13,22 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.equations.quantities import ACCELERATION, unit_of
 from hingepair.errors import ArgumentError
-from hingepair.mechanism.kinds import KINDS, JointKind
+from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.numeric.arrays import Float64Array, one_constant
-from hingepair.numeric.tables import Sheet, cell_text, instant_text, number_texts
 from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.results import Record, column_names
+from hingepair.pair.results import Record
 from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointMotion, KnownJointMotion
 from hingepair.scenes.motions.known import KnownMotion, MotionByBody1
 from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
 from hingepair.scenes.motions.motion import Motion, PairMotion, massive, non_finite_sentences
 from hingepair.scenes.motions.noise import LogNoise, finite_rms, motion_with_errors, noise_rows
+from hingepair.tables.data_frames import column_names
+from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts
+from hingepair.tables.units import Units, UnitsLike
 
 _NOISY = 0.01  # noise of a torque or force to its rms; above, a note recommends smoothing
 
@@ -122,14 +124,23 @@ class SceneForces(Record):
 
     def _sheet(self) -> Sheet:
         if self.loads:
-            return Sheet(f"{self.described}: {len(self.t)} instants", _load_rows(self.loads), self.notes)
+            rows = _load_rows(self.loads, self.t, self.in_units(None).units)
+            return Sheet(f"{self.described}: {len(self.t)} instants", rows, self.notes)
         return super()._sheet()._replace(notes=self.notes)
 
-    def ranges(self) -> dict[str, dict[str, float]]:
+    def ranges(self, units: UnitsLike = None) -> dict[str, dict[str, float]]:
         """Return, by component, the first, smallest, largest and rms value, the instant of the largest size, and the
         noise of a log. The efforts of joints are in `loads`.
+
+        Args:
+            units: units in place of SI units; by default those of the scene.
         """
-        arrays = {name: array for name, array in self.recorded().items() if not name.startswith("tau_")}
+        shown = self.in_units(units)
+        arrays = {
+            name: shown.converted(name, array)
+            for name, array in self.recorded().items()
+            if not name.startswith("tau_")
+        }
         v = np.concatenate([array.reshape(len(self.t), -1) for array in arrays.values()], axis=1)
         finite = np.isfinite(v)
         v = np.where(finite, v, np.nan)
@@ -138,30 +149,50 @@ class SceneForces(Record):
         squares, count = np.nansum(v * v, axis=0), np.maximum(finite.sum(axis=0), 1)
         columns = {"first": v[0], "smallest": np.fmin.reduce(v), "largest": np.fmax.reduce(v)}
         columns |= {"rms": np.where(known, np.sqrt(squares / count), np.nan)}
-        columns |= {"t_of_largest_size": np.where(known, self.t[largest], np.nan)}
+        columns |= {"t_of_largest_size": np.where(known, shown.converted("t", self.t)[largest], np.nan)}
         if self.noise:
-            columns["noise"] = np.concatenate([np.ravel(self.noise[name]) for name in arrays])
+            noise = [shown.converted(name, np.ravel(self.noise[name])) for name in arrays]
+            columns["noise"] = np.concatenate(noise)
         return {
             name: {key: float(values[i]) for key, values in columns.items()}
             for i, name in enumerate(column_names(arrays))
         }
 
-    def tables(self) -> list[list[tuple[str, ...]]]:
-        """Return the rows of the tables that `hingepair forces` prints, headings first."""
-        ranges = self.ranges()
+    def tables(self, units: UnitsLike = None) -> list[list[tuple[str, ...]]]:
+        """Return the rows of the tables that `hingepair forces` prints, headings first.
+
+        Args:
+            units: units in place of SI units; by default those of the scene.
+        """
+        shown, ranges = self.in_units(units), self.ranges(units)
+        offset, name = shown.units.offset_of_instants(self.t[0], self.t[-1])
+        at = name or _time_name(shown.units)
         keys = ("first", "smallest", "largest", "rms", "t_of_largest_size")
         texts = number_texts([*ranges], [[row[key] for key in keys[:-1]] for row in ranges.values()], digits=5)
-        rows = [("", "unit", *keys[:-1], "max |.| at t", *["by noise"] * bool(self.noise))]
+        rows = [("", "unit", *keys[:-1], f"max |.| at {at}", *["by noise"] * bool(self.noise))]
         for (name, row), numbers in zip(ranges.items(), texts, strict=True):
             noise = [f"{row['noise']:.2g}"] if self.noise else []
-            rows.append((name, unit_of(name), *numbers, instant_text(row["t_of_largest_size"]), *noise))
-        return [_load_rows(self.loads), rows] if self.loads else [rows]
+            rows.append((name, shown.unit(name), *numbers, instant_text(row["t_of_largest_size"] - offset), *noise))
+        return [_load_rows(self.loads, self.t, shown.units), rows] if self.loads else [rows]
 
-    def facts(self) -> dict[str, Any]:
-        """Return what the JSON of `hingepair forces` says."""
-        loads = {load.joint: {key: own for key, own in asdict(load).items() if key != "joint"} for load in self.loads}
+    def facts(self, units: UnitsLike = None) -> dict[str, Any]:
+        """Return what the JSON of `hingepair forces` says.
+
+        Args:
+            units: units in place of SI units; by default those of the scene.
+        """
+        shown = self.in_units(units)
+        loads = {load.joint: asdict(_converted_load(load, shown.units)) for load in self.loads}
+        for own in loads.values():
+            del own["joint"]
         joints = {} if self.tau is None else {"joints": loads}
-        return {"gravity": list(self.gravity), **joints, "outputs": self.ranges()}
+        if shown.units:
+            for load in self.loads:
+                kind = KINDS[load.kind]
+                texts = {"effort": kind.effort, "position": kind.unit, "rate": f"{kind.unit}/s", "time": "s"}
+                loads[load.joint]["units"] = {key: shown.units.unit(si) for key, si in texts.items()}
+        ranges = {shown.heading(name): own for name, own in self.ranges(units).items()}
+        return {"gravity": list(self.gravity), **joints, "outputs": ranges}
 
 
 def _check_accelerations(motion: Motion) -> None:
@@ -343,10 +374,14 @@ def robot_forces(
     record: Mapping[str, Any],
     joint_loads: bool,
 ) -> SceneForces:
-    """Return the forces that the motion of a robot requires at its instants t, as `Scene.forces` describes them."""
+    """Return the forces that the motion of a robot requires at its instants t, as `Scene.forces` describes them.
+    `joint_loads` says whether springs, dampers and friction of the joints count.
+    """
     _check_accelerations(motion)
     known = motion.part(slice(len(t)), ACCELERATION)
     options: dict[str, Any] = {"gravity": gravity, "joint_loads": joint_loads}
+    if motion.simulated is not None:
+        options["wrenches"] = dict(motion.simulated.wrenches)
     acting = robot.inverse_dynamics(*known.arguments(), base_motion=known.base, **options)
     tau = np.asarray(acting.tau, dtype=np.float64)
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
@@ -396,24 +431,49 @@ def _effort_noise(
     return noise, note
 
 
-def _load_rows(loads: tuple[JointLoad, ...]) -> list[tuple[str, ...]]:
-    """Return the rows of a table of loads; an infinite limit is an empty cell."""
+def _converted_load(load: JointLoad, units: Units) -> JointLoad:
+    """Return a load with its numbers in units."""
+    kind = KINDS[load.kind]
+    effort, position, rate, second = (units.factor(si) for si in (kind.effort, kind.unit, f"{kind.unit}/s", "s"))
+    return replace(
+        load,
+        **{name: effort * getattr(load, name) for name in ("rms", "largest", "effort_limit", "noise")},
+        **{name: second * getattr(load, name) for name in ("t_of_largest", "t_of_first")},
+        **{name: rate * getattr(load, name) for name in ("rate", "rate_limit")},
+        position=(position * load.position[0], position * load.position[1]),
+        position_limits=(position * load.position_limits[0], position * load.position_limits[1]),
+    )
+
+
+def _load_rows(loads: tuple[JointLoad, ...], t: Float64Array, units: Units) -> list[tuple[str, ...]]:
+    """Return the rows of a table of loads in units; an infinite limit is an empty cell."""
     logged = any(math.isfinite(load.noise) for load in loads)
-    rows: list[tuple[str, ...]] = [(*_HEADINGS, "by noise") if logged else _HEADINGS]
-    for load in loads:
+    offset, name = units.offset_of_instants(t[0], t[-1])
+    at = name or _time_name(units)
+    headings = tuple(f"at {at}" if text == "at t" else text for text in _HEADINGS)
+    rows: list[tuple[str, ...]] = [(*headings, "by noise") if logged else headings]
+    for load in (_converted_load(load, units) for load in loads):
         use = "" if math.isnan(load.use) else f"{load.use:.0%}"
         sizes = (
             cell_text(load.rms),
             cell_text(load.largest),
-            instant_text(load.t_of_largest),
+            instant_text(load.t_of_largest - offset),
             _limit_text(load.effort_limit),
             use,
         )
         both = zip(load.position, load.position_limits, strict=True)
         q = (text for value, limit in both for text in (cell_text(value), _limit_text(limit)))
         noise = [f"{load.noise:.2g}"] if logged else []
-        rows.append((load.joint, load.unit, *sizes, *q, cell_text(load.rate), _limit_text(load.rate_limit), *noise))
+        position = units.unit(KINDS[load.kind].unit)
+        unit = f"{units.unit(load.unit)}, {position}" if units else load.unit
+        rows.append((load.joint, unit, *sizes, *q, cell_text(load.rate), _limit_text(load.rate_limit), *noise))
     return rows
+
+
+def _time_name(units: Units) -> str:
+    """Return the name of instants that need no offset, with a unit other than seconds."""
+    unit = units.unit("s")
+    return "t" if unit == "s" else f"t [{unit}]"
 
 
 def _limit_text(value: float) -> str:

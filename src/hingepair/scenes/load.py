@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hingepair.errors import SceneError, quoted
+from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -18,6 +19,8 @@ from hingepair.scenes.scene import Scene
 from hingepair.scenes.suspicions import file_suspicions
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.symbolic.expressions import constant_name_fault, parse_constant
+from hingepair.tables.column_tables import column_table
+from hingepair.tables.units import Units
 
 if TYPE_CHECKING:
     from hingepair.mechanism.mechanism import Mechanism
@@ -29,11 +32,14 @@ _PAIR_TABLES = (*_COMMON_TABLES, "planar", "pair", "tolerances")
 _ROBOT_TABLES = (*_COMMON_TABLES, "mechanism", "joint", "base")
 
 
-def load_scene(path: str | os.PathLike[str]) -> PairScene | RobotScene:
+def load_scene(path: str | os.PathLike[str], log: Any = None) -> PairScene | RobotScene:
     """Read a TOML scene file, whose format docs/scenes.md describes.
 
     Args:
         path: path of the scene file. Relative paths in the file start from the folder of the file.
+        log: recorded motion in place of the file that [motion] names: a pandas DataFrame, an xarray Dataset or a dict
+            of arrays with the columns of a log, or the path of another file. [motion] then needs no `file`; its other
+            keys count as for that file.
 
     Returns:
         A `PairScene` or, if the file describes a robot, a `RobotScene`. Both have a method `evaluate()`, which
@@ -44,7 +50,7 @@ def load_scene(path: str | os.PathLike[str]) -> PairScene | RobotScene:
             the scene is wrong, the table and the key.
         MissingDependencyError: the file names a robot of example-robot-data, and that package is not installed.
     """
-    return scene_from_tables(load_tables(path), path)
+    return SceneFile(path, log).scene()
 
 
 def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> PairScene | RobotScene:
@@ -60,7 +66,10 @@ def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> PairScene 
     scene: PairScene | RobotScene
     scene = _robot_scene(tables, common) if _is_of_robot(tables) else _pair_scene(tables, common)
     outputs = tables.table("outputs", required=False)
-    outputs.check_keys(("names",))
+    outputs.check_keys(("names", "units"))
+    if "units" in outputs.values:
+        with outputs.naming("units"):
+            scene = replace(scene, units=Units(outputs.text("units")))
     if "names" not in outputs.values:
         return scene
     names = outputs.values["names"]
@@ -117,44 +126,80 @@ def moved_again(scene: Scene, tables: Table) -> Scene:
     return replace(scene, pair=_read_pair(tables), tables=tables)  # type: ignore[call-arg]
 
 
-def load_pair(path: str | os.PathLike[str]) -> HingePair | PlanarPair:
-    """Read the pair of a scene file, which need not have a motion."""
-    return _read_pair(load_tables(path))
+class SceneFile:
+    """A scene file, read once, with what it says of bodies, forces and files; its motion is computed by `scene`.
 
+    Args:
+        path: path of the scene file.
+        log: table of columns or path, in place of the file that [motion] names.
+    """
 
-def load_mechanism(path: str | os.PathLike[str]) -> Mechanism | None:
-    """Read the robot of a scene file, which need not have a motion; return None for the scene of a pair."""
-    tables = load_tables(path)
-    if not _is_of_robot(tables):
-        return None
-    from hingepair.scenes.robot_table import read_mechanism
+    def __init__(self, path: str | os.PathLike[str], log: Any = None) -> None:
+        self.path = path
+        is_file = log is None or isinstance(log, str | os.PathLike)
+        self._log = log and os.path.abspath(log) if is_file else column_table("log", log)
 
-    return read_mechanism(tables, Path(path).parent)
+    @lock_free_cached_property
+    def tables(self) -> Table:
+        """The top-level table, with evaluated constants."""
+        tables = read_tables(self.path)
+        if self._log is not None:
+            motion = {**tables.table("motion", required=False).values, "file": self._log}
+            tables = replace(tables, values={**tables.values, "motion": motion})
+        return with_constants_evaluated(tables)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Paths of the files that the scene is read from: its own, and those of its URDF and its log."""
+        return _source_files(self.tables, Path(self.path))
 
-def load_dynamics_setup(path: str | os.PathLike[str]) -> DynamicsSetup | None:
-    """Read the table [dynamics] of a scene file without simulating it; return None if there is no such table."""
-    from hingepair.scenes.motions.simulated import read_dynamics_setup
+    @property
+    def has_motion(self) -> bool:
+        """Whether there is a table [dynamics], or a table [motion] with more than constants."""
+        tables = self.tables
+        keys = tables.table("motion", required=False).values.keys() - {"constants"}
+        return bool(keys) or "dynamics" in tables.values or {"motion", "time"} <= tables.values.keys()
 
-    tables = load_tables(path)
-    return read_dynamics_setup(tables.table("dynamics"), _read_pair(tables)) if "dynamics" in tables.values else None
+    @lock_free_cached_property
+    def pair(self) -> HingePair | PlanarPair:
+        """The pair that the file describes; its motion is not read.
 
+        Raises:
+            SceneError: the scene is one of a robot.
+        """
+        return _read_pair(self.tables)
 
-def load_suspicions(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return sentences on numbers of a scene file that are probably in another unit; its motion is not computed."""
-    tables = load_tables(path)
-    if _is_of_robot(tables):
-        robot = load_mechanism(path)
-        joints = robot.tree.coordinates if robot is not None else ()
-        limits: Any = {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
-    else:
-        limits = {"psi": getattr(_read_pair(tables), "limits", None) or ()}
-    return tuple(dict.fromkeys(file_suspicions(tables.values, limits)))
+    @lock_free_cached_property
+    def mechanism(self) -> Mechanism | None:
+        """The robot; None in the scene of a pair."""
+        if not _is_of_robot(self.tables):
+            return None
+        from hingepair.scenes.robot_table import read_mechanism
 
+        return read_mechanism(self.tables, Path(self.path).parent)
 
-def load_tables(path: str | os.PathLike[str]) -> Table:
-    """Read a scene file, evaluate its constants, and return its top-level table."""
-    return with_constants_evaluated(read_tables(path))
+    @lock_free_cached_property
+    def dynamics(self) -> DynamicsSetup | None:
+        """What the table [dynamics] of a pair's scene says; None if there is no such table."""
+        if "dynamics" not in self.tables.values:
+            return None
+        from hingepair.scenes.motions.simulated import read_dynamics_setup
+
+        return read_dynamics_setup(self.tables.table("dynamics"), self.pair)
+
+    @property
+    def suspicions(self) -> tuple[str, ...]:
+        """Sentences on numbers that are probably in another unit."""
+        if self.mechanism is None:
+            limits: Any = {"psi": getattr(self.pair, "limits", None) or ()}
+        else:
+            joints = self.mechanism.tree.coordinates
+            limits = {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
+        return tuple(dict.fromkeys(file_suspicions(self.tables.values, limits)))
+
+    def scene(self) -> PairScene | RobotScene:
+        """Return the scene with its motion, as `load_scene`."""
+        return scene_from_tables(self.tables, self.path)
 
 
 def with_constants_evaluated(tables: Table) -> Table:
@@ -216,18 +261,6 @@ def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> P
     if "time" in tables.values:
         tables.fail("time", "no such table, since the column t of motion.file has the instants")
     return read_log(motion, folder)
-
-
-def describes_motion(path: str | os.PathLike[str]) -> bool:
-    """Return whether a scene file has a motion: a table [dynamics], or a table [motion] with more than constants."""
-    tables = read_tables(path)
-    keys = tables.table("motion", required=False).values.keys() - {"constants"}
-    return bool(keys) or "dynamics" in tables.values or {"motion", "time"} <= tables.values.keys()
-
-
-def scene_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the paths of the files that a scene is read from: its own, and those of its URDF and its log."""
-    return _source_files(read_tables(path), Path(path))
 
 
 def _source_files(tables: Table, path: Path) -> tuple[Path, ...]:

@@ -12,18 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.run import stop_overrun
 from hingepair.engine.results import missing_attribute_error
-from hingepair.equations.quantities import ACCELERATION, QUANTITIES, unit_of
+from hingepair.equations.quantities import ACCELERATION, QUANTITIES, Quantity, unit_of
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.computations import compute_arrays
 from hingepair.pair.constants import with_hinge_frames
-from hingepair.pair.dynamics import Energy, Momentum
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
-from hingepair.pair.states import PairState, PlanarState
+from hingepair.pair.states import Energy, Momentum, PairState, PlanarState
 from hingepair.plans.arguments import check_outputs
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, default_outputs
+from hingepair.plans.points import point_outputs, unit_among
 from hingepair.scenes.explain import ScenePlan, explain
 from hingepair.scenes.forces import SceneForces, pair_forces
 from hingepair.scenes.instants import Rows
@@ -44,14 +44,10 @@ PAIR_FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1",
 """Forces of a pair with masses."""
 
 
-def _level(output: str) -> int:
-    """Return the derivative order that an output needs."""
-    return QUANTITIES[_ATTITUDES.get(output, output)].order
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PairResult(SceneResult):
-    """Results of a pair's scene: every attribute of its state (R2, S2, d, v2, ...), and the coordinates.
+    """Results of a pair's scene: every attribute of its state (R2, S2, d, v2, ...), and the coordinates;
+    `result["tip"].R` is the position of a point.
 
     q, qd and qdd have shape (samples, 7), in the plane (samples, 4); psi, psid and psidd have shape (samples,). If
     the attitude of body 1 is not given by Euler angles, q is x, y, z, the quaternion qx, qy, qz, qw (qw >= 0) and
@@ -62,14 +58,14 @@ class PairResult(SceneResult):
     state: PairState | PlanarState
     scene: PairScene
     known: KnownMotion
-    #: names of the requested outputs; None for all outputs of body 2, and the hinge angle
+    #: names of the requested outputs; None for all outputs of body 2 and of points, and the hinge angle
     requested: tuple[str, ...] | None
 
     def requested_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs by name; shape (samples, ...). Coordinates are named like columns of a log."""
         names, state = self.requested, self.state.arrays()
         if names is None:
-            names = (*state, *(name for name in ("psi", "psid", "psidd") if _level(name) <= self.known.level))
+            names = (*state, *("psi", "psid", "psidd")[: self.known.level + 1])
         arrays: dict[str, NDArray[Any]] = {name: array for name, array in state.items() if name in names}
         for name in names:
             components = self._components(name) if name in FURTHER_OUTPUTS else {}
@@ -97,7 +93,7 @@ class PairResult(SceneResult):
         if name in _ATTITUDES:
             S = getattr(self.state, _ATTITUDES[name], None)
             return {} if S is None else quaternion_columns(S, name[-1])
-        order = _level(name)
+        order = QUANTITIES[name].order
         if order > self.known.level:
             return {}
         return self.known.log_columns(order) if name[0] == "q" else {name: self.known.hinge_angle(order)}
@@ -116,6 +112,10 @@ class PairResult(SceneResult):
             sizes.append([_largest_finite(error), _largest_finite(ratio)])
         return np.array(sizes)
 
+    def __getitem__(self, name: str) -> Any:
+        """Return the PointState of a point by its name, such as `result["tip"].R`, or an output of the state."""
+        return self.state[name]
+
     def __getattr__(self, name: str) -> Any:
         if name in FURTHER_OUTPUTS:
             components = [*self._components(name).values()]
@@ -128,6 +128,7 @@ class PairResult(SceneResult):
         return f"state={self.state!r}"
 
     def _available_names(self) -> Iterable[str]:
+        """Return the names that can be asked of this result, such as energy, for its printed form."""
         pair, level = self.scene.pair, self.known.level
         bodies = {"energy": pair.body2, "momentum": pair.body1 and pair.body2}
         masses = (name for name, body in bodies.items() if level == ACCELERATION and body is not None)
@@ -169,10 +170,23 @@ class PairScene(Scene):
         """Euler sequence of body 1, such as "XYZ"; None if its attitude is not given by three Euler angles."""
         return self.motion.source.sequence
 
+    @property
+    def of_points(self) -> dict[str, Quantity]:
+        """The quantities of the outputs of points, such as tip, tip_v and tip_a, by name."""
+        return point_outputs(self.pair.constants.points)
+
+    def unit(self, name: str) -> str:
+        """Return the unit of an output, or of one of its components such as R2_x or tip_x."""
+        return unit_among(self.of_points, name)
+
+    def _level(self, output: str) -> int:
+        """Return the derivative order that an output needs."""
+        return {**QUANTITIES, **self.of_points}[_ATTITUDES.get(output, output)].order
+
     def further_outputs(self, level: int) -> tuple[str, ...]:
         """Return the FURTHER_OUTPUTS that need derivatives of order `level` at most."""
         names = FURTHER_OUTPUTS if self.kind == SPATIAL_MOTION_KIND else COORDINATE_OUTPUTS
-        return tuple(name for name in names if _level(name) <= level)
+        return tuple(name for name in names if self._level(name) <= level)
 
     @property
     def expressions(self) -> dict[str, Expr | None]:
@@ -192,7 +206,7 @@ class PairScene(Scene):
         return source.functions
 
     def coordinates(self, t: ArrayLike) -> Derivatives:
-        """Return the coordinates and their exact derivatives at any instants.
+        """Return all coordinates and their exact derivatives at any instants of a motion by functions of time.
 
         Args:
             t: instants [s]; shape (...).
@@ -209,20 +223,23 @@ class PairScene(Scene):
         if outputs is None:
             return self.outputs
         level = self.motion.level
-        names = check_outputs(outputs, (*self.kind.levels, *FURTHER_OUTPUTS))
-        known = (*(name for name in self.kind.levels if _level(name) <= level), *self.further_outputs(level))
+        levels = self.pair.constants.levels
+        names = check_outputs(outputs, (*levels, *FURTHER_OUTPUTS))
+        known = (*(name for name in levels if self._level(name) <= level), *self.further_outputs(level))
         for name in names:
             if name not in known:
-                hint = self.motion.hint if _level(name) > level else ""
+                hint = self.motion.hint if self._level(name) > level else ""
                 raise ArgumentError("outputs", choices(known) + hint, quoted(name))
         return names
 
     def _needed(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
         """Return the outputs of the equations and the derivative order that the named outputs need."""
         if names is None:
-            return None, self.motion.level
+            level = self.motion.level
+            of_points = (name for name, quantity in self.of_points.items() if quantity.order <= level)
+            return (*default_outputs(level, self.kind), *of_points), level
         of_equations = (_ATTITUDES.get(name, name) for name in names if name not in COORDINATE_OUTPUTS)
-        return tuple(dict.fromkeys(of_equations)), max(map(_level, names))
+        return tuple(dict.fromkeys(of_equations)), max(map(self._level, names))
 
     def _evaluated(self, rows: Rows, request: tuple[str, ...] | None, min_order: int = 0) -> PairResult:
         t = np.asarray(read_only(self.motion.t[rows]))
@@ -245,15 +262,22 @@ class PairScene(Scene):
         needed, order = self._needed(self.request(outputs))
         return explain(self.pair, self.motion.source.part(slice(1), order), needed, self.motion.level)
 
+    def check_arrays(self, outputs: Iterable[str]) -> None:
+        """Raise an ArgumentError for outputs that `arrays` does not compute."""
+        names, known = tuple(outputs), (*self.pair.constants.levels, *FURTHER_OUTPUTS, *PAIR_FORCES)
+        for name in names:
+            if name not in known:
+                raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))
+        if moving := [name for name in names if name not in PAIR_FORCES]:
+            self.request(moving)
+
     def arrays(self, outputs: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
         """Return outputs by name, those of `forces` too; shape (samples, ...)."""
         if outputs is None:
             found: dict[str, NDArray[Any]] = self.evaluate().requested_arrays()
             return found
-        names, known = tuple(outputs), (*self.kind.levels, *FURTHER_OUTPUTS, *PAIR_FORCES)
-        for name in names:
-            if name not in known:
-                raise ArgumentError("outputs", choices(known) + nearest(name, known), quoted(name))
+        names = tuple(outputs)
+        self.check_arrays(names)
         moving = [name for name in names if name not in PAIR_FORCES]
         arrays: dict[str, NDArray[Any]] = self.evaluate(moving).requested_arrays() if moving else {}
         if len(moving) == len(names):
@@ -354,9 +378,12 @@ class PairScene(Scene):
         vectors = {key: getattr(self.space, key).tolist() for key in ("u1", "u2", "n", "home")}
         return {"sequence": self.sequence, "error_estimate": self.motion.error_estimate, "pair": vectors}
 
-    def _own_rows(self) -> list[tuple[str, str]]:
+    def _motion_rows(self) -> list[tuple[str, str]]:
         return [
             ("pair", self.pair.name),
             ("motion", f"{self.motion.origin}; {self.motion.description}"),
-            ("outputs", ", ".join(self.outputs or ("all of body 2",))),
+            (
+                "outputs",
+                ", ".join(self.outputs or ("all of body 2", *(point.name for point in self.pair.constants.points))),
+            ),
         ]

@@ -59,6 +59,16 @@ def read_body(table: Table, key: str) -> Body:
     return construct_from_table(body_table, Body, body_table.read(BODY_KEYS))
 
 
+def points_key(size: int) -> Key:
+    """Return the reader of the points of a body: a table of positions by name."""
+
+    def read(table: Table, key: str) -> dict[str, Any]:
+        points = table.table(key)
+        return {name: points.numbers(name, size) for name in points.values}
+
+    return read
+
+
 # Class of each shape, the attribute that its first key becomes, and its keys with their readers.
 _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
     "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
@@ -80,6 +90,10 @@ BODY_KEYS: Final[Mapping[str, Key]] = {
 """Keys of a body and their readers."""
 _BODIES: Final[Mapping[str, Key]] = {"body1": read_body, "body2": read_body}
 """Keys of both bodies of a pair and their readers."""
+_POINTS: Final[Mapping[int, Mapping[str, Key]]] = {
+    size: dict.fromkeys(("points1", "points2"), points_key(size)) for size in (2, 3)
+}
+"""Keys of the points of both bodies and their readers, in the plane and in space."""
 _ROBOT_HINGE_KEYS: Final[Mapping[str, Key]] = {"robot": Table.text, "joint": Table.text}
 """Keys that take a pair from a hinge of a robot, and their readers."""
 _PLANAR_KEYS: Final[Mapping[str, Key]] = {
@@ -87,6 +101,7 @@ _PLANAR_KEYS: Final[Mapping[str, Key]] = {
     "u2": numbers_key(2),
     "name": Table.text,
     **_BODIES,
+    **_POINTS[2],
 }
 """Keys of a pair in the plane and their readers; u1 and u2 in metres."""
 PAIR_KEYS: Final[Mapping[str, Key]] = {
@@ -105,7 +120,7 @@ PAIR_KEYS: Final[Mapping[str, Key]] = {
     },
 }
 """Keys of a pair in space, given by its own geometry, and their readers."""
-PAIR_TABLE_KEYS: Final = (*PAIR_KEYS, *_ROBOT_HINGE_KEYS)
+PAIR_TABLE_KEYS: Final = (*PAIR_KEYS, *_POINTS[3], *_ROBOT_HINGE_KEYS)
 """Keys that the table [pair] of a pair in space may have."""
 
 
@@ -119,20 +134,19 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
         return construct_from_table(table, PlanarPair, name | table.read(_PLANAR_KEYS, ("u1", "u2")))
     table.check_keys(PAIR_TABLE_KEYS)
     if not table.values.keys() & _ROBOT_HINGE_KEYS:
-        return construct_from_table(table, HingePair, name | table.read(PAIR_KEYS, ("u1", "u2", "n")))
+        return construct_from_table(
+            table, HingePair, name | table.read({**PAIR_KEYS, **_POINTS[3]}, ("u1", "u2", "n"))
+        )
     from hingepair.formats.robots import load_robot_hinge
 
+    known = {**_ROBOT_HINGE_KEYS, **_BODIES, **_POINTS[3]}
     for key in table.values:
-        if key not in {**_ROBOT_HINGE_KEYS, **_BODIES}:
-            table.fail(key, "no such key together with robot: robot, joint, body1 and body2 describe the pair")
-    values = table.read(
-        {**_ROBOT_HINGE_KEYS, **_BODIES},
-        _ROBOT_HINGE_KEYS,
-    )
-    return replace(
-        construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_KEYS}),
-        **values,
-    )
+        if key not in known:
+            table.fail(key, f"no such key together with robot: {', '.join(known)} describe the pair")
+    values = table.read(known, _ROBOT_HINGE_KEYS)
+    pair = construct_from_table(table, load_robot_hinge, {key: values.pop(key) for key in _ROBOT_HINGE_KEYS})
+    with table.naming():
+        return replace(pair, **values)
 
 
 def construct_from_table(table: Table, factory: Callable[..., Made], arguments: Mapping[str, Any]) -> Made:

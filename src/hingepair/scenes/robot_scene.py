@@ -20,7 +20,7 @@ from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.states import FrameState, MechanismForces, MechanismState
 from hingepair.numeric.arrays import Float64Array, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.dynamics import Energy, Momentum
+from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.trees import FRAME_OUTPUTS
 from hingepair.rotations.matrices import matrix_to_quaternion
 from hingepair.scenes.explain import RobotPlan
@@ -305,7 +305,7 @@ class RobotScene(Scene):
 
         forces = compare_loads(
             self.mechanism, known.array(0), known.array(1), known.array(2), known.base, self.gravity,
-            {name: motion.loads[name][rows] for name in ("tau", "force1", "torque1")}, motion.base,
+            {name: load[rows] for name, load in motion.loads.items()}, motion.base,
         )  # fmt: skip
         rates = compare_joint_rates(self.times(), motion.q, motion.qd, motion.qdd)
         return replace(report, forces=forces, rates=rates, notes=self.motion.error_notes(report.u))
@@ -373,7 +373,7 @@ class RobotScene(Scene):
         facts = {"name": robot.name, "base": robot.base, "joints": robot.names, "frames": self.frames}
         return {"mechanism": facts, "moving": self.motion.moving}
 
-    def _own_rows(self) -> list[tuple[str, str]]:
+    def _motion_rows(self) -> list[tuple[str, str]]:
         robot = self.mechanism
         return [
             ("mechanism", f"{robot.name}, {robot.dof} joints, {robot.base} base"),
@@ -389,7 +389,7 @@ def scene_of_simulation(found: SimulatedRobotMotion) -> RobotScene:
 
     robot = found.robot
     return RobotScene(
-        path=Path(robot.name), title=found.described, motion=joint_motion(found, found.t, {}), outputs=None,
+        path=Path(robot.name), title=found.described, motion=joint_motion(found, {}), outputs=None,
         constants={}, files=(), tables=Table(robot.name, "", {}, {}), mechanism=robot, gravity=found.gravity,
         frames=found.state().frames, joint_loads=False,
     )  # fmt: skip

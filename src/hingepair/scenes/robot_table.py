@@ -11,10 +11,9 @@ from typing import Any, Final
 import numpy as np
 
 from hingepair.errors import SceneError, URDFError, choices, nearest, printable, quoted
-from hingepair.mechanism.building import BASE_KINDS
-from hingepair.mechanism.kinds import KINDS
+from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
+from hingepair.mechanism.tree import BASE_KINDS
 from hingepair.pair.body import Body
 from hingepair.scenes.pair_table import (
     BODY_KEYS,

@@ -19,13 +19,14 @@ from hingepair.equations.quantities import VELOCITY, unit_of
 from hingepair.errors import ArgumentError
 from hingepair.integration.trajectory import describe_instants
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
-from hingepair.numeric.tables import Sheet, Shown, cell_text, instant_text
 from hingepair.pair.results import MAX_HELD_INSTANTS, RESULT_ROWS_PER_BLOCK, Result
 from hingepair.scenes import suspicions
 from hingepair.scenes.forces import SceneForces
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.motions.motion import LimitCounter, Motion, kink_sentences
 from hingepair.scenes.tables import Table
+from hingepair.tables.sheets import Sheet, Shown, cell_text, instant_text
+from hingepair.tables.units import SI, Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
@@ -77,6 +78,11 @@ class SceneResult(Frozen, Result, abc.ABC):
         unit: str = self.scene.unit(name)
         return unit
 
+    def in_units(self, units: UnitsLike) -> Columns:
+        """Return names and numbers of columns in units; None for those of the scene."""
+        columns: Columns = self.scene.in_units(units)
+        return columns
+
     @abc.abstractmethod
     def requested_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the requested outputs by name; shape (samples, ...). Coordinates are named like columns of a log."""
@@ -127,6 +133,8 @@ class Scene(Shown, abc.ABC):
     files: tuple[Path, ...]
     #: contents of the file; expressions are kept as text
     tables: Table
+    #: units of tables, plots and files unless others are asked for
+    units: Units = SI
 
     #: number of instants that are compared with Pinocchio in a second or some
     max_check_instants: ClassVar[int]
@@ -202,7 +210,8 @@ class Scene(Shown, abc.ABC):
 
                 Of a pair in space: R2, S2, d, v2, omega2, a2, alpha2, R1, S1, v1, omega1, a1, alpha1, and the
                 quaternions quat1, quat2; in the plane: R2, phi2, d, v2, omega2, a2, alpha2; in both: the coordinates
-                q, qd, qdd, psi, psid, psidd.
+                q, qd, qdd, psi, psid, psidd, and of a point tip, its position, velocity and acceleration: tip, tip_v,
+                tip_a.
 
                 Of a robot: R, S, quat, d, v, omega, a or alpha for all frames of the scene; the name of a link, a
                 joint or another frame for all motion of it; a name such as R_tool for one quantity of one frame; q,
@@ -258,6 +267,10 @@ class Scene(Shown, abc.ABC):
             outputs: as for `evaluate`.
         """
 
+    def check_arrays(self, outputs: Iterable[str]) -> None:
+        """Raise an ArgumentError for outputs that `arrays` does not compute."""
+        self.request(outputs)
+
     @abc.abstractmethod
     def arrays(self, outputs: Iterable[str] | None = None) -> dict[str, NDArray[Any]]:
         """Return outputs by name, those of `forces` too; shape (samples, ...)."""
@@ -265,6 +278,10 @@ class Scene(Shown, abc.ABC):
     def unit(self, name: str) -> str:
         """Return the unit of an output, or of one of its components such as R2_x."""
         return unit_of(name)
+
+    def in_units(self, units: UnitsLike) -> Columns:
+        """Return names and numbers of columns in units; None for those of the scene."""
+        return Columns(self.units if units is None else Units.of(units), self.unit)
 
     def cross_validate(self, max_instants: int | None = None) -> CrossValidation:
         """Compare the equations with Pinocchio along the motion, as far as it has derivatives.
@@ -321,7 +338,7 @@ class Scene(Shown, abc.ABC):
             ArgumentError: the motion has no accelerations, body 2 of a pair has no mass properties, or gravity is
                 given although [dynamics] has a gravity of its own.
         """
-        record = {"described": f"forces: {self.title}", "inputs": self.files, "unit": self.unit}
+        record = {"described": f"forces: {self.title}", "inputs": self.files, "unit": self.unit, "units": self.units}
         return self._forces(self.times(), gravity, record)
 
     def energy_balance(self) -> EnergyBalance:
@@ -418,7 +435,7 @@ class Scene(Shown, abc.ABC):
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
 
     def _sheet(self) -> Sheet:
-        what, *more = self._own_rows()
+        what, *more = self._motion_rows()
         rows = [
             what,
             ("instants", str(self.samples)),
@@ -429,7 +446,7 @@ class Scene(Shown, abc.ABC):
         return Sheet(self.title, (("", "value", "unit"), *((*row, "")[:3] for row in rows)))
 
     @abc.abstractmethod
-    def _own_rows(self) -> list[tuple[str, str]]:
+    def _motion_rows(self) -> list[tuple[str, str]]:
         """Return rows of a table on what moves, on the motion, and on the outputs."""
 
 

@@ -1,6 +1,6 @@
 """Suspicions of units in a scene: of the numbers as its file has them, and of its motion.
 
-What each quantity is judged by stands in `hingepair.numeric.suspicions`; here it is found.
+What each quantity is judged by stands in `hingepair.tables.suspicions`; here it is found.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.suspicions import DEGREES_IN_SCENES, suspicions
+from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
 
 if TYPE_CHECKING:
     from hingepair.scenes.instants import Instants
@@ -31,6 +31,8 @@ _KIND_BY_KEY: Final[Mapping[str, str]] = {
     ),
 }
 """Quantities of the keys of a scene, wherever they stand."""
+_NAMED_KINDS: Final[Mapping[str, str]] = {"locked": _ANGLES, "points1": _LENGTHS, "points2": _LENGTHS}
+"""Quantities in tables whose keys are names of the user's."""
 _FUNCTION_KINDS: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}
 """Quantity of samples of a function, by the quantity of its numbers."""
 
@@ -77,7 +79,9 @@ def _judged_numbers(
         if key in kinds and isinstance(value, dict) and "value" in value:  # way points
             parts = value["value"] if isinstance(value["value"], list) else []
         elif all(isinstance(part, dict) for part in parts):
-            own_kinds = dict.fromkeys(value, _ANGLES) if key == "locked" else kinds
+            own_kinds = kinds
+            if key in _NAMED_KINDS and isinstance(value, dict):
+                own_kinds = dict.fromkeys(value, _NAMED_KINDS[key])
             for i, part in enumerate(parts):
                 place = name if part is value else f"{name}.{part['name']}" if "name" in part else f"{name}[{i}]"
                 yield from _judged_numbers(f"{place}.", part, own_kinds)

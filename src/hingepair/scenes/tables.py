@@ -33,6 +33,8 @@ _BARE_VALUE = re.compile(r"[=,\[]([^=,\[\]{}#\"']++)")  # what stands for a valu
 # Bare text with a letter or an operator: an expression whose quotes are missing.
 _EXPRESSION = re.compile(r"(?=.*(?:[A-Za-z]|\d\s*[-+*/]))[\w.+*/() \t-]+")
 
+_DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*(#.*)?$")  # mass = 80,5
+
 _shown = reprlib.Repr()
 _shown.maxstring = _shown.maxother = 80
 _shown.maxlist = 9
@@ -161,7 +163,9 @@ class Table(NamedSource):
         """
         value: Any = self.values.get(key)
         if not _has_shape(value, shape):
-            self.fail(key, f"{' lists of '.join(map(str, shape))} finite numbers")
+            more = isinstance(value, list) and len(value) > shape[0]
+            hint = " (decimals follow a point)" * (more and _has_shape(value, (len(value), *shape[1:])))
+            self.fail(key, f"{' lists of '.join(map(str, shape))} finite numbers{hint}")
         numbers: list[Any] = self._nested(key, value)
         return numbers
 
@@ -299,6 +303,8 @@ def _toml_error(file: str, text: str, reason: str) -> SceneError:
     hint, word = "", value[1].strip() if value and reason.startswith(("Invalid value", "Expected newline")) else ""
     if word.lower() in {"true", "false"}:
         hint = f"; it is written {word.lower()}"
+    elif _DECIMAL_COMMA.search(line):
+        hint = "; decimals follow a point"
     elif len(word) <= _shown.maxstring and _EXPRESSION.fullmatch(word):
         hint = f'; an expression stands in quotes: "{word}"'
     error = SceneError(file, f"valid TOML{hint}", reason)

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from hingepair.errors import MissingDependencyError
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.optional import require
 from hingepair.scenes.tables import Table
 
 DESIGN_NAMES: Final = ("grid", "random", "sobol")
@@ -112,13 +112,10 @@ def design_values(
 
 def _sobol_points(table: Table, dimensions: int, samples: int, seed: int) -> Float64Array:
     """Return scrambled Sobol points in the open unit cube, an array of shape (samples, dimensions)."""
-    try:
-        from scipy.stats.qmc import Sobol
-    except ImportError as error:
-        raise MissingDependencyError("design", "SciPy (pip install 'hingepair[dask]')", str(error)) from None
     if dimensions > _MAX_SOBOL:
         table.refuse("vary", f"at most {_MAX_SOBOL} numbers of a Sobol design", dimensions)
-    points = Sobol(dimensions, scramble=True, seed=seed).random_base2(max(0, math.ceil(math.log2(samples))))
+    sobol = require("scipy.stats.qmc", "design").Sobol(dimensions, scramble=True, seed=seed)
+    points = sobol.random_base2(max(0, math.ceil(math.log2(samples))))
     return np.asarray(np.clip(points[:samples], 2.0**-53, 1 - 2.0**-53))
 
 

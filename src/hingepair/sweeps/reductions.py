@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.numeric.arrays import Float64Array
-from hingepair.pair.results import column_names
+from hingepair.tables.data_frames import column_names
+from hingepair.tables.units import IN_SI, Columns
 
 # By name, from values (variants, samples, components) and instants (samples,) to (variants, components).
 _REDUCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = {
@@ -25,6 +26,7 @@ _REDUCTIONS: Final[Mapping[str, Callable[[Float64Array, Float64Array], Any]]] = 
     "t_min": lambda x, t: t[x.argmin(axis=1)],
     "t_max": lambda x, t: t[x.argmax(axis=1)],
     "t_absmax": lambda x, t: t[np.abs(x).argmax(axis=1)],
+    "t_last": lambda x, t: np.full((len(x), x.shape[2]), t[-1]),
 }
 REDUCTIONS: Final = (*_REDUCTIONS, "q5", "q50", "q95", "t_below(0.1)", "t_above(0.1)", "t_at(0.1)", "t_settled(0.1)")
 """Names of reductions; of quantiles and levels, examples.
@@ -80,13 +82,42 @@ def _time_at_level(kind: str, level: Any, x: Float64Array, t: Float64Array) -> F
     return found
 
 
-def reduce_arrays(
-    t: Float64Array, arrays: Mapping[str, NDArray[Any]], reductions: Sequence[str]
-) -> dict[str, Float64Array]:
-    """Return a dict of reductions over the instants t, one array (variants,) for each component of an output and each
-    name in `reductions`. The keys are column names such as R2_x_max. `arrays` is a dict of the outputs by name; shape
-    (variants, samples, ...).
+def reduced_heading(columns: Columns, component: str, reduction: str) -> str:
+    """Return the heading of a reduced component, in units.
+
+    >>> from hingepair.tables.units import Units
+    >>> [reduced_heading(Columns(Units("deg")), "psi", reduction) for reduction in ("t_below(5)", "max")]
+    ['psi_t_below(5) [s]', 'psi_max [deg]']
     """
+    si = "s" if reduction.startswith("t_") else columns.si_unit(component)
+    return columns.units.heading(f"{component}_{reduction}", si)
+
+
+def _with_magnitudes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return arrays (variants, samples, ...), with the magnitude of each vector, such as v2_norm, behind it."""
+    found: dict[str, NDArray[Any]] = {}
+    for name, array in arrays.items():
+        found[name] = array
+        if array.shape[2:] in {(2,), (3,)}:
+            found[f"{name}_norm"] = np.linalg.norm(array, axis=2)
+    return found
+
+
+def reduce_arrays(
+    t: Float64Array, arrays: Mapping[str, NDArray[Any]], reductions: Sequence[str], columns: Columns = IN_SI
+) -> dict[str, Float64Array]:
+    """Return a dict of reductions over the instants t, one array (variants,) for each component of an output, and for
+    the magnitude of each vector, and each name in `reductions`. The keys are column names such as R2_x_max and
+    v2_norm_max, with units if `columns` has any.
+
+    Args:
+        t: instants [s]; shape (samples,).
+        arrays: outputs by name, in SI units; shape (variants, samples, ...).
+        reductions: names of reductions.
+        columns: units of the results, and of levels.
+    """
+    t = columns.converted("t", t)
+    arrays = _with_magnitudes({name: columns.converted(name, array) for name, array in arrays.items()})
     names = column_names({name: array[0] for name, array in arrays.items()})
     flat = np.concatenate([np.asarray(a, np.float64).reshape(*a.shape[:2], -1) for a in arrays.values()], axis=2)
     reduced: dict[str, Any] = {}
@@ -98,4 +129,4 @@ def reduce_arrays(
             reduced[reduction] = np.quantile(flat, float(quantile[1]) / 100, axis=1)
         else:
             reduced[reduction] = _REDUCTIONS[reduction](flat, t)
-    return {f"{name}_{r}": reduced[r][:, k] for k, name in enumerate(names) for r in reductions}
+    return {reduced_heading(columns, name, r): reduced[r][:, k] for k, name in enumerate(names) for r in reductions}

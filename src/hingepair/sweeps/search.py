@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, MissingDependencyError, choices, quoted
+from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import align_columns, cell_text
+from hingepair.numeric.optional import require
+from hingepair.scenes.load import load_scene
 from hingepair.scenes.scene import Scene
-from hingepair.scenes.tables import Table, read_tables
+from hingepair.scenes.tables import Table
 from hingepair.sweeps.reductions import REDUCTIONS, reduce_arrays, reduction_ending
 from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
+from hingepair.tables.sheets import align_columns, cell_text
 
 Range = tuple[float, float] | None
 """Lower and upper end of a number; None for any."""
@@ -57,6 +59,8 @@ class Search:
     start: dict[str, float]
     #: the results that the conditions and the aim name, at the numbers found
     results: dict[str, float]
+    #: units of the results; "1" where there is none
+    units: dict[str, str]
     #: the conditions, as text
     conditions: tuple[str, ...]
     #: whether all conditions hold, and a smallest or largest result is not at the end of a range
@@ -71,7 +75,8 @@ class Search:
     def __str__(self) -> str:
         rows = [("number", "in the scene", "found")]
         rows += [(key, cell_text(self.start[key]), cell_text(value)) for key, value in self.values.items()]
-        results = [("result", "value"), *((name, cell_text(value)) for name, value in self.results.items())]
+        results = [("result", "value", "unit")]
+        results += [(name, cell_text(value), self.units[name]) for name, value in self.results.items()]
         wanted = [f"wanted: {', '.join(self.conditions)}"] if self.conditions else []
         verdict = f"{'found' if self.ok else 'NOT FOUND'} after {self.evaluations} variants"
         lines = (*align_columns(rows, {1, 2}), "", *align_columns(results, {1}), *wanted, *self.notes, verdict)
@@ -85,6 +90,7 @@ def search(
     *,
     minimize: str | None = None,
     maximize: str | None = None,
+    units: str | None = None,
 ) -> Search:
     """Return numbers of a scene for which results have wanted values, or for which one result is smallest or largest.
 
@@ -102,6 +108,8 @@ def search(
         until: conditions such as "psi_t_below(0.01) = 5", "psid_min >= -0.2".
         minimize: the result that is to be smallest; needs ranges. The conditions hold as well as they can.
         maximize: the result that is to be largest.
+        units: units of results, conditions and levels in place of SI units, such as "deg, mm". Numbers of the scene
+            stay as the scene has them.
 
     Raises:
         ArgumentError: a key leads to no number, a condition cannot be read, or a result is none of the scene.
@@ -112,10 +120,7 @@ def search(
     >>> found.ok, round(found.values["pair.body2.mass"], 2)  # kg
     (True, 95.85)
     """
-    try:
-        import scipy.optimize as scipy
-    except ImportError as error:
-        raise MissingDependencyError("search", "SciPy: pip install 'hingepair[measured]'", str(error)) from None
+    scipy = require("scipy.optimize", "search")
     conditions = [read_condition(text) for text in ([until] if isinstance(until, str) else until)]
     if minimize is not None and maximize is not None:
         raise ArgumentError("maximize", "None beside minimize", quoted(maximize))
@@ -123,7 +128,7 @@ def search(
     if not conditions and aim is None:
         raise ArgumentError("until", 'a condition such as "psi_last = 1.5", or minimize=', "none")
     names = (*(condition.result for condition in conditions), *(() if aim is None else (aim,)))
-    variants = _Variants(scene, vary, names)
+    variants = _Variants(scene, vary, names, units)
     misses = [lambda x, k=k, one=one: one.miss(variants.results(x)[k]) for k, one in enumerate(conditions)]
     if aim is not None:
         sign = 1.0 if maximize is None else -1.0
@@ -131,7 +136,7 @@ def search(
     elif len(variants.keys) == 1 and len(conditions) == 1 and conditions[0].sign == "=":
         x = _root(scipy, variants, misses[0])
     else:
-        x = _least_misses(scipy, variants, misses)
+        x = _least_misses(scipy, variants, conditions)
     results = dict(zip(names, variants.results(x), strict=True))
     first = dict(zip(names, variants.results(variants.start), strict=True))
     held = all(
@@ -143,6 +148,7 @@ def search(
         values=dict(zip(variants.keys, x.tolist(), strict=True)),
         start=dict(zip(variants.keys, variants.start.tolist(), strict=True)),
         results=results,
+        units=variants.units(),
         conditions=tuple(map(str, conditions)),
         notes=() if held else tuple(variants.doubts(x, conditions)),
         ok=held and inside and all(map(math.isfinite, results.values())),
@@ -174,12 +180,14 @@ class _Variants:
         scene: Scene | str | os.PathLike[str],
         vary: str | Sequence[str] | Mapping[str, Range],
         names: Sequence[str],
+        units: str | None,
     ) -> None:
         if isinstance(scene, Scene):
-            path, values = scene.files[0], dict(scene.tables.values)
+            path = scene.files[0]
         else:
-            tables = read_tables(scene)
-            path, values = Path(scene), dict(tables.values)
+            path = Path(scene)
+            scene = load_scene(path)
+        values = dict(scene.tables.values)
         keys = [vary] if isinstance(vary, str) else list(vary)
         if not keys:
             raise ArgumentError("vary", 'a key such as "dynamics.damping"', quoted(vary))
@@ -196,35 +204,36 @@ class _Variants:
         self.known: dict[bytes, list[float]] = {}
         self._names = names
         self._columns = [_column(name) for name in names]
-        outputs = self._find_outputs(str(path), values, steps)
-        self.computer = VariantComputer(str(path), values, steps, outputs)
+        self.computer = VariantComputer(str(path), values, steps, self._outputs_in(scene))
+        self._in_units = self.computer.in_units(units)
         self.results(self.start)  # says at once what cannot be computed
 
-    def _find_outputs(
-        self, path: str, values: dict[str, Any], steps: Sequence[Sequence[str | int]]
-    ) -> tuple[str, ...]:
-        """Return the outputs whose components the results are: the longest name that the scene has."""
+    def _outputs_in(self, scene: Scene) -> tuple[str, ...]:
+        """Return the outputs whose components the results are: of each, the longest name that the scene has."""
         found: dict[str, None] = {}
         for name, (column, _) in zip(self._names, self._columns, strict=True):
             parts = column.split("_")
-            refusal: ArgumentError | None = None
+            refusals = []
             for count in range(len(parts), 0, -1):
                 output = "_".join(parts[:count])
                 try:
-                    computer = VariantComputer(path, values, steps, (output,))
-                    computer.compute(self.start)
+                    scene.check_arrays((output,))
                 except ArgumentError as error:
-                    refusal = refusal or error
+                    refusals.append(error)
                 else:
                     found[output] = None
                     break
             else:
-                expected = f"a component of an output of the scene ({refusal.expected if refusal else ''})"
+                expected = f"a component of an output of the scene ({refusals[0].expected})"
                 raise ArgumentError(name, expected, quoted(column))
         return tuple(found)
 
     def results(self, x: Float64Array) -> list[float]:
-        """Return the results at numbers x; NaN where the scene cannot be computed with them."""
+        """Return the results at numbers x, each computed once; NaN where the scene cannot be computed with them.
+
+        Raises:
+            ArgumentError: it cannot be computed with the first numbers.
+        """
         key = np.asarray(x, np.float64).tobytes()
         if key not in self.known:
             self.known[key] = self._computed(np.asarray(x, np.float64))
@@ -238,7 +247,9 @@ class _Variants:
                 raise
             return [math.nan] * len(self._names)
         batch = {name: array[None] for name, array in arrays.items()}
-        columns = reduce_arrays(t, batch, tuple(dict.fromkeys(reduction for _, reduction in self._columns)))
+        reductions = tuple(dict.fromkeys(reduction for _, reduction in self._columns))
+        reduced = reduce_arrays(t, batch, reductions, self._in_units)
+        columns = {heading.partition(" [")[0]: values for heading, values in reduced.items()}
         for name in self._names:
             if name not in columns:
                 reduction = _column(name)[1]
@@ -246,12 +257,18 @@ class _Variants:
                 raise ArgumentError("until", choices(known), quoted(name))
         return [float(columns[name][0]) for name in self._names]
 
+    def units(self) -> dict[str, str]:
+        """Return the units of the results by name."""
+        own, si = self._in_units.units, self._in_units.si_unit
+        columns = zip(self._names, self._columns, strict=True)
+        return {name: own.unit("s" if end.startswith("t_") else si(column)) for name, (column, end) in columns}
+
     def doubts(self, x: Float64Array, conditions: Sequence[Condition]) -> Iterator[str]:
         """Yield sentences on why conditions do not hold: an instant behind the motion, or a result that jumps."""
-        stop = self.computer.scene(x).stop
+        stop, unit = self._in_units.units.factor("s") * self.computer.scene(x).stop, self._in_units.unit("t")
         for place, one in enumerate(conditions):
             if self._columns[place][1].startswith("t_") and one.value >= stop:
-                yield f"{one} is not within the motion, which ends at t = {stop:.6g} s (time.stop)"
+                yield f"{one} is not within the motion, which ends at t = {stop:.6g} {unit} (time.stop)"
             sides = {np.sign(one.miss(got[place])) for key, got in self.known.items() if self._is_beside(key, x)}
             if len(self.keys) == 1 and {-1.0, 1.0} <= sides:
                 yield f"{one.result} jumps past {one.value:.6g} at {self.keys[0]} = {x[0]:.6g}"
@@ -309,42 +326,69 @@ def _root(scipy: Any, variants: _Variants, miss: Any) -> Float64Array:
         steps = [math.copysign(1.0, start) * x for x in offsets] + ([-x for x in offsets] if start == 0 else [])
         places = [start, *sorted((start + x for x in steps), key=lambda x: abs(x - start))]
     seen: dict[float, float] = {}
+
+    def missed(x: float) -> float:
+        if x not in seen:
+            seen[x] = float(miss(np.array([x])))
+        return seen[x]
+
     for x in places:
-        got = miss(np.array([x]))
-        if not math.isfinite(got):
-            continue
-        seen[x] = got
-        below = max((y for y in seen if y < x), default=None)
-        above = min((y for y in seen if y > x), default=None)
-        for other in (below, above):
-            if got == 0 or (other is not None and seen[other] * got < 0):
-                if got == 0:
-                    return np.array([x])
-                root = scipy.brentq(lambda y: miss(np.array([y])), *sorted((x, other)), xtol=1e-14, rtol=1e-13)
-                return np.array([root])
-    return np.array([min(seen, key=lambda x: abs(seen[x]))])
+        if missed(x) == 0:
+            return np.array([x])
+        neighbours = max((y for y in seen if y < x), default=None), min((y for y in seen if y > x), default=None)
+        for other in neighbours:
+            ends = None if other is None else _bracket(missed, x, other)
+            if ends is not None:
+                return np.array([scipy.brentq(missed, *sorted(ends), xtol=1e-14, rtol=1e-13)])
+    return np.array([min((x for x in seen if math.isfinite(seen[x])), key=lambda x: abs(seen[x]))])
 
 
-def _least_misses(scipy: Any, variants: _Variants, misses: Sequence[Any]) -> Float64Array:
-    """Return the numbers with the least squares of misses, each relative to its size at the start."""
-    scales = np.array([abs(miss(variants.start)) or 1.0 for miss in misses])
+def _bracket(missed: Callable[[float], float], x: float, y: float) -> tuple[float, float] | None:
+    """Return two numbers between which `missed` changes its sign. Where it is NaN at one of them, as the time of what
+    does not happen within the motion, look for the other one up to where it becomes NaN.
+    """
+    at, to = (x, y) if math.isfinite(missed(x)) else (y, x)
+    if not math.isfinite(missed(at)):
+        return None
+    while math.isnan(missed(to)) and abs(to - at) > 1e-4 * abs(at):
+        middle = (at + to) / 2
+        if missed(middle) * missed(at) > 0:
+            at = middle
+        else:
+            to = middle
+    return (at, to) if missed(at) * missed(to) <= 0 else None
 
-    def residuals(x: Float64Array) -> Float64Array:
-        found = np.array([miss(x) for miss in misses]) / scales
-        return np.where(np.isfinite(found), found, 1e6)
 
+def _least_misses(scipy: Any, variants: _Variants, conditions: Sequence[Condition]) -> Float64Array:
+    """Return the numbers with the least squares of what the conditions miss, each relative to that at the start."""
+    scales = np.array([abs(one.miss(got)) or 1.0 for one, got in _with_results(conditions, variants, variants.start)])
     size = np.where(variants.start == 0, 1.0, np.abs(variants.start))
-    solved = scipy.least_squares(
-        residuals,
-        np.clip(variants.start, variants.low + 1e-9 * size, variants.high - 1e-9 * size),
-        bounds=(variants.low, variants.high),
-        x_scale=size,
-        diff_step=1e-5,
-        xtol=1e-12,
-        ftol=1e-12,
-        gtol=1e-12,
-    )
-    return np.asarray(solved.x, np.float64)
+
+    def solved(start: Float64Array, conditions: Sequence[Condition]) -> Float64Array:
+        def residuals(x: Float64Array) -> Float64Array:
+            found = np.array([one.miss(got) for one, got in _with_results(conditions, variants, x)]) / scales
+            return np.where(np.isfinite(found), found, 1e6)
+
+        inside = np.clip(start, variants.low + 1e-9 * size, variants.high - 1e-9 * size)
+        bounds, least = (variants.low, variants.high), 1e-12
+        found = scipy.least_squares(
+            residuals, inside, bounds=bounds, x_scale=size, diff_step=1e-5, xtol=least, ftol=least, gtol=least
+        )
+        return np.asarray(found.x, np.float64)
+
+    x = solved(variants.start, conditions)
+    # A search ends just outside of an inequality, whose miss has no slope within: it ends on it as an equation.
+    equations = [
+        one._replace(sign="=") if one.miss(got) else one for one, got in _with_results(conditions, variants, x)
+    ]
+    return x if equations == [*conditions] else solved(x, equations)
+
+
+def _with_results(
+    conditions: Sequence[Condition], variants: _Variants, x: Float64Array
+) -> Iterator[tuple[Condition, float]]:
+    """Yield the conditions with their results at numbers x; these stand first among the results."""
+    return zip(conditions, variants.results(x), strict=False)
 
 
 def _smallest(scipy: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) -> Float64Array:

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.numeric.column_file import write_npz
-from hingepair.numeric.whole_file import whole_file
+from hingepair.tables.column_file import write_npz
+from hingepair.tables.data_frames import column_names, split_columns
+from hingepair.tables.whole_file import whole_file
 
 STORE_SUFFIXES: Final = (".csv", ".parquet", ".zarr")
 """Endings of the names of stores."""
@@ -187,24 +188,28 @@ def _scalar_columns(columns: Columns) -> dict[str, NDArray[Any]]:
     """Return the columns of a chunk as a dict of one-dimensional arrays by name, one for each component, such as
     R2_x, with a row for each variant and instant.
     """
-    if "t" not in columns:
+    t = next((array for name, array in columns.items() if _split_heading(name)[0] == "t"), None)
+    if t is None:
         return dict(columns)
-    count, samples = columns["t"].shape
+    count, samples = t.shape
     scalars: dict[str, NDArray[Any]] = {}
     for name, array in columns.items():
         if array.ndim == 1:
             scalars[name] = np.repeat(array, samples)
         else:
-            flat = array.reshape(count * samples, -1)
-            endings = _component_suffixes(array.shape[2:])
-            scalars |= {f"{name}{ending}": np.ascontiguousarray(flat[:, k]) for k, ending in enumerate(endings)}
+            output, unit = _split_heading(name)
+            flat = {output: array.reshape(count * samples, *array.shape[2:])}
+            scalars |= {
+                f"{component}{unit and f' [{unit}]'}": np.ascontiguousarray(part)
+                for component, part in zip(column_names(flat), split_columns(flat), strict=True)
+            }
     return scalars
 
 
-def _component_suffixes(shape: tuple[int, ...]) -> list[str]:
-    """Return the column name suffixes of an array's components, such as _x or _xy; one empty text for shape ()."""
-    letters = ["".join("xyz"[i] for i in index) for index in np.ndindex(shape)]
-    return [f"_{text}" if text else "" for text in letters]
+def _split_heading(heading: str) -> tuple[str, str]:
+    """Return name and unit of a heading such as R2 [mm]; the unit is empty if there is none."""
+    name, _, unit = heading.partition(" [")
+    return name, unit.removesuffix("]")
 
 
 def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
@@ -222,9 +227,11 @@ def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
     for chunk in range(chunk_count):
         columns = store.read(chunk)
         first = chunk * chunk_size
-        for name, array in columns.items():
+        for heading, array in columns.items():
+            name, unit = _split_heading(heading)
             if chunk == 0:
                 sizes = (min(chunk_size, total), *array.shape[1:])
-                group.create_array(name, shape=(total, *array.shape[1:]), chunks=sizes, dtype=array.dtype)
+                made = group.create_array(name, shape=(total, *array.shape[1:]), chunks=sizes, dtype=array.dtype)
+                made.attrs.update({"units": unit} if unit else {})
             group[name][first : first + len(array)] = array
     os.replace(unfinished, store.path)

@@ -20,17 +20,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import execution_of
-from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, SceneError, choices, quoted
+from hingepair.errors import ArgumentError, HingePairError, SceneError, choices, quoted
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.load import scene_files
+from hingepair.numeric.optional import require
+from hingepair.scenes.load import SceneFile
 from hingepair.scenes.tables import Table, read_tables
 from hingepair.sweeps.designs import DESIGN_NAMES, design_values, read_varied_number
 from hingepair.sweeps.reductions import REDUCTIONS, is_reduction, reduce_arrays
 from hingepair.sweeps.stores import Store, check_package
 from hingepair.sweeps.variants import VariantComputer, check_number_path, parse_key
+from hingepair.tables.units import Columns, Units
 
 # Keys that the file of a sweep may have.
-_SWEEP_FILE_KEYS: Final = ("title", "scene", "outputs", "reduce", "design", "samples", "seed", "chunk", "vary")
+_SWEEP_FILE_KEYS: Final = (
+    "title",
+    "scene",
+    "outputs",
+    "reduce",
+    "design",
+    "samples",
+    "seed",
+    "chunk",
+    "units",
+    "vary",
+)
 _SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 # States (variants times instants) whose arrays are in memory at a time, unless one variant has more.
 _MAX_STATES: Final = 200_000
@@ -92,10 +105,17 @@ class SweepTask:
     outputs: tuple[str, ...] | None
     #: names of the reductions to store; empty to store the outputs at all instants
     reductions: tuple[str, ...]
+    #: units of results and levels in place of SI units
+    units: str = ""
 
 
-def load_sweep(path: str | Path) -> Sweep:
-    """Read a TOML sweep file, and return it as a Sweep. Compute its first variant as a check."""
+def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
+    """Read a TOML sweep file, and return it as a Sweep. Compute its first variant as a check.
+
+    Args:
+        path: path of the file.
+        units: units of results and levels in place of SI units; by default those of the file.
+    """
     table = read_tables(path)
     if "scene" not in table.values and not _SCENE_TABLES.isdisjoint(table.values):
         raise SceneError(table.file, "a sweep, whose key scene names a scene", "a scene (hingepair run computes it)")
@@ -128,10 +148,15 @@ def load_sweep(path: str | Path) -> Sweep:
                 f"{choices(REDUCTIONS)}; of quantiles any, such as q2.5",
                 quoted(name),
             )
-    files = (Path(path), *scene_files(scene_path))
+    files = (Path(path), *SceneFile(scene_path).files)
     contents = json.dumps(scene.values, sort_keys=True, default=str)
     task = SweepTask(
-        str(scene_path), contents, tuple(number.key for number in varied), _read_names(table, "outputs"), reductions
+        path=str(scene_path),
+        tables=contents,
+        keys=tuple(number.key for number in varied),
+        outputs=_read_names(table, "outputs"),
+        reductions=reductions,
+        units=_read_units(table) if units is None else units,
     )
     first = _variant_computer(task)
     try:
@@ -167,6 +192,16 @@ def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
     return int(value)
 
 
+def _read_units(table: Table) -> str:
+    """Return the units that a Table names; an empty text if it names none."""
+    if "units" not in table.values:
+        return ""
+    text = table.text("units")
+    with table.naming("units"):
+        Units(text)
+    return text
+
+
 def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
     """Return the names in the list under a key of a Table, without repetitions, as a tuple, or None if the key is
     missing.
@@ -196,6 +231,7 @@ def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data
         "chunk": chunk_size,
         "outputs": task.outputs,
         "reduce": task.reductions,
+        "units": task.units,
     }
     return json.dumps(facts, indent=1)
 
@@ -288,13 +324,9 @@ def _compute_on_threads(
 
 def _connect(scheduler_address: str) -> Any:
     """Return a Dask client that is connected to the scheduler at an address such as tcp://127.0.0.1:8786."""
+    client = require("distributed", "scheduler").Client
     try:
-        from distributed import Client
-    except ImportError as error:
-        needed = "the package distributed: pip install 'hingepair[dask]'"
-        raise MissingDependencyError("scheduler", needed, str(error)) from None
-    try:
-        return Client(scheduler_address, timeout=_TIMEOUT)
+        return client(scheduler_address, timeout=_TIMEOUT)
     except (OSError, ValueError, TimeoutError) as error:
         expected = "the address of a dask.distributed scheduler that answers, such as tcp://127.0.0.1:8786"
         raise ArgumentError("scheduler", expected, f"{scheduler_address!r} ({str(error).splitlines()[0]})") from None
@@ -338,10 +370,7 @@ def _key(sweep: Sweep) -> str:
 
 
 def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
-    """Return the exception to raise for an error of a worker: an ArgumentError unchanged; another error of this
-    package or a MemoryError with an added note that contains the string `chunk_text`; any other error as an
-    ArgumentError with that string.
-    """
+    """Return the exception to raise for an error of a worker, which names the chunk unless it names an argument."""
     if isinstance(error, ArgumentError):
         return error
     if isinstance(error, HingePairError | MemoryError):
@@ -375,7 +404,7 @@ def compute_chunk(
         if together is None:
             parts += _compute_one_by_one(computer, task, chunk_index, first_variant + start, rows)
         else:
-            parts.append(_result_columns(*together, task))
+            parts.append(_result_columns(*together, task, computer.in_units(task.units)))
     columns = {"variant": np.arange(first_variant, first_variant + len(numbers))}
     columns |= {key: np.ascontiguousarray(numbers[:, k]) for k, key in enumerate(task.keys)}
     try:
@@ -394,7 +423,8 @@ def _compute_one_by_one(
     for i, row in enumerate(numbers):
         try:
             t, arrays = computer.compute(row)
-            yield _result_columns(t, {name: array[None] for name, array in arrays.items()}, task)
+            batch = {name: array[None] for name, array in arrays.items()}
+            yield _result_columns(t, batch, task, computer.in_units(task.units))
         except ArgumentError as error:
             where = f"chunk {chunk_index}, {_variant_text(task, first_variant + i, row)}: {error.name}"
             raise ArgumentError(where, error.expected, error.got) from None
@@ -406,14 +436,17 @@ def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) ->
     return f"variant {variant_index} ({values})"
 
 
-def _result_columns(t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: SweepTask) -> dict[str, NDArray[Any]]:
+def _result_columns(
+    t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: SweepTask, columns: Columns
+) -> dict[str, NDArray[Any]]:
     """Return a dict of the columns to store for some variants: the reductions that the SweepTask names, (variants,),
     or, if it names none, "t" and the outputs, (variants, samples, ...).
     """
     if task.reductions:
-        return {**reduce_arrays(t, arrays, task.reductions)}
+        return {**reduce_arrays(t, arrays, task.reductions, columns)}
     count = len(next(iter(arrays.values())))
-    return {"t": np.broadcast_to(t, (count, len(t))), **arrays}
+    whole = {"t": np.broadcast_to(t, (count, len(t))), **arrays}
+    return {columns.heading(name): columns.converted(name, array) for name, array in whole.items()}
 
 
 _CACHE_LOCK = threading.Lock()  # the threads of a worker make one computer for all of them

@@ -8,18 +8,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hingepair.equations.quantities import POSE
-from hingepair.errors import MissingDependencyError, SceneError
+from hingepair.errors import SceneError
 from hingepair.numeric.arrays import Float64Array, Frozen
-from hingepair.numeric.suspicions import DEGREES_IN_SCENES, suspicions
-from hingepair.numeric.tables import Sheet, Shown, instant_text, json_text
+from hingepair.numeric.optional import new_figure
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.tolerances import DEVIATIONS, sample_pairs
+from hingepair.pair.tolerances import DEVIATIONS, LIMITS, read_limits, sample_pairs
 from hingepair.rotations.matrices import rotation_log
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.scene import Scene
+from hingepair.tables.sheets import Sheet, Shown, instant_text, json_text
+from hingepair.tables.suspicions import DEGREES_IN_SCENES, suspicions
+from hingepair.tables.units import SI, Units
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 POSE_COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
 """Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
+_SI_UNITS: Final = (*["m"] * 3, *["rad"] * 3)
 
 # States (sampled pairs times instants) that are computed at a time.
 _MAX_STATES: Final = 200_000
@@ -34,6 +36,10 @@ _MAX_STATES: Final = 200_000
 _BAND: Final = (0.025, 0.975)
 # Half the width of this band of a normal distribution, in standard deviations.
 _HALF_BAND: Final = 1.96
+_LIMITS_NOTE: Final = (
+    'A tolerance +- is taken for three standard deviations of a normal distribution; "+-0.2 mm uniform" makes all '
+    "values between the limits as likely."
+)
 
 
 class Band(NamedTuple):
@@ -41,7 +47,7 @@ class Band(NamedTuple):
 
     #: one of `POSE_COMPONENTS`
     component: str
-    #: unit of the four numbers that follow: m or rad
+    #: unit of the four numbers that follow: m or rad, or those that stand for them
     unit: str
     #: standard deviation to first order
     first_order_std: float
@@ -77,10 +83,12 @@ class ToleranceStudy(Frozen, Shown):
     contributions: Mapping[str, Float64Array]
     #: number of sampled pairs
     samples: int
-    #: standard deviations of the geometry, by argument of `sample_pairs`
+    #: limits, such as "+-0.2 mm", and standard deviations of the geometry, by argument of `sample_pairs`
     tolerances: Mapping[str, Any]
-    #: sentences on standard deviations in doubtful units, and on instants that are left out
+    #: sentences on what limits mean, on standard deviations in doubtful units, and on instants that are left out
     notes: tuple[str, ...] = ()
+    #: units of tables and plots unless others are asked for
+    units: Units = SI
 
     def shares(self) -> dict[str, tuple[float, float]]:
         """Return a dict from the name of each dimension to a tuple of two fractions (0 to 1): the fraction of the
@@ -97,21 +105,30 @@ class ToleranceStudy(Frozen, Shown):
         shares = {name: (float(pair[0]), float(pair[1])) for name, pair in fractions.items() if pair.any()}
         return dict(sorted(shares.items(), key=lambda item: -max(item[1])))
 
-    def bands(self) -> list[Band]:
+    def bands(self, units: str | None = None) -> list[Band]:
         """Return a list of six `Band` records, one for each pose component, at the instant of the component's largest
         first-order standard deviation.
+
+        Args:
+            units: units in place of SI units, such as "deg, mm"; by default those of the scene.
         """
-        rows = []
+        shown, rows = self._shown(units), []
         for k, name in enumerate(POSE_COMPONENTS):
-            i = int(np.argmax(self.std[:, k]))
-            sizes = (self.std[i, k], self.sampled_std[i, k], *self.band[i, :, k], self.t[i])
-            rows.append(Band(name, "m" if k < 3 else "rad", *map(float, sizes)))
+            i, si = int(np.argmax(self.std[:, k])), _SI_UNITS[k]
+            factor = shown.factor(si)
+            sizes = (self.std[i, k], self.sampled_std[i, k], *self.band[i, :, k])
+            first, sampled, low, high = (factor * float(size) for size in sizes)
+            t = shown.factor("s") * float(self.t[i])
+            rows.append(Band(name, shown.unit(si), first, sampled, low, high, t))
         return rows
+
+    def _shown(self, units: str | None) -> Units:
+        return self.units if units is None else Units.of(units)
 
     @property
     def verdict(self) -> str:
-        """Text that names the dimension with the largest share in the variance of R2 and the dimension with the
-        largest share in the variance of the attitude. A dimension whose share is zero is not named.
+        """Text that names the dimensions with the largest share in the variance of R2 and of the attitude, as means
+        over the instants. A dimension whose share is zero is not named.
         """
         shares = self.shares()
         leaders = [max(shares, key=lambda name: shares[name][k]) for k in (0, 1)]
@@ -120,43 +137,47 @@ class ToleranceStudy(Frozen, Shown):
             for k, (name, what) in enumerate(zip(leaders, ("R2", "the attitude"), strict=True))
             if shares[name][k]
         ]
-        return "; ".join(texts)
+        return "; ".join(texts) + ", as a mean over the motion" * bool(texts)
 
-    def to_json(self) -> str:
-        """Return title, numbers of samples and instants, tolerances, bands, shares and verdict as JSON text."""
+    def to_json(self, units: str | None = None) -> str:
+        """Return title, numbers of samples and instants, tolerances, bands, shares and verdict as JSON text.
+
+        Args:
+            units: units of the bands in place of SI units; by default those of the scene.
+        """
         return json_text(
             {
                 "title": self.title,
                 "samples": self.samples,
                 "instants": len(self.t),
                 "tolerances": {name: np.asarray(value).tolist() for name, value in self.tolerances.items()},
-                "bands": [band._asdict() for band in self.bands()],
+                "bands": [band._asdict() for band in self.bands(units)],
                 "shares": {name: {"R2": a, "attitude": b} for name, (a, b) in self.shares().items()},
                 "verdict": self.verdict,
                 "notes": self.notes,
             }
         )
 
-    def plot(self) -> Figure:
+    def plot(self, units: str | None = None) -> Figure:
         """Return a Matplotlib figure with the 95 % bands of the pose components over time, to first order and of the
         sampled pairs, and the shares of each dimension in the variance.
-        """
-        try:
-            from matplotlib.figure import Figure
-        except ImportError as error:
-            raise MissingDependencyError("plot", "Matplotlib (pip install matplotlib)", str(error)) from None
 
-        figure = Figure(figsize=(10, 10), layout="constrained")
+        Args:
+            units: units of the bands, such as "deg, um"; by default those of the scene, or else mm and mrad.
+        """
+        shown = self._shown(units).over(Units("mm, mrad"))
+        t = shown.factor("s") * self.t
+        figure = new_figure(10, 10)
         grid = figure.add_gridspec(4, 2)
         for k, name in enumerate(POSE_COMPONENTS):
             axes = figure.add_subplot(grid[k % 3, k // 3])
-            unit, scale = ("mm", 1e3) if k < 3 else ("mrad", 1e3)
+            unit, scale = shown.unit(_SI_UNITS[k]), shown.factor(_SI_UNITS[k])
             low, high = scale * self.band[:, :, k].T
-            axes.fill_between(self.t, low, high, alpha=0.3, linewidth=0, label=f"95 % of {self.samples} pairs")
+            axes.fill_between(t, low, high, alpha=0.3, linewidth=0, label=f"95 % of {self.samples} pairs")
             for sign in (-1, 1):
                 label = "first order" if sign > 0 else None
                 axes.plot(
-                    self.t,
+                    t,
                     sign * scale * _HALF_BAND * self.std[:, k],
                     "k--",
                     linewidth=0.8,
@@ -165,7 +186,7 @@ class ToleranceStudy(Frozen, Shown):
             axes.set_ylabel(f"{name} [{unit}]")
             axes.grid(alpha=0.3)
             if k % 3 == 2:
-                axes.set_xlabel("t [s]")
+                axes.set_xlabel(f"t [{shown.unit('s')}]")
             if k == 0:
                 axes.legend(loc="upper right", fontsize="small")
         shares = self.shares()
@@ -182,44 +203,57 @@ class ToleranceStudy(Frozen, Shown):
         bands, _ = self.tables()
         return Sheet(f"tolerances of {self.title}: {self.samples} pairs", bands, (self.verdict, *self.notes))
 
-    def tables(self) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
+    def tables(self, units: str | None = None) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
         """Return (bands, shares), the results of the methods `bands` and `shares` as two tables of strings. Each is a
         list of rows of cells; the first row has the headings.
+
+        Args:
+            units: units in place of SI units; by default those of the scene.
         """
-        heading = ("", "unit", "std, first order", "std, sampled", "2.5 %", "97.5 %", "at t")
-        bands = [heading, *(band.cells() for band in self.bands())]
+        t = self._shown(units).unit("s")
+        at = "at t" if t == "s" else f"at t [{t}]"
+        heading = ("", "unit", "std, first order", "std, sampled", "2.5 %", "97.5 %", at)
+        bands = [heading, *(band.cells() for band in self.bands(units))]
         shares = [("dimension", "of R2's variance", "of the attitude's")]
         shares += [(name, f"{100 * a:.1f} %", f"{100 * b:.1f} %") for name, (a, b) in self.shares().items()]
         return bands, shares
 
 
 def read_tolerances(scene: PairScene) -> dict[str, Any]:
-    """Return the standard deviations in the table [tolerances] of a Scene as a dict. The keys are argument names of
-    `sample_pairs`, such as u1_std; each value is a float or three floats. The dict is empty if there is no table.
-    """
+    """Return the table [tolerances] of a scene, by argument of `sample_pairs`; empty if there is none."""
     table = scene.tables.table("tolerances", required=False)
-    table.check_keys(DEVIATIONS)
-    return {
-        name: table.numbers(name, 3) if isinstance(value, list) and name != "axis_std" else table.number(name)
-        for name, value in table.values.items()
-    }
+    table.check_keys((*LIMITS, *DEVIATIONS))
+    tolerances: dict[str, Any] = {}
+    for name, value in table.values.items():
+        if name in LIMITS:
+            with table.naming(name):
+                read_limits(name, value)
+            if f"{name}_std" in table.values:
+                table.refuse(f"{name}_std", f"no such key beside {name}, which gives the tolerance", "a value")
+            tolerances[name] = value
+        else:
+            several = isinstance(value, list) and name != "axis_std"
+            tolerances[name] = table.numbers(name, 3) if several else table.number(name)
+    return tolerances
 
 
-def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, **std: ArrayLike) -> ToleranceStudy:
+def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, **tolerances: Any) -> ToleranceStudy:
     """Return a `ToleranceStudy` of the pose of body 2 at up to 101 instants of a Scene, to first order and with
-    `samples` random pairs that `seed` determines. Keyword arguments such as u1_std are standard deviations, which
-    override the values in the scene's table [tolerances].
+    `samples` random pairs that `seed` determines.
 
     Args:
         scene: scene of a pair; the study takes at most 101 of its instants, evenly spread.
         samples: number of pairs that are sampled.
         seed: seed of the sampled pairs; None for other pairs at every call.
-        **std: standard deviations by argument name of `sample_pairs`; the others are those of [tolerances].
+        **tolerances: limits such as u1="+-0.2 mm" and standard deviations such as u1_std=0.001, by argument name of
+            `sample_pairs`, in place of those of [tolerances].
     """
     of_pair: PairScene = scene.require_pair()
-    tolerances = {**read_tolerances(of_pair), **std}
+    replaced = {other for name in tolerances for other in (f"{name}_std", name.removesuffix("_std"))}
+    of_scene = {name: value for name, value in read_tolerances(of_pair).items() if name not in replaced}
+    tolerances = {**of_scene, **tolerances}
     if not tolerances:
-        expected = "standard deviations, such as [tolerances] u1_std = 0.001, or --u1-std 0.001"
+        expected = 'tolerances, such as [tolerances] u1 = "+-0.2 mm", or --u1 "+-0.2 mm"'
         raise SceneError(f"{of_pair.path}: tolerances", expected, "none")
     rows = np.unique(np.linspace(0, of_pair.samples - 1, min(of_pair.samples, 101)).astype(np.intp))
     pair, t = of_pair.space, np.asarray(of_pair.motion.t[rows])
@@ -238,8 +272,12 @@ def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, 
         if name in {"axis_std", "home_std"}
         else suspicions("std of length", name, [np.max(value), lever])
         for name, value in tolerances.items()
+        if name in DEVIATIONS
     ]
-    notes = (*itertools.chain(*doubts), *[f"{lost} of {len(t)} instants have no pose and are left out"] * bool(lost))
+    limits = [str(value) for name, value in tolerances.items() if name in LIMITS]
+    assumed = [_LIMITS_NOTE] * any("normal" not in text and "uniform" not in text for text in limits)
+    left_out = [f"{lost} of {len(t)} instants have no pose and are left out"] * bool(lost)
+    notes = (*assumed, *itertools.chain(*doubts), *left_out)
     t, psi, body1 = t[known], psi[known], BodyMotion(R=R[known], S=S[known])
     linear = pair.propagate_covariance(body1, psi, **tolerances)
     sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)
@@ -264,4 +302,5 @@ def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, 
         samples=samples,
         tolerances=tolerances,
         notes=notes,
+        units=of_pair.units,
     )

@@ -22,6 +22,7 @@ from hingepair.scenes.robot_table import read_mechanism, with_payload
 from hingepair.scenes.scene import Scene
 from hingepair.scenes.tables import Key, Table, numbers_key
 from hingepair.sweeps.payloads import PayloadVariantComputer, payload_variant_computer
+from hingepair.tables.units import Columns
 
 # One part of the path to a number of a scene: a key, then indices in brackets. Each number has one spelling.
 _KEY_PART: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[(?:0|[1-9][0-9]{0,8})\])*)")
@@ -123,6 +124,10 @@ class VariantComputer:
             tables = replace(scene.tables, values={**values, "mechanism": bare})
             self._unloaded_robot = robot = read_mechanism(tables, self._path.parent)
             self._payload_computer = payload_variant_computer(self._scene, robot, table, keys, self._outputs)
+
+    def in_units(self, units: str | None) -> Columns:
+        """Return names and numbers of columns of the outputs in units; None for SI units."""
+        return self._scene.in_units(units or "")
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
         """Return (t, arrays) for one variant: the instants [s], (samples,), and the outputs by name, (samples, ...).

@@ -58,7 +58,7 @@ MAX_COMPONENT_SYMBOLS: Final = 5_000
 SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
 _CONSTANTS: Final = (*SYMBOLIC_CONSTANTS, "home")
-_COORDINATES: Final = ("q", "qd", "qdd")  # as plans have them
+_COORDINATES: Final = ("q", "qd", "qdd")  # inputs of plans: all coordinates, and their two derivatives
 
 
 class Derivation(WrittenForms):
@@ -149,7 +149,9 @@ class Derivation(WrittenForms):
     def _distinct_constants(
         self, exprs: Iterable[Expr], given: Collection[str], symbolic: Collection[str]
     ) -> dict[Expr, Expr]:
-        """Return the symbols that replace the constants of a scene; names in use get an underscore."""
+        """Return the symbols that replace the constants in expressions of a scene; names in use get an underscore.
+        `given` are the names of the coordinates, `symbolic` those of the pair's constants that are symbols.
+        """
         used = ["t", *(label for name in self.names for label in self.labels(name))]
         used += [name + "d" * order for name in self.kind.coordinates if name not in given for order in range(3)]
         used += [f"{key}_{axis}" for key in symbolic for axis in "xyz"]

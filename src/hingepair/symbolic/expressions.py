@@ -63,12 +63,17 @@ _HINTS: Final = MappingProxyType({  # names that are known from elsewhere, as th
 })  # fmt: skip
 
 _FORBIDDEN = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)
-_SIGN_HINTS: Final = {"^": "; a power is written **", "%": "; a remainder is written mod(x, period)"}
+_SIGN_HINTS: Final = {
+    "^": "; a power is written **",
+    "%": "; a remainder is written mod(x, period)",
+    "°": "; degrees are written deg(x)",
+}
 _INSTEAD: Final[Mapping[type[ast.expr], str]] = {  # of nodes that are not allowed
     **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
 }
+_LENGTHS: Final = {"mm": "*1e-3", "cm": "*1e-2", "km": "*1e3", "m": ""}
 _FINITE = "a finite real number"
 _MAX_SHOWN = 40  # characters of the text in a message
 _WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"  # other than an operator
@@ -417,6 +422,8 @@ class _Builder:
         if match and match[1] in CALLS:
             call = CALLS[match[1]].replace("(x)", f"({match[2]})")
             return f"; a function is called as {call}"
+        if match and match[1][0].isdigit() and match[2] in _LENGTHS and match[2] not in self.names:
+            return f"; lengths are in metres: {match[1][:_MAX_SHOWN]}{_LENGTHS[match[2]]}"
         if match and match[2].startswith("deg"):
             return f"; degrees are written deg({match[1][:_MAX_SHOWN]})"
         if match:

@@ -13,18 +13,10 @@ from hingepair.urdf.records import JointRecord, LinkRecord, PoseRules, RobotReco
 
 
 def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotRecord:
-    """Read the links and joints of a URDF file or text.
+    """Read the links and joints of a URDF file or text (which starts with "<"); no meshes are read.
 
-    Args:
-        path_or_text: text of a URDF (it starts with "<"), or the path of a file. Only links and joints are read,
-            no meshes.
-        snap: largest distance [rad] of an angle of an origin (rpy) from a multiple of pi/2 at which the angle is read
-            as this multiple. With 0, only an angle that is the double nearest to a multiple of pi/2 is.
-
-    Raises:
-        URDFError: the file cannot be read; not XML, macros (xacro) or a DOCTYPE in it (it could name files or grow
-            without bound), not a robot; a joint's parent link is not declared: whatever the joint carries would hang
-            on nothing.
+    An angle of an origin (rpy) within `snap` [rad] of a multiple of pi/2 is read as this multiple. With 0, only an
+    angle that is the double nearest to a multiple of pi/2 is.
     """
     parser = ET.XMLParser(target=_DoctypeRefusingBuilder())
     try:
@@ -71,11 +63,10 @@ def _joint(element: ET.Element, rules: PoseRules) -> JointRecord:
 
 
 class _DoctypeRefusingBuilder(ET.TreeBuilder):
-    """Builder of XML trees that raises a URDFError at a DOCTYPE, before any entity that the DOCTYPE declares is
-    expanded.
-    """
+    """Builder of XML trees that refuses a DOCTYPE before any entity that it declares is expanded."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        # Its entities could name files, or grow without bound.
         raise URDFError("URDF", "XML without a DOCTYPE", f"<!DOCTYPE {name} {pubid or ''} {system or ''}>")
 
 

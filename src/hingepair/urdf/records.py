@@ -24,14 +24,14 @@ from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import find_sequence
 from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns
 
-HINGE_JOINT_TYPE_NAMES = ("revolute", "continuous")
+HINGE_TYPES = ("revolute", "continuous")
 """Joint types that turn about one axis."""
 
-SLIDER_JOINT_TYPE_NAMES = ("prismatic",)
+SLIDER_TYPES = ("prismatic",)
 """Joint types that shift along one axis."""
 
 # A number as URDF writes it; possessive, so that the time stays linear.
-_URDF_NUMBER_PATTERN = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
 _ZERO_VECTOR = (0.0, 0.0, 0.0)  # a position or angles that are not given
 DEFAULT_SIZES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "box": {"size": _ZERO_VECTOR}, "cylinder": {"radius": (0.0,), "length": (0.0,)}, "sphere": {"radius": (0.0,)}
@@ -39,9 +39,9 @@ DEFAULT_SIZES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 """Attributes that give the sizes of a shape, by its kind, and what they are where they are not given."""
 
 # The attributes of URDF's inertia.
-_INERTIA_ATTRIBUTE_NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_HALF_PI_AS_FRACTION = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
-_MAX_QUARTERS = 2**20  # of larger angles every one is near a multiple
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_HALF_PI = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
+_MAX_QUARTERS = 2**20  # quarter turns up to which sines and cosines of their multiples are exact
 # Sine and cosine of 0, 1, 2, 3 quarter turns.
 _QUARTERS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 
@@ -86,24 +86,16 @@ class LinkRecord:
     rules: PoseRules  # how its origins are read
 
     def inertia(self) -> Inertia:
-        """Return the mass properties of the link in its own axes; numbers that are not given are 0.
-
-        Raises:
-            URDFError: an entry is no finite number.
-        """
+        """Return the mass properties of the link in its own axes; numbers that are not given are 0."""
         label = f"link {self.name!r}, inertial"
         (mass,) = _numbers(self.element.find("inertial/mass"), "value", label, (0.0,))
         moments = self.element.find("inertial/inertia")
-        xx, xy, xz, yy, yz, zz = (_numbers(moments, key, label, (0.0,))[0] for key in _INERTIA_ATTRIBUTE_NAMES)
+        xx, xy, xz, yy, yz, zz = (_numbers(moments, key, label, (0.0,))[0] for key in _INERTIA)
         at_centre = Inertia(mass, np.zeros(3), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
         return at_centre.placed(_pose(self.element.find("inertial/origin"), label, self.rules))
 
     def visuals(self, tag: str = "visual") -> list[Visual]:
-        """Return the shapes that draw the link (`tag` "visual"), or those for collisions (`tag` "collision").
-
-        Raises:
-            URDFError: an origin or a size is no finite number.
-        """
+        """Return the shapes that draw the link (`tag` "visual"), or those for collisions ("collision")."""
         shapes = []
         for element in self.element.findall(tag):
             shape = element.find("geometry/*")
@@ -137,16 +129,12 @@ class JointRecord:
 
     @property
     def pose(self) -> FramePose:
-        """Pose of the child link at position 0 in the axes of the parent link, a FramePose of rotation and origin
-        [m]. Raises a URDFError for an entry that is not a finite number.
-        """
+        """Pose of the child link at position 0 in the axes of the parent link."""
         return _pose(self.element.find("origin"), self._label, self.rules)
 
     @property
     def axis(self) -> tuple[float, ...]:
-        """Axis of the joint in the axes of the child link, three numbers as written, not normalised; (1, 0, 0) unless
-        given. Raises a URDFError for a zero axis.
-        """
+        """Axis in the axes of the child link as written, not normalised; (1, 0, 0) unless given."""
         axis = _numbers(self.element.find("axis"), "xyz", f"{self._label}, axis", (1.0, 0.0, 0.0))
         if not any(axis):
             raise URDFError(f"{self._label}, axis xyz", "a non-zero axis", axis)
@@ -154,9 +142,7 @@ class JointRecord:
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """Lower and upper limit of the position [rad or m]; None if both are 0 or missing, and for continuous joints.
-        Raises a URDFError if the lower limit is above the upper one.
-        """
+        """Lower and upper limit [rad or m]; None if both are 0 or missing, and for continuous joints."""
         if self.type == "continuous":
             return None
         lower, upper = (self._number("limit", key, 0.0) for key in ("lower", "upper"))
@@ -166,9 +152,7 @@ class JointRecord:
 
     @property
     def effort(self) -> float | None:
-        """Largest torque [N m] or force [N] of the joint; None if none is given. Raises a URDFError for a negative
-        number.
-        """
+        """Largest torque [N m] or force [N] of the joint; None if none is given."""
         return self._number_from_0("limit", "effort")
 
     @property
@@ -227,18 +211,14 @@ class RobotRecord:
 
     def hinges(self) -> tuple[JointRecord, ...]:
         """Return a tuple of the revolute and continuous JointRecords that have a name, mimic joints included."""
-        return tuple(joint for joint in self.joints if joint.type in HINGE_JOINT_TYPE_NAMES and joint.name)
+        return tuple(joint for joint in self.joints if joint.type in HINGE_TYPES and joint.name)
 
     def hinge(self, name: str) -> JointRecord:
-        """Return a revolute or continuous joint by its name.
-
-        Raises:
-            URDFError: no such joint, two, or one that is no hinge; lists those that would do.
-        """
+        """Return a revolute or continuous joint by its name."""
         joints = [joint for joint in self.joints if joint.name == name and name]
         if len(joints) > 1:
             raise URDFError("joint", "each name once", f"{name!r} twice")
-        if joints and joints[0].type in HINGE_JOINT_TYPE_NAMES:
+        if joints and joints[0].type in HINGE_TYPES:
             return joints[0]
         known = [hinge.name for hinge in self.hinges()]
         if not known:
@@ -248,21 +228,13 @@ class RobotRecord:
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
     def check_declared(self, name: str, joint: JointRecord) -> None:
-        """Check that the robot has a link of this name, the parent or child of a joint.
-
-        Raises:
-            URDFError: it has none; names the joint.
-        """
+        """Refuse a joint whose parent or child the robot does not have."""
         if name not in self.links:
             expected = "a parent and a child that are links of the robot" + nearest(name, self.links)
             raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
 
     def check_link(self, name: str, joint: JointRecord) -> None:
-        """Check that a link, the parent or child of a joint, is declared once and carried by one joint at most.
-
-        Raises:
-            URDFError: it is not declared, or twice, or more than one joint carries it.
-        """
+        """Refuse a link that is not declared once, or that more than one joint carries."""
         self.check_declared(name, joint)
         if len(self.links[name]) > 1:
             raise URDFError("link", "each name once", f"{name!r} twice")
@@ -270,11 +242,7 @@ class RobotRecord:
             raise URDFError("child link", "each name once", f"{name!r} twice")
 
     def tree(self) -> tuple[str, tuple[JointRecord, ...]]:
-        """Return the name of the root link, and all joints in depth-first order, siblings sorted by name.
-
-        Raises:
-            URDFError: the links and joints are no tree: names the joint or the links that are wrong.
-        """
+        """Return the name of the root link, and all joints in depth-first order, siblings sorted by name."""
         if not self.links:
             raise URDFError("URDF", "a robot with a link", "none")
         count = Counter(joint.name for joint in self.joints)
@@ -313,12 +281,8 @@ class RobotRecord:
 
 
 def _pose(origin: ET.Element | None, label: str, rules: PoseRules) -> FramePose:
-    """Return the FramePose of an XML element <origin>; for None, the identity. Its attributes are xyz [m] and rpy,
-    fixed-axis XYZ [rad], or quat_xyzw, a quaternion of any length.
-
-    Raises:
-        URDFError: an attribute is not that many finite numbers, or the rotation is given twice or by a zero
-            quaternion; the message begins with the string `label`.
+    """Return the pose of an element <origin>, the identity for None: xyz [m], and rpy, fixed-axis XYZ [rad], or
+    quat_xyzw, a quaternion of any length.
     """
     label = f"{label}, origin"
     position = np.array(_numbers(origin, "xyz", label, _ZERO_VECTOR))
@@ -339,11 +303,11 @@ def _pose(origin: ET.Element | None, label: str, rules: PoseRules) -> FramePose:
 
 
 def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
-    """Return (sine, cosine) of an angle [rad]. They are exactly 0, 1 or -1 if the angle is within `snap` [rad] of a
-    multiple of pi/2, or is the double nearest to such a multiple; only multiples up to 2**20 times pi/2 count.
+    """Return (sine, cosine) of an angle [rad], exact for angles within `snap` of a multiple of pi/2 and for the
+    double nearest to one, up to 2**20 pi/2.
     """
     turns = round(angle / (math.pi / 2))
-    near = angle == float(turns * _HALF_PI_AS_FRACTION) or abs(angle - turns * (math.pi / 2)) <= snap
+    near = angle == float(turns * _HALF_PI) or abs(angle - turns * (math.pi / 2)) <= snap
     return _QUARTERS[turns % 4] if near and abs(turns) <= _MAX_QUARTERS else (math.sin(angle), math.cos(angle))
 
 
@@ -353,9 +317,7 @@ def _numbers(element: ET.Element | None, key: str, label: str, default: tuple[An
     if text is None:
         return default
     words = text.split()
-    if len(words) == len(default) and all(
-        _URDF_NUMBER_PATTERN.fullmatch(word) and np.isfinite(float(word)) for word in words
-    ):
+    if len(words) == len(default) and all(_NUMBER.fullmatch(word) and np.isfinite(float(word)) for word in words):
         return tuple(map(float, words))
     raise URDFError(
         f"{label} {key}",

@@ -20,16 +20,12 @@ class FramePose(NamedTuple):
     origin: Float64Array
 
     def placed(self, inner: FramePose) -> FramePose:
-        """Return the FramePose `inner` in the axes in which this frame is given. `inner` is given in the axes of this
-        frame.
-        """
+        """Return a pose that is given in the axes of this frame, in the axes in which this frame is given."""
         with np.errstate(all="ignore"):
             return FramePose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
 
     def seen(self, other: FramePose) -> FramePose:
-        """Return the FramePose `other` in the axes of this frame. `other` is given in the axes in which this frame is
-        given.
-        """
+        """Return a pose that is given in the same axes as this frame, in the axes of this frame."""
         with np.errstate(all="ignore"):
             return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 
@@ -38,9 +34,7 @@ _QUARTER_TURN_ERROR = 2.0**-50  # of an entry that quaternions gave, which err b
 
 
 def exact_quarter_turns(rotation: Float64Array, tolerance: float = 0.0) -> Float64Array:
-    """Return a rotation matrix, or the rotation by quarter turns about x, y and z from which it differs by no more
-    than `tolerance` and the rounding of quaternions.
-    """
+    """Return a rotation, or the one by quarter turns that is within `tolerance` and a quaternion's rounding."""
     near = np.rint(rotation)
     is_near = np.abs(rotation - near).max() <= max(tolerance, _QUARTER_TURN_ERROR)
     return np.asarray(near + 0.0 if is_near else rotation)
@@ -60,18 +54,14 @@ class Inertia(NamedTuple):
     tensor: Float64Array  # inertia tensor about the centre of mass [kg m^2]; shape (3, 3)
 
     def placed(self, pose: FramePose) -> Inertia:
-        """Return a copy of these mass properties in another frame. `pose` is the FramePose of the present frame in
-        that other frame.
-        """
+        """Return these mass properties in another frame, in which the present one has the given pose."""
         axes, centre = pose.placed(FramePose(np.eye(3), self.centre))
         with np.errstate(all="ignore"):
             return Inertia(self.mass, centre, axes @ self.tensor @ axes.T)
 
 
 def combined_inertia(inertias: Collection[Inertia]) -> Inertia:
-    """Return the mass properties of several rigidly joined bodies as one Inertia, in the frame in which all of them
-    are given. If the masses add up to zero, the centre of mass is the origin of the frame.
-    """
+    """Return the mass properties of rigidly joined bodies in one frame; about its origin if nothing has mass."""
     with np.errstate(all="ignore"):
         total = sum(part.mass for part in inertias)
         middle = np.zeros(3)

@@ -13,16 +13,16 @@ acceleration in LOCAL_WORLD_ALIGNED.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, MissingDependencyError, RotationError
-from hingepair.mechanism.kinds import KINDS
+from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.mechanism.tree import ZERO_MASS_PROPERTIES, Joint, MassProperties
+from hingepair.mechanism.tree import Joint, MassProperties, hinge_of_pair
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, real_array, vectors
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
@@ -194,7 +194,7 @@ class Twin:
 class PairTwin:
     """A pair as a Pinocchio model, with methods that convert its coordinates to Pinocchio's and back."""
 
-    model: Any  # with the joints "root_joint" and "hinge", and the frames "body1" and "body2"
+    model: Any  # with the joints "root_joint" and "hinge", and the frames "body1", "body2" and points
     data: Any  # Pinocchio's `Data` of the model, in which its algorithms store results
     body2_frame: int  # number of the frame "body2", whose placement is (S2, R2)
 
@@ -354,16 +354,15 @@ def _pair_twin(pair: HingePair) -> PairTwin:
         pin.Inertia.Zero() if body is None else placement.act(_inertia(pin, body))
         for body, placement in ((pair.body1, pin.SE3.Identity()), (pair.body2, to_body2))
     )
-    hinge = Joint(
-        "hinge", "hinge", 0, pair.u1, np.eye(3), pair.n, ZERO_MASS_PROPERTIES,
-        position_limits=pair.limits or (-np.inf, np.inf),
-        rate_limit=np.inf if pair.rate_limit is None else pair.rate_limit,
-        effort_limit=np.inf if pair.torque_limit is None else pair.torque_limit,
-    )  # fmt: skip
+    hinge = replace(hinge_of_pair(pair), S=np.eye(3), n=pair.n)  # which rounds less than n in body 2's axes
     frames = [
         pin.Frame("body1", 1, pin.SE3.Identity(), pin.FrameType.OP_FRAME),
         pin.Frame("body2", 2, to_body2, pin.FrameType.OP_FRAME),
     ]
+    for joint, points, to_body in ((1, pair.points1, pin.SE3.Identity()), (2, pair.points2, to_body2)):
+        for name, position in points.items():
+            placement = to_body * pin.SE3(np.eye(3), np.array(position))
+            frames.append(pin.Frame(name, joint, placement, pin.FrameType.OP_FRAME))
     model = _model(pin, pair.name, "root_joint", [hinge], frames, [body1, body2])
     return PairTwin(model, model.createData(), int(model.getFrameId("body2", pin.FrameType.OP_FRAME)))
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import printable
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import Sheet, Shown, align_columns, json_text, left_out_remark
 from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
+from hingepair.tables.sheets import Sheet, Shown, align_columns, json_text, left_out_remark
 
 # A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations:
 # the largest difference in 1,000 motions was 11.
@@ -249,7 +249,6 @@ class CrossValidation(Shown):
         sections = [_Section("", [heading, *(row.cells(with_parts) for row in rows)], right)]
         if self.forces:
             title = "the loads against the forces that the motion takes by Pinocchio's rnea"
-            title += "" if self.base else ", in body 1's axes"
             sections.append(_Section(title, [heading, *(row.cells(with_parts) for row in self.forces)], right))
         if self.rates:
             title = "the rates against slopes by finite differences, where the instants are close enough for them"

@@ -16,7 +16,8 @@ from hingepair.mechanism.tree import Frame
 from hingepair.numeric.arrays import Float64Array, broadcast_shape, one_constant
 from hingepair.pair.accuracy import unit_roundoff
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.arguments import CoordinateNames, Coordinates, read_arguments
+from hingepair.pair.hinge_load import TORQUE_PARTS
+from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.plans.trees import BASE_MOTION
 from hingepair.validation.pinocchio_twin import (
     BASE_AT_REST,
@@ -27,7 +28,7 @@ from hingepair.validation.pinocchio_twin import (
     robot_twin,
 )
 from hingepair.validation.report import MAX_LOAD_RATIO, Comparison, CrossValidation
-from hingepair.validation.robot_scales import FRAME_MOTION, RobotScales
+from hingepair.validation.robot_scales import FRAME_MOTION, LinkWrench, RobotScales
 from hingepair.validation.states import finite_samples, samples_of
 from hingepair.validation.urdf_twin import compare_descriptions, urdf_twin
 
@@ -51,6 +52,7 @@ class _Case(NamedTuple):
     frames: Mapping[str, Frame]
     tips: tuple[str, ...]  # frames with Jacobians
     gravity: Float64Array
+    wrenches: tuple[LinkWrench, ...] = ()
 
     def states(self) -> list[Float64Array]:
         """Return Pinocchio's q, v (if there are rates) and a (if there are accelerations); shape (N, ...) each."""
@@ -117,6 +119,8 @@ def compare_loads(
     gravity: ArrayLike,
     loads: Mapping[str, Float64Array],
     held: str,
+    *,
+    is_planar: bool = False,
 ) -> tuple[Comparison, ...]:
     """Compare the loads of a simulated motion with the forces that it requires by Pinocchio's `rnea`.
 
@@ -127,26 +131,47 @@ def compare_loads(
         qdd: their second derivatives.
         base_motion: motion of the base.
         gravity: acceleration of free fall [m/s^2]; shape (3,).
-        loads: tau, (N, dof), and force1 and torque1 on the base, (N, 3).
+        loads: tau and its parts, such as spring, (N, dof), force1 and torque1 on the base, and wrenches on links,
+            such as force_hand and torque_hand, (N, 3).
         held: what holds the base: what holds it gives further forces, which are no loads.
+        is_planar: whether the motion is in the plane z = 0. What holds the base in it is no load.
     """
     coordinates = {"q": q, "qd": qd, "qdd": qdd}
     samples = _read_samples(robot, coordinates, base_motion)
+    # Forces do not depend on the position of the base, and a large one would round the levers.
+    samples = samples._replace(base=replace(samples.base, R=np.zeros_like(samples.base.R)))
     twin, _ = urdf_twin(robot)
     twin = twin or robot_twin(robot, has_free_flyer=True)
     fall = one_constant("gravity", gravity, 3)
     twin.model.gravity = import_pinocchio("cross_validate").Motion(fall, np.zeros(3))
-    case = _Case(robot, twin, samples, {}, (), fall)
+    links = tuple(link for link in robot.links if f"force_{link}" in loads)
+    wrenches = tuple(
+        LinkWrench(robot.tree.links[link], loads[f"force_{link}"], loads[f"torque_{link}"]) for link in links
+    )
+    case = _Case(robot, twin, samples, {}, links, fall, wrenches)
     required, scales = _outputs_by_pinocchio(case), _output_scales(case, {})
+    acting = {name: np.array(loads[name]) for name in ("tau", "force1", "torque1")}
+    for k, wrench in enumerate(wrenches):
+        on_link = np.concatenate((wrench.force, wrench.torque), axis=1)
+        forces = np.einsum("nij,ni->nj", required["jacobian"][:, k], on_link)
+        acting["tau"] += forces[:, forces.shape[1] - robot.dof :]
+        if robot.base == "free":
+            acting["force1"] += forces[:, :3]
+            acting["torque1"] += forces[:, 3:6]
+    if is_planar:
+        for name, out_of_plane in (("force1", [2]), ("torque1", [0, 1])):
+            acting[name][:, out_of_plane] = required[name][:, out_of_plane]
     names = {"free": ("tau", "force1", "torque1"), "pinned": ("tau", "torque1")}.get(held, ("tau",))
     rows = []
     for name in names:
         size = np.abs(loads[name])
+        if name == "tau":  # whose parts may cancel
+            size = size + sum(np.abs(loads[part]) for part in TORQUE_PARTS if part in loads)
         scale = scales[name] + (size if scales[name].ndim > 1 else size.max(axis=1))
         parts = robot.names if name == "tau" else ("",)
         rows.append(
             Comparison.of(
-                name, loads[name], required[name], scale, samples.u, samples.shape, parts, bound=MAX_LOAD_RATIO
+                name, acting[name], required[name], scale, samples.u, samples.shape, parts, bound=MAX_LOAD_RATIO
             )
         )
     return tuple(rows)
@@ -181,7 +206,7 @@ def _read_samples(
     shapes = {**dict.fromkeys(names, (3,)), "S1": (3, 3), **dict.fromkeys(coordinates, (robot.dof,))}
     motion = base_inputs(base_motion, names)
     given = {**coordinates, **{name: motion[name] for name in names if name in motion}}
-    values = read_arguments(given, shapes, CoordinateNames(robot.names, noun="joints"), BASE_LABELS)
+    values = read_arguments(given, shapes, robot.tree.coordinate_names, BASE_LABELS)
     shape = broadcast_shape(values.shapes)
     at_rest = {name: np.asarray(getattr(BASE_AT_REST, attribute)) for name, attribute in attributes.items()}
     flat, finite = finite_samples(at_rest | values.values, shape, {"S1": 2})
@@ -360,7 +385,7 @@ def _output_scales(case: _Case, ours: Mapping[str, Float64Array]) -> dict[str, F
     """Return the error scales of all outputs by name; they broadcast against the outputs."""
     robot, twin, samples = case.robot, case.twin, case.samples
     joints = [twin.joint_positions(samples.joints[0]), *(one[:, 6:] for one in case.states()[1:])]
-    scales = RobotScales(robot.tree, joints, samples.base, case.gravity)
+    scales = RobotScales(robot.tree, joints, samples.base, case.gravity, case.wrenches)
     columns = np.zeros((6 + len(twin.ratios), 6 + robot.dof))
     columns[:6, :6], columns[6:, 6:] = np.eye(6), np.abs(twin.ratios)
     columns = columns if robot.base == "free" else columns[:, 6:]

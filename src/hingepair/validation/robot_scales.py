@@ -15,7 +15,8 @@ bodies that a joint carries.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,14 @@ _SIZES = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
 """Keys of the dicts of sizes by the name of a quantity of a frame's motion; the scale of S is computed apart."""
 
 
+class LinkWrench(NamedTuple):
+    """Force and torque on a link at its origin, at N samples."""
+
+    frame: Frame  # of the link
+    force: Float64Array  # world axes [N]; (N, 3)
+    torque: Float64Array  # world axes [N m]; (N, 3)
+
+
 class RobotScales:
     """Scales of the errors of a robot's outputs at N samples.
 
@@ -40,10 +49,18 @@ class RobotScales:
             are known, shape (N, joints) each.
         base: motion of the base; shape (N,) or (), with as many derivatives.
         gravity: acceleration of free fall [m/s^2]; shape (3,).
+        wrenches: loads on links.
     """
 
-    def __init__(self, tree: Tree, joints: list[Float64Array], base: BodyMotion, gravity: Float64Array) -> None:
-        self._tree = tree
+    def __init__(
+        self,
+        tree: Tree,
+        joints: list[Float64Array],
+        base: BodyMotion,
+        gravity: Float64Array,
+        wrenches: Sequence[LinkWrench] = (),
+    ) -> None:
+        self._tree, self._wrenches = tree, wrenches
         count, number = joints[0].shape[0], len(tree.joints)
         zero = np.zeros((count, number))
         self._places, self._rates, self._changes = (np.abs(one) for one in (*joints, zero, zero)[:3])
@@ -99,6 +116,9 @@ class RobotScales:
         """
         count, bodies = len(self._lengths[0]), len(self._lengths)
         force, torque = np.zeros((2, count, bodies))
+        for frame, of_link, moment in self._wrenches:
+            force[:, frame.body] += norm(of_link)
+            torque[:, frame.body] += norm(moment) + float(norm(frame.R)) * norm(of_link)
         for k in reversed(range(bodies)):
             masses, sums, size = self._masses(k), self._sums[k], self._sizes[k]
             lever, inertia = float(norm(masses.centre_of_mass)), float(norm(masses.inertia.ravel()))

@@ -23,8 +23,8 @@ MAX_NARROW: Final = 16  # components of an output assembled in registers, and ne
 # numbers, so that they leave space in the first-level cache. Processors with few registers take longer to broadcast
 # a number to a vector than to load a vector.
 MAX_UNIFORM_VECTORS: Final = 256
-_UNSPLIT: Final = 1000  # operations in a row that are one step, so that fewer values pass through the frame
-_SPLIT: Final = 300  # operations of the steps into which more are split: LLVM spills few registers then
+_UNSPLIT: Final = 1000  # operations that are one LLVM function, so that fewer values pass through the frame
+_SPLIT: Final = 300  # operations of each function of a longer program: LLVM spills few registers then
 _MAX_AGE: Final = 40  # operations after which a value is loaded again, which lowers register pressure
 _INSTRUCTIONS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}
 

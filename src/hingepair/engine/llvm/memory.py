@@ -20,7 +20,7 @@ PREFETCH_SAMPLES: Final = 2 * LANES  # that inputs are prefetched ahead: covers 
 PANEL: Final = 64  # components of a very wide output that are staged at a time
 MAX_STREAMED: Final = 512  # components of an output whose blocks have a stage of their own, of 32 kB
 
-_LINE: Final = f"<{CACHE_LINE // 8} x i64>"  # LLVM's type of a cache line
+_LINE: Final = f"<{CACHE_LINE // 8} x i64>"  # LLVM's type of a cache line, which is copied as a whole
 _TARGET: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
 MEMORY_FUNCTIONS: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",

@@ -23,7 +23,7 @@ MAX_BYTES: Final = 256 * 2**20
 MAX_FILES: Final = 8192
 """Limits of the folder, past which the files that were not used for the longest time are deleted."""
 
-TRACED_PACKAGES: Final = ("engine", "equations", "inverse_kinematics", "numeric", "plans", "rotations")
+TRACED_PACKAGES: Final = ("engine", "equations", "inverse_kinematics", "numeric", "plans", "rotations", "tables")
 """Packages whose code writes programs; they import no others."""
 
 _TRIMMED: Final = 0.75  # of the limits, to which the folder is trimmed

@@ -23,7 +23,7 @@ from hingepair.measured.least_squares import Equations, least_squares, score_sca
 from hingepair.measured.robust import cauchy, loss_weights
 from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands
 from hingepair.numeric.arrays import Float64Array, constant, read_only
-from hingepair.numeric.tables import percent
+from hingepair.tables.sheets import percent
 
 _UNKNOWNS = 22  # of `_Records`
 _STEP = 1e-5  # rad, m, rad/s, m/s^2: of central differences by the unknowns

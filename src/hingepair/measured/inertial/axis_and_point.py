@@ -42,8 +42,8 @@ from hingepair.measured.least_squares import (
 )
 from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only
-from hingepair.numeric.suspicions import suspicions
 from hingepair.rotations.matrices import skew
+from hingepair.tables.suspicions import suspicions
 
 _START_SAMPLES = 400  # samples that starts are tried with
 _LAG_SAMPLES = 4000

@@ -14,8 +14,8 @@ from hingepair.measured.inertial.angle import AngleFit, fit_angle
 from hingepair.measured.inertial.axis_and_point import AnchorFit, Axes, AxisFit, fit_anchor, fit_axis, solve_axes
 from hingepair.measured.inertial.records import checked_vectors, local_slopes, report
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, read_only
-from hingepair.numeric.instants import elapsed_seconds, increasing_seconds
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.tables.instants import elapsed_seconds, increasing_seconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)

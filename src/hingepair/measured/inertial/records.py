@@ -1,4 +1,4 @@
-"""The records of two inertial sensors: checked, cut at gaps, smoothed."""
+"""The records of two inertial sensors: checked, cut at gaps, their angular velocities smoothed."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from hingepair.errors import FitError, ShapeError
 from hingepair.measured.findings import Finding
 from hingepair.measured.smoothing.spline import MIN_PIECE, smooth_columns
 from hingepair.numeric.arrays import Float64Array, number_not_below_0, vectors
-from hingepair.numeric.instants import checked_gaps, increasing_seconds, split_at_gaps
-from hingepair.numeric.suspicions import suspicions
 from hingepair.numeric.unit_vectors import unit_axis
+from hingepair.tables.instants import checked_gaps, increasing_seconds, split_at_gaps
+from hingepair.tables.suspicions import suspicions
 
 
 class Sensors(NamedTuple):
@@ -44,7 +44,9 @@ class Sensors(NamedTuple):
 def read_sensors(
     t: ArrayLike, named: Mapping[str, ArrayLike], gaps: float, gyroscope_bias: float, accelerometer_bias: float
 ) -> Sensors:
-    """Check, cut and smooth the records omega1, f1, omega2, f2, which `named` has by the names of the arguments."""
+    """Check and cut the records omega1, f1, omega2, f2, which `named` has by the names of the arguments, and smooth
+    the angular velocities. The biases are their expected sizes [rad/s, m/s^2].
+    """
     time, _ = increasing_seconds("t", t)
     columns = np.stack(checked_vectors(named, time.size))
     known: NDArray[np.bool_] = np.asarray(np.isfinite(columns).all(axis=(0, 2)))

@@ -11,18 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError
 from hingepair.numeric.arrays import Float64Array, real_array
-from hingepair.numeric.instants import (
+from hingepair.numeric.wrapped_angles import is_wrapped
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.rotations.angular_velocity import needed_spin, spins_about_body_axis, turn_between, vector_beside_spin
+from hingepair.rotations.matrices import rotation_exp
+from hingepair.tables.instants import (
     checked_gaps,
     elapsed_seconds,
     increasing_seconds,
     split_at_gaps,
     warn_of_measurements,
 )
-from hingepair.numeric.suspicions import suspicions
-from hingepair.numeric.wrapped_angles import is_wrapped
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.rotations.angular_velocity import needed_spin, spins_about_body_axis, turn_between, vector_beside_spin
-from hingepair.rotations.matrices import rotation_exp
+from hingepair.tables.suspicions import suspicions
 
 
 @overload

@@ -21,25 +21,26 @@ from hingepair.measured.robust import LOSSES, Loss
 from hingepair.measured.smoothing.resample import interpolated
 from hingepair.measured.smoothing.spline import MIN_PIECE, SmoothedColumns, smooth_columns
 from hingepair.numeric.arrays import Float64Array, Frozen, check_choice, finite_number, read_only, real_array
-from hingepair.numeric.instants import (
+from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
+from hingepair.pair.body_motion import BodyMotion
+from hingepair.pair.results import OverInstants, Record
+from hingepair.rotations.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
+from hingepair.rotations.matrices import rotation_exp, rotation_vector
+from hingepair.tables.instants import (
     checked_gaps,
     increasing_seconds,
     jitter_suspicions,
     split_at_gaps,
     warn_of_measurements,
 )
-from hingepair.numeric.suspicions import suspicions
-from hingepair.numeric.tables import percent
-from hingepair.numeric.wrapped_angles import is_wrapped, unwrap_if_wrapped
-from hingepair.pair.body_motion import BodyMotion
-from hingepair.rotations.angular_velocity import angular_velocity_from_samples, spins_about_body_axis
-from hingepair.rotations.matrices import rotation_exp, rotation_vector
+from hingepair.tables.sheets import percent
+from hingepair.tables.suspicions import suspicions
 
 _QUANTITIES = {"R": ("R", "v", "a"), "S": ("S", "omega", "alpha")}  # a smoothed quantity and its derivatives
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
-class SmoothedMotion(BodyMotion):
+class SmoothedMotion(OverInstants, BodyMotion):
     """The result of `smooth` for a body: a BodyMotion with smooth R, v, a, S, omega and alpha, NaN at missing samples
     in a gap.
 
@@ -77,9 +78,16 @@ class SmoothedMotion(BodyMotion):
         object.__setattr__(self, "correlation", {letter: part.correlation for letter, part in parts.items()})
         object.__setattr__(self, "t", read_only(t))
 
+    def record(self) -> Record:
+        """Return the smoothed motion with its standard deviations (`R_std`, ...) as a result that `save` writes."""
+        names = [name for name in ("R", "S", "v", "omega", "a", "alpha") if getattr(self, name) is not None]
+        arrays = {name: np.asarray(getattr(self, name)) for name in names}
+        arrays |= {f"{name}_std": self.std[name][:, 0] for name in names}
+        return Record(self.t, arrays, "smoothed motion", unit=_unit)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedAngle(Frozen):
+class SmoothedAngle(OverInstants, Frozen):
     """The result of `smooth` for an angle, NaN at missing samples in a gap. `psi, psid, psidd = smoothed` unpacks the
     angle and its derivatives.
 
@@ -109,27 +117,40 @@ class SmoothedAngle(Frozen):
     def __iter__(self) -> Iterator[Float64Array]:
         return iter((self.psi, self.psid, self.psidd))
 
+    def record(self) -> Record:
+        """Return the smoothed angle with its standard deviations (`psi_std`, ...) as a result that `save` writes."""
+        arrays = {"psi": self.psi, "psid": self.psid, "psidd": self.psidd}
+        return Record(
+            self.t, arrays | {f"{name}_std": self.std[name] for name in arrays}, "smoothed angle", unit=_unit
+        )
+
+
+def _unit(name: str) -> str:
+    """Return the unit of a quantity, or of its standard deviation: of an attitude that of a rotation vector."""
+    return "rad" if name == "S_std" else unit_of(name.removesuffix("_std"))
+
 
 @overload
 def smooth(
-    t: ArrayLike, body: BodyMotion, bandwidth: float | None = None, gaps: float = 0.05, loss: str = "linear"
+    t: ArrayLike, body: BodyMotion, bandwidth: float | None = None, gaps: float | None = None, loss: str = "linear"
 ) -> SmoothedMotion: ...
 @overload
 def smooth(
-    t: ArrayLike, body: ArrayLike, bandwidth: float | None = None, gaps: float = 0.05, loss: str = "linear"
+    t: ArrayLike, body: ArrayLike, bandwidth: float | None = None, gaps: float | None = None, loss: str = "linear"
 ) -> SmoothedAngle: ...
 def smooth(
     t: ArrayLike,
     body: BodyMotion | ArrayLike,
     bandwidth: float | None = None,
-    gaps: float = 0.05,
+    gaps: float | None = None,
     loss: str = "linear",
 ) -> SmoothedMotion | SmoothedAngle:
     """Smooth a recorded motion or angle, with first and second time derivatives, by a smoothing spline.
 
     Attitudes are smoothed on the rotation group. Smoothing causes no delay. The noise may be white, or the noise of
-    neighbouring samples may be correlated. A time of more than `gaps` seconds without a sample is a gap: results are
-    NaN there, and where gaps leave a series of fewer than 8 samples. Shorter times without a sample are filled.
+    neighbouring samples may be correlated. A time of more than `gaps` seconds without a sample is a gap: it cuts the
+    series in two, each with ends of its own. Results are NaN in gaps, and where gaps leave a series of fewer than 8
+    samples. Shorter times without a sample are filled.
 
     Args:
         t: instants, increasing, not necessarily uniform: seconds (floats), datetime64, or nanoseconds since 1970
@@ -139,7 +160,8 @@ def smooth(
             recorded are NaN.
         bandwidth: frequency at which smoothing halves the amplitude [Hz]; much lower frequencies pass, much higher
             frequencies are removed. By default, generalised cross validation chooses it, for R and S separately.
-        gaps: longest time without a sample that is filled [s], at least 1.5 times the median time step.
+        gaps: longest time without a sample that is filled [s], at least 1.5 times the median time step. By default,
+            0.05 s or five median time steps, whichever is longer.
         loss: "linear" (least squares, the default), or a loss that reduces the influence of outliers: "soft_l1",
             "huber", "cauchy" or "arctan", as SciPy's `least_squares` defines them. With "cauchy" and "arctan",
             outliers have the least influence.
@@ -169,7 +191,7 @@ def smooth(
     True
     """
     time, _ = increasing_seconds("t", t)
-    longest = checked_gaps(gaps)
+    longest = longest_filled(time, gaps)
     check_choice("loss", loss, LOSSES)
     if bandwidth is not None and finite_number("bandwidth", bandwidth) <= 0:
         raise ArgumentError("bandwidth", "a positive frequency [Hz]", bandwidth)
@@ -185,6 +207,15 @@ def smooth(
     if not is_wrapped(angles):
         warn_of_measurements(suspicions("angle", "body", angles))
     return _smooth_angle(time, angles, bandwidth, longest, LOSSES[loss])
+
+
+def longest_filled(t: Float64Array, gaps: float | None) -> float:
+    """Return the longest time without a sample that `smooth` fills [s], by its argument `gaps`."""
+    if gaps is not None:
+        return checked_gaps(gaps)
+    # Half a step more than five, for jitter and rounding. In white noise, accelerations beside such a gap are as good
+    # as elsewhere, for motion of up to a twentieth of the sampling rate.
+    return max(0.05, 5.5 * float(np.median(np.diff(t)))) if t.size > 1 else 0.05
 
 
 def _smooth_body(

@@ -31,11 +31,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.errors import ArgumentError
 from hingepair.measured.robust import OUTLIER, Loss, loss_weights, median_variance
 from hingepair.measured.smoothing.resample import interpolated, lagrange_weights
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
+from hingepair.numeric.optional import require
 
 MIN_PIECE = 8  # samples of a piece that is smoothed
 _DEGREE = 7  # of the B-splines
@@ -43,7 +44,7 @@ _PENALISED = 5  # order of the derivative whose square is penalised
 _CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # of neighbours' noise, tried
 _MAX_STEP = 1.5  # of the usual time step: over longer ones noise is not correlated
 _FIRST_FREQUENCY = 4  # index in a tapered spectrum: slower ones are of the taper itself
-_LEAST_WEIGHT = 1e-6  # of a sample that is far off
+_LEAST_WEIGHT = 1e-6  # of an outlier; above 0, so that a curve through few samples stays determined
 _STRETCH, _STRETCHES = 4096, 8  # samples of a stretch; of longer records, so many stretches choose the bandwidth
 
 
@@ -93,11 +94,7 @@ def smooth_columns(
         ArgumentError: the bandwidth is far from all frequencies that the samples can show.
         MissingDependencyError: SciPy is not installed.
     """
-    try:
-        import scipy.linalg  # noqa: F401
-    except ImportError as error:
-        wanted = "SciPy (pip install '.[measured]' in the project's folder)"
-        raise MissingDependencyError("smooth", wanted, str(error)) from None
+    require("scipy.linalg", "smooth")
     used = np.concatenate(pieces)
     weights, residuals = np.ones(used.size), np.zeros((used.size, columns.shape[1]))
     if loss is not None:  # a curve that begins by following an outlier never leaves it

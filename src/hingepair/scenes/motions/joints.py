@@ -230,7 +230,7 @@ def read_joint_motion(tables: Table, folder: Path, robot: Mechanism) -> JointMot
             motion.fail(key, "no such key without file = ..., whose samples it concerns")
     from hingepair.scenes.motions.functions import read_functions
 
-    moving = _moving_joints(motion, robot)
+    moving = moving_joints(motion, robot)
     functions = read_functions(motion, moving)
     t = read_instants(tables.table("time"))
     source = JointFunctions(t, functions, _rest_positions(robot), robot.names)
@@ -284,7 +284,7 @@ def read_base(tables: Table) -> BaseMotion | None:
     )
 
 
-def _moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
+def moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
     """Return a tuple of the names of a robot's joints that are keys of the Table [motion], in the robot's order."""
     for key in motion.values:
         if key not in robot.names and key != "constants":

@@ -5,12 +5,12 @@ docs/scenes.md lists the columns. Others are refused: a misspelt one would be mi
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -25,13 +25,10 @@ from hingepair.integration.integrate import RATE_FRAME_NAMES
 from hingepair.integration.signals import SampledSignal
 from hingepair.integration.trajectory import rotate_to_world
 from hingepair.measured.robust import LOSSES
-from hingepair.measured.smoothing.smooth import smooth
+from hingepair.measured.smoothing.smooth import longest_filled, smooth
+from hingepair.measured.smoothing.spline import MIN_PIECE
 from hingepair.numeric.arrays import Float64Array, read_only
-from hingepair.numeric.column_file import ColumnRequest, csv_column, read_columns
 from hingepair.numeric.finite_differences import differentiate
-from hingepair.numeric.instants import MeasurementWarning, gap_sentences, instants_of
-from hingepair.numeric.suspicions import suspicions
-from hingepair.numeric.tables import percent
 from hingepair.numeric.wrapped_angles import is_wrapped
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
@@ -45,6 +42,13 @@ from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
 from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.motions.noise import derivative_noise
 from hingepair.scenes.tables import NamedSource, Table
+from hingepair.tables.column_file import ColumnRequest, csv_column, read_columns
+from hingepair.tables.column_sources import ColumnSource, in_own_names, read_column_sources
+from hingepair.tables.column_tables import ColumnTable
+from hingepair.tables.instants import MeasurementWarning, gap_sentences, instants_of, split_at_gaps
+from hingepair.tables.sheets import percent
+from hingepair.tables.suspicions import suspicions
+from hingepair.tables.units import read_heading
 
 DIFFERENCE_ORDER: Final = 6
 """Order of the error of derivatives by finite differences, in the step between samples."""
@@ -122,17 +126,6 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
     },
 )
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
-_COMPASS = "compass"
-_SCALES: Final[Mapping[str, Mapping[str, float]]] = {
-    "s": {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "m": {"mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048},
-    "m/s": {"mm/s": 1e-3, "km/h": 1 / 3.6, "kn": 1852 / 3600},
-    "m/s^2": {"mm/s^2": 1e-3, "g": 9.80665},
-    "rad": {"deg": math.pi / 180, "turn": 2 * math.pi},
-    "rad/s": {"deg/s": math.pi / 180, "rpm": math.pi / 30},
-    "rad/s^2": {"deg/s^2": math.pi / 180},
-}
-"""Factors of the units that a log may be in, by the SI unit."""
 _POSITION = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
 _HINGE = ("psi", "psid", "psidd")
@@ -142,6 +135,7 @@ _EULER = ("phi", "phid", "phidd")
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
 """Arrays of a log with the quaternion of body 1, its angular velocity [rad/s] and acceleration [rad/s^2]."""
 _DEGREES: Final = 'unit = "deg" for {} in [motion.columns]'  # for messages
+_HEADINGS: Final = f'{_DEGREES} (unit = "compass" for headings clockwise from north)'
 _NOISY: Final = 0.1  # noise of a derivative to its rms; above, a note recommends smoothing
 
 
@@ -158,11 +152,25 @@ def read_log(table: Table, folder: Path) -> PairMotion:
         table.fail("unwrap", f"no such key {wanted}: it determines how angles are differentiated")
     keys = integration_keys if integrated else ("sequence", "unwrap")
     table.check_keys(
-        ("file", "columns", "ignore", "differentiate", "integrate", "smooth", "loss", "frame", "constants", *keys)
+        (
+            "file",
+            "columns",
+            "ignore",
+            "differentiate",
+            "integrate",
+            "smooth",
+            "loss",
+            "gaps",
+            "frame",
+            "constants",
+            *keys,
+        )
     )
     smoothed = table.flag("smooth")
     if "loss" in table.values and not smoothed:
         table.fail("loss", "no such key without smooth = true, whose outliers it makes count little")
+    if "gaps" in table.values and not smoothed:
+        table.fail("gaps", "no such key without smooth = true, which fills shorter times without samples")
     if smoothed and (integrated or completed):
         table.fail("smooth", "no such key together with differentiate or integrate: smoothing computes all rates")
     log = Log(log_path(table, folder), _PAIR_LOG_LAYOUT, completed, unwrap, table)
@@ -171,8 +179,13 @@ def read_log(table: Table, folder: Path) -> PairMotion:
     return _integrate_rates(table, log) if integrated else _read_stated_motion(table, log)
 
 
-def log_path(table: Table, folder: Path) -> Path:
-    """Return the path of the log that the key `file` of the Table [motion] names, relative to `folder`."""
+def log_path(table: Table, folder: Path) -> Path | ColumnTable:
+    """Return the path of the log that the key `file` of the Table [motion] names, relative to `folder`; or the table
+    that stands in its place.
+    """
+    given = table.values.get("file")
+    if isinstance(given, ColumnTable):
+        return given
     file = folder / table.text("file")
     if not os.path.isfile(file):  # of a name that is too long Path.is_file would raise
         table.refuse("file", "a file of samples that can be read", f"no such file: {file}")
@@ -189,53 +202,11 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
     return frozenset(names)
 
 
-class ColumnSource(NamedTuple):
-    """Where a quantity stands in a log that has names and units of its own."""
-
-    column: str  # name in the file
-    scale: float = 1.0  # factor to SI units
-    compass: bool = False  # whether it is a heading in degrees, clockwise from north
-
-    def converted(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values in SI units; a heading as an angle from east (x) towards north (y)."""
-        if self.compass:
-            return np.asarray(np.radians(90.0 - values))
-        return values if self.scale == 1.0 else np.asarray(values * self.scale)
-
-
-def _read_column_sources(table: Table, layout: LogLayout) -> dict[str, ColumnSource]:
+def _read_column_sources(table: Table, layout: LogLayout, source: Path | ColumnTable) -> dict[str, ColumnSource]:
     """Return where the quantities stand that the key `columns` of the Table [motion] names."""
-    entries = table.values.get("columns", {})
-    if not isinstance(entries, dict):
-        table.fail("columns", 'a table such as { t = "Time", psi = { name = "Angle", unit = "deg" } }')
-    sources = {}
-    for name, entry in entries.items():
-        if name not in layout.columns:
-            table.refuse(
-                f"columns.{name}", f"{choices(layout.columns)}{nearest(name, layout.columns)}", "no such name"
-            )
-        given: Any = {"name": entry} if isinstance(entry, str) else entry
-        if (
-            not isinstance(given, dict)
-            or not {*given} <= {"name", "unit"}
-            or not all(isinstance(value, str) for value in given.values())
-        ):
-            wanted = 'the name of a column, or { name = "Angle", unit = "deg" }'
-            table.refuse(f"columns.{name}", wanted, quoted(entry))
-        own = layout.unit_of(name)
-        unit, column = str(given.get("unit", own)), str(given.get("name", name))
-        sign = -1.0 if unit.startswith("-") else 1.0
-        known = {own: 1.0, **_SCALES.get(own, {})}
-        if unit != _COMPASS or own != "rad":
-            if unit.removeprefix("-") not in known:
-                names = (*known, _COMPASS) if own == "rad" else tuple(known)
-                table.refuse(
-                    f"columns.{name}.unit", f"{choices(names)}, or one of them with a - before it", quoted(unit)
-                )
-            sources[name] = ColumnSource(column, sign * known[unit.removeprefix("-")])
-        else:
-            sources[name] = ColumnSource(column, compass=True)
-    return sources
+    stated = source.units if isinstance(source, ColumnTable) else {}
+    with table.naming():
+        return read_column_sources(table.values.get("columns", {}), layout.columns, layout.unit_of, stated)
 
 
 def _velocity_frame(table: Table, log: Log) -> str:
@@ -255,7 +226,7 @@ class Log(NamedSource):
     """Columns of a log file by name, read and checked by the constructor, which raises a SceneError for bad ones.
 
     Args:
-        path: the file.
+        path: the file, or a table in its place.
         layout: names of the columns that it may have.
         completed: whether derivatives that the file lacks are computed by finite differences.
         unwrap: whether angles are unwrapped before; None means only those that jump by whole turns.
@@ -268,10 +239,13 @@ class Log(NamedSource):
         angle_doubts: those of them on angles that are probably in degrees.
     """
 
-    def __init__(self, path: Path, layout: LogLayout, completed: bool, unwrap: bool | None, table: Table) -> None:
+    def __init__(
+        self, path: Path | ColumnTable, layout: LogLayout, completed: bool, unwrap: bool | None, table: Table
+    ) -> None:
         ignored = read_ignored_columns(table)
-        sources = _read_column_sources(table, layout)
+        sources = _read_column_sources(table, layout, path)
         super().__init__(str(path) if str(path).isprintable() else repr(str(path)), "")
+        self._has_lines = isinstance(path, Path) and path.suffix.lower() == ".csv"
         self.layout = layout
         self.completed = completed
         self.unwrap = unwrap
@@ -283,36 +257,54 @@ class Log(NamedSource):
         self.angle_doubts: list[str] = []
         kind = path.suffix.lower()
         known_names = (*layout.arrays, *layout.columns) if kind == ".npz" else layout.columns
+        named_elsewhere = {source.column for source in sources.values()}
+        if isinstance(path, ColumnTable):
+            path = path.without_units(named_elsewhere)
+        stated: set[str] = set()  # columns whose heading has their unit
+
+        def read_own_heading(heading: str) -> tuple[str, float]:
+            name, factor = (heading, 1.0) if heading in named_elsewhere else read_heading(heading, layout.unit_of)
+            if name != heading:
+                stated.update(layout.columns_of(name))
+            return name, factor
+
         wanted = ColumnRequest(
             lambda names: self._check_column_names(names, known_names, sources),
             lambda name, _: layout.arrays.get(name, name),
             exact=sources["t"].column if "t" in sources else "t",
+            read_heading=read_own_heading,
         )
         with self.naming():
-            self.columns = self._in_own_names(read_columns(path, wanted), sources)
+            read = read_columns(path, wanted)
+            self.columns = in_own_names(read, sources, [*read])
             if "t" not in self.columns:
                 self.refuse("t", "a column", "no such column")
             kept = self._without_repeated_stamps()
+            self._kept_rows = np.flatnonzero(kept)
             self._complete_planar_columns("no column was named for" if sources else "the log has no")
             stamps = self.columns["t"]
             t = instants_of("t", stamps, DIFFERENCE_ORDER if completed else 0)
             # s: doubles of this size are rounded to more than 1e-11 s
             late = kind == ".csv" and stamps.dtype.kind == "f" and abs(t[0]) > 1e5
             source = sources.get("t", ColumnSource("t"))
-            instants = source.converted(csv_column(path, source.column, np.longdouble)[kept]) if late else t
+            instants = (
+                source.converted(csv_column(path, source.column, np.longdouble, read_own_heading)[kept])
+                if late and isinstance(path, Path)
+                else t
+            )
         if stamps.dtype.kind in "mM" or float(stamps[0]) != t[0]:
             unit = "" if stamps.dtype.kind in "mM" else " ns"
             self.notes.append(f"t is counted from the first stamp of the log, {stamps[0]}{unit}")
         if stamps.dtype.kind not in "mM":
             self.notes += suspicions("instants", "t", t)
         self.notes += gap_sentences("t", t)
-        self._judge_units(sources)
+        self._judge_units(sources, stated)
         self.t = np.asarray(read_only(t))
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
-    def _judge_units(self, sources: Mapping[str, ColumnSource]) -> None:
-        """Note which columns are probably not in SI units, of those that are not converted."""
-        converted = {name for name, source in sources.items() if source.compass or source.scale != 1.0}
+    def _judge_units(self, sources: Mapping[str, ColumnSource], stated: Set[str]) -> None:
+        """Note which columns are probably not in SI units, of those that are neither converted nor `stated` to be."""
+        converted = stated | {name for name, source in sources.items() if source.compass or source.scale != 1.0}
         large, small = [], []  # angles
         for name, quantity in self.layout.judged.items():
             names = self.layout.columns_of(name)
@@ -323,10 +315,11 @@ class Log(NamedSource):
                 self.notes += suspicions(quantity, name, values if len(names) > 1 else values[:, 0])
                 continue
             angles = values[:, 0]
+            conversion = _HEADINGS if name == "phi_z" else _DEGREES
             if is_wrapped(angles, 360.0):
-                expected = f"angles in radians, or {_DEGREES.format(name)}"
+                expected = f"angles in radians, or {conversion.format(name)}"
                 self.refuse(name, expected, "jumps by nearly 360, as of degrees")
-            doubts = suspicions("angle", name, angles, radians=_DEGREES)
+            doubts = suspicions("angle", name, angles, radians=conversion)
             self.angle_doubts += doubts
             self.notes += doubts
             if doubts:
@@ -336,17 +329,6 @@ class Log(NamedSource):
         if large and small:  # a few degrees are not suspicious by themselves
             self.notes.append(f"{', '.join(small)} may be in the same unit as {large[0]}")
 
-    def _in_own_names(self, columns: Mapping[str, NDArray[Any]], sources: Mapping[str, ColumnSource]) -> Part:
-        """Return columns of the file by the names of this package, in SI units."""
-        taken = {source.column for source in sources.values()}
-        found = {name: column for name, column in columns.items() if name not in taken}
-        for name, source in sources.items():
-            column = columns[source.column]
-            if column.dtype.kind in "mM" and source.scale != 1.0:
-                self.refuse(name, "no unit, since the column has dates", "a unit")
-            found[name] = source.converted(column)
-        return found
-
     def _without_repeated_stamps(self) -> NDArray[np.bool_]:
         """Leave out the rows whose stamp is that of the row before, and return which rows are kept."""
         stamps = self.columns["t"]
@@ -354,10 +336,9 @@ class Log(NamedSource):
         if not kept.all():
             self.columns = {name: column[kept] for name, column in self.columns.items()}
             first, count = int(np.argmin(kept)), int((~kept).sum())
+            place = f"line {first + 2}" if self._has_lines else f"row {first}, counted from 0"
             rows, verb = ("row has", "was") if count == 1 else ("rows have", "were")
-            sentence = (
-                f"{count} {rows} the stamp of the row before and {verb} left out, the first in line {first + 2}"
-            )
+            sentence = f"{count} {rows} the stamp of the row before and {verb} left out, the first in {place}"
             self.notes.append(sentence)
         return kept
 
@@ -445,7 +426,7 @@ class Log(NamedSource):
                 self.refuse(
                     column,
                     f"a column, since the log has {present_names[0]}" if present_names else "a column",
-                    "no such column",
+                    f"no such column among {', '.join([*self.columns][:20])}",
                 )
         return np.stack([self.columns[column] for column in column_names], axis=-1)
 
@@ -456,9 +437,13 @@ class Log(NamedSource):
         """
         columns = array.reshape(len(array), -1)
         for sample, i in np.argwhere(~np.isfinite(columns))[:1]:
-            got = f"{columns[sample, i]} at sample {sample}"
+            line = f", line {self._kept_rows[sample] + 2} of the file" if self._has_lines else ""
+            got = f"{columns[sample, i]} at sample {sample}{line}, t = {self.t[sample]:.10g} s"
             can_smooth = use == "differentiated" and self.layout is _PAIR_LOG_LAYOUT
-            hint = " (motion.smooth = true fills missing samples)" if can_smooth else ""
+            hint = ""
+            if can_smooth:
+                longest = longest_filled(self.since, None)
+                hint = f"; motion.smooth = true fills up to {longest:.3g} s without samples, or up to motion.gaps [s]"
             self.refuse(self.layout.columns_of(name)[i], f"finite numbers, to be {use}{hint}", got)
 
     def rotations(self, quat_xyzw: Float64Array) -> Float64Array:
@@ -602,6 +587,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
             "ignore",
             "smooth",
             "loss",
+            "gaps",
             "constants",
             *(("sequence",) if attitude is _EULER else ()),
         )
@@ -619,14 +605,17 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
     else:
         S1 = log.rotations(turns)
     loss = table.choice("loss", tuple(LOSSES))
+    gaps = table.number("gaps") if "gaps" in table.values else None
+    with table.naming():
+        longest = longest_filled(log.since, gaps)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", MeasurementWarning)
         try:
             with log.naming():
-                body = smooth(log.since, BodyMotion(R=R1, S=S1), loss=loss)
+                body = smooth(log.since, BodyMotion(R=R1, S=S1), gaps=longest, loss=loss)
                 texts = [str(warning.message) for warning in caught]
                 caught.clear()
-                angle = smooth(log.since, psi, loss=loss)
+                angle = smooth(log.since, psi, gaps=longest, loss=loss)
         except SceneError as error:
             if not log.angle_doubts:
                 raise
@@ -634,6 +623,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
         texts += [re.sub(r"\bbody\b", "psi", str(warning.message)) for warning in caught]
     for name, samples, result in (("position", R1, body.R), ("attitude", S1, body.S), ("psi", psi, angle.psi)):
         log.notes += _missing_log_sample_sentences(name, log.t, samples, result)
+    log.notes += _cut_sentences(log.t, {"position": R1, "attitude": S1, "psi": psi}, longest)
     deviations_by_name = {f"{name}1": body.std[name] for name in ("R", "v", "a", "S", "omega", "alpha")}
     deviations_by_name |= {name: angle.std[name] for name in _HINGE}
     arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
@@ -670,6 +660,31 @@ def _missing_log_sample_sentences(
             first = f"the first at t = {t[rows][0]:.6g} s"
             sentences.append(f"{name}: {count} of {len(t)} samples missing and {verdict}; {first}")
     return sentences
+
+
+def _cut_sentences(t: Float64Array, samples_by_name: Mapping[str, NDArray[Any]], gaps: float) -> list[str]:
+    """Return sentences on the gaps [s] that cut the smoothing of a log, and on samples between them that are too few
+    to be smoothed. Each begins with the names of the quantities.
+    """
+    names_by_sentence: dict[str, list[str]] = {}
+    for name, samples in samples_by_name.items():
+        is_known = np.asarray(np.isfinite(samples.reshape(len(t), -1)).all(axis=1))
+        pieces = split_at_gaps(t, is_known, gaps)
+        if len(pieces) > 1:
+            cuts = [f"{t[a[-1]]:.6g} to {t[b[0]]:.6g} s" for a, b in pairwise(pieces)]
+            more = f" and in {len(cuts) - 3} more gaps" if len(cuts) > 3 else ""
+            sentence = (
+                f"smoothing is cut, with no samples from {', '.join(cuts[:3])}{more}; rates beside a cut are as "
+                "inaccurate as at the ends. gaps in [motion] is the longest time that is filled [s]"
+            )
+            names_by_sentence.setdefault(sentence, []).append(name)
+        if short := [piece for piece in pieces if piece.size < MIN_PIECE]:
+            sentence = (
+                f"samples recorded but left out, in series of fewer than {MIN_PIECE} between gaps: "
+                f"{sum(piece.size for piece in short)}; the first at t = {t[short[0][0]]:.6g} s"
+            )
+            names_by_sentence.setdefault(sentence, []).append(name)
+    return [f"{', '.join(names)}: {sentence}" for sentence, names in names_by_sentence.items()]
 
 
 def _integrate_rates(table: Table, log: Log) -> PairMotion:

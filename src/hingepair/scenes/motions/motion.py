@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
-from hingepair.numeric.tables import instant_text
 from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.motions.known import KnownMotion
+from hingepair.tables.sheets import instant_text
 
 PRESCRIBED: Final = "prescribed"
 """Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""

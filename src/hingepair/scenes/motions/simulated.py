@@ -33,9 +33,10 @@ from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.functions import read_coordinate_functions
 from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
 from hingepair.scenes.motions.motion import PRESCRIBED, PairMotion
-from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
+from hingepair.scenes.tables import Key, NamedSource, Table, describe_value, numbers_key
 from hingepair.symbolic.expressions import number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions
+from hingepair.tables.sheets import instant_text
 
 _HINGE_NAMES: Final = ("psi", "psid")
 """Names in expressions, beside t, for the hinge angle [rad] and its rate [rad/s]."""
@@ -56,7 +57,7 @@ _KEYS_OF_ARGUMENTS: Final = {
 """Keys by the arguments of `simulate` that they become."""
 
 
-def _read_hinge_functions(table: Table, keys: tuple[str, ...], names: tuple[str, str] = _HINGE_NAMES) -> Any:
+def read_functions_of_state(table: Table, keys: tuple[str, ...], names: tuple[str, ...] = _HINGE_NAMES) -> Any:
     """Return the values under keys of a Table, in the order of `keys`: a list of floats, or, if any is an expression
     in t, psi or psid (or the given names), a callable of (t, psi, psid) that returns a tuple of all values.
     """
@@ -79,7 +80,7 @@ def read_hinge_torque(table: Table, key: str, names: tuple[str, str] = _HINGE_NA
     """Return the torque under a key of a Table, about the hinge axis or in the plane: a float, or, for an expression
     in t and the names, a callable of (t, psi, psid).
     """
-    torque = _read_hinge_functions(table, (key,), names)
+    torque = read_functions_of_state(table, (key,), names)
     return (lambda t, psi, psid: torque(t, psi, psid)[0]) if callable(torque) else torque[0]
 
 
@@ -91,7 +92,7 @@ def _read_load(table: Table, key: str, component_count: int) -> Any:
         torque = read_hinge_torque(table, key)
         return (lambda t, now: torque(t, now.psi, now.psid)) if callable(torque) else torque
     entries = table.entries(key, component_count, "t, psi and psid")
-    components = _read_hinge_functions(entries, tuple(entries.values))
+    components = read_functions_of_state(entries, tuple(entries.values))
 
     def load(t: Float64Array, now: MotionAtInstants) -> Float64Array:
         return np.stack(np.broadcast_arrays(*components(t, now.psi, now.psid), t)[:-1], axis=-1)
@@ -104,6 +105,21 @@ def read_stops(table: Table, key: str) -> Any:
     the limits of the pair.
     """
     return table.values[key] is True or tuple(table.numbers(key, 2))
+
+
+def read_until(table: Table, key: str) -> Any:
+    """Return the event under a key of a Table, an expression in t, psi and psid whose value passes 0 there, as a
+    callable of (t, now).
+    """
+    value = read_hinge_torque(table, key)
+    if not callable(value):
+        table.fail(key, "an expression in t, psi and psid, which passes 0 at the event")
+    return lambda t, now: value(t, now.psi, now.psid)
+
+
+def end_notes(ended_by_event: bool, t: Float64Array) -> tuple[str, ...]:
+    """Return a sentence where `until` ended a motion before the last instant of [time]."""
+    return (f"until ends the motion at t = {instant_text(t[-1])} s",) if ended_by_event else ()
 
 
 def read_break_instants(table: Table, key: str) -> list[Any]:
@@ -132,6 +148,7 @@ def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
             "tol": Table.number,
             "max_steps": Table.number,
             "breaks": read_break_instants,
+            "until": read_until,
             "base": lambda table, key: table.choice(key, (*BASES, PRESCRIBED)),
         },
     }
@@ -191,6 +208,10 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
             instead = ", or base = 'fixed' in [dynamics]" if name == "body1" else ""
             expected = f"mass properties, as in [pair.{name}] mass = 2.0{instead}"
             NamedSource(table.file, "pair").refuse(name, expected, "nothing")
+    if "psi" in motion.values:
+        expected = "no such key, since [dynamics] simulates psi"
+        instead = "for a given psi, leave [dynamics] out and subtract the spring's torque from hinge_torque"
+        motion.refuse("psi", f"{expected} ({instead})", describe_value(motion.values["psi"]))
     base: Any = kind
     if kind == PRESCRIBED:
         base = _prescribed_body1(motion, pair)
@@ -210,12 +231,13 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
         errors = {"rad of body 1": estimate_or_nan(lambda: simulated.error_estimate), **errors}
     how = f"simulated in {simulated.steps} steps, base {kind}"
     return PairMotion(
-        t=t,
+        t=simulated.t,
         source=_known_motion(simulated),
         origin="simulated from what acts",
         how=how,
         errors=errors,
         doubt=DOUBT,
+        notes=end_notes(simulated.ended_by_event, simulated.t),
         simulated=simulated,
         stops=torque.tightest_stops,
     )
@@ -225,7 +247,7 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
 def warnings_of_scenes() -> Iterator[None]:
     """Silence warnings of simulations that the notes of a scene repeat."""
     with warnings.catch_warnings():
-        for said in (".* (leaves its|leaves the pair's|passes the) ", ".* is taken for ", ".* is it in seconds"):
+        for said in (".* (leaves its|passes the) ", ".* is taken for ", ".* is it in seconds"):
             warnings.filterwarnings("ignore", said, DynamicsWarning)
         yield
 

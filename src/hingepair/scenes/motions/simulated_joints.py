@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from hingepair.dynamics.given_motions import GivenJoint
 from hingepair.dynamics.run import SimulationError
 from hingepair.dynamics.simulate_robot import SimulatedRobotMotion, simulate_robot
 from hingepair.equations.quantities import ACCELERATION
@@ -19,10 +20,12 @@ from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.joints import (
+    RATE_SUFFIXES,
     JointMotion,
     JointSamples,
     SampledBase,
     check_joint_names,
+    moving_joints,
     read_base,
     refuse_joint,
 )
@@ -30,8 +33,10 @@ from hingepair.scenes.motions.motion import PRESCRIBED
 from hingepair.scenes.motions.simulated import (
     DOUBT,
     HINGE_LOAD_KEYS,
+    end_notes,
     estimate_or_nan,
     read_break_instants,
+    read_functions_of_state,
     read_hinge_torque,
     read_stops,
     warnings_of_scenes,
@@ -41,6 +46,29 @@ from hingepair.scenes.tables import Key, Table, numbers_key
 
 _BASES: Final = ("fixed", "free", "pinned", PRESCRIBED)
 _NAMES: Final = ("q", "qd")  # in expressions of efforts, beside t
+_WRENCH: Final = ("force", "torque")
+
+
+def _read_vector(table: Table, key: str) -> Any:
+    """Return the force or torque under a key of a Table: three floats, or a callable of (t, now) that returns (N, 3)
+    for expressions in t.
+    """
+    entries = table.entries(key, 3, "t")
+    components = read_functions_of_state(entries, tuple(entries.values), ())
+    if not callable(components):
+        return components
+    return lambda t, _: np.stack(np.broadcast_arrays(*components(t), t)[:-1], axis=-1)
+
+
+def _read_wrenches(table: Table) -> dict[str, tuple[Any, Any]]:
+    """Return (force, torque) by the name of the link."""
+    found = {}
+    for link in table.values:
+        values = table.table(link).read(dict.fromkeys(_WRENCH, _read_vector))
+        found[link] = values.get("force", 0), values.get("torque", 0)
+    return found
+
+
 _START_KEYS: Final[dict[str, Key]] = {
     "R1_0": numbers_key(3),
     "S1_0": Table.rotation,
@@ -52,6 +80,10 @@ _KEYS: Final[dict[str, Key]] = {
     "base": lambda table, key: table.choice(key, _BASES),
     "joint_loads": Table.flag,
     "breaks": read_break_instants,
+    "until": Table.text,
+    "force1": _read_vector,
+    "torque1": _read_vector,
+    "wrenches": lambda table, key: _read_wrenches(table.table(key)),
     "tol": Table.number,
     "max_steps": Table.number,
 }
@@ -65,9 +97,15 @@ _JOINT_KEYS: Final[dict[str, Key]] = {
 
 
 def read_simulated_joints(tables: Table, robot: Mechanism, gravity: tuple[float, ...] | None) -> JointMotion:
-    """Simulate the motion of a robot that the tables [dynamics], [base] and [time] define."""
+    """Simulate the motion of a robot that the tables [dynamics], [motion], [base] and [time] define. Joints of
+    [motion] move as given.
+    """
     table, prescribed = tables.table("dynamics"), read_base(tables)
-    tables.table("motion", required=False).check_keys(("constants",))
+    t = read_instants_array(tables.table("time"))
+    driven = _read_driven(tables.table("motion", required=False), robot, t)
+    for name in driven:
+        if name in table.values:
+            table.fail(name, "no such table: [motion] moves this joint as given")
     check_joint_names(table, robot, tuple(_KEYS))
     for key in table.values:
         if key not in _KEYS and key not in robot.names:
@@ -80,15 +118,20 @@ def read_simulated_joints(tables: Table, robot: Mechanism, gravity: tuple[float,
     for key in start if prescribed else ():
         table.fail(key, "no such key together with [base], which moves the base")
     options.pop("joint_loads", None)
+    if "until" in options:
+        options["until"] = _read_until(table, robot)
+    wrenches = options.get("wrenches", {})
     described = robot.joint_loads if read_joint_loads(tables) else {}
+    described = {name: load for name, load in described.items() if name not in driven}
     rows = {
         name: _read_joint(table.table(name), robot, name, described) for name in robot.names if name in table.values
     }
     q0 = {name: rows[name][0].get("q_0", 0.0) if name in rows else 0.0 for name in robot.names}
     qd0 = {name: rows[name][0].get("qd_0", 0.0) if name in rows else 0.0 for name in robot.names}
     loads = {**described, **{name: load for name, (_, load) in rows.items()}}
-    t = read_instants_array(tables.table("time"))
     named = {f"q0[{name!r}]": f"{name}.q_0" for name in robot.names} | {f"base_motion.{k[:-3]}": k for k in start}
+    named["base_motion"] = "base"
+    named |= {f"wrenches[{link!r}][{i}]": f"wrenches.{link}.{_WRENCH[i]}" for link in wrenches for i in (0, 1)}
     try:
         with table.naming(**named), warnings_of_scenes():
             base_motion: Any = (
@@ -101,15 +144,15 @@ def read_simulated_joints(tables: Table, robot: Mechanism, gravity: tuple[float,
             )  # fmt: skip
             found = simulate_robot(
                 robot, t, q0, qd0, loads=loads, gravity=gravity or DEFAULT_GRAVITY, base_motion=base_motion,
-                base="moving" if prescribed else base, **options,
+                base="moving" if prescribed else base, driven=driven, **options,
             )  # fmt: skip
     except SimulationError as error:
         table.refuse("", "a motion that can be followed", f"none past t = {error.t:.6g}: {error.why}")
-    return joint_motion(found, t, loads)
+    return joint_motion(found, loads)
 
 
-def joint_motion(found: SimulatedRobotMotion, t: Float64Array, loads: Mapping[str, HingeLoad]) -> JointMotion:
-    """Return a simulated motion at the instants t as the motion of a scene; `loads` have the stops."""
+def joint_motion(found: SimulatedRobotMotion, loads: Mapping[str, HingeLoad]) -> JointMotion:
+    """Return a simulated motion as the motion of a scene; `loads` have the stops."""
     robot = found.robot
     units = {joint.name: joint.unit for joint in robot.tree.coordinates}
     errors = {}
@@ -122,7 +165,7 @@ def joint_motion(found: SimulatedRobotMotion, t: Float64Array, loads: Mapping[st
         errors["rad of the base"] = estimate_or_nan(lambda: found.attitude_error_estimate)
     moves = found.base != "fixed" or any(np.any(x) for x in (found.base_motion.R, found.base_motion.S - np.eye(3)))
     return JointMotion(
-        t=t,
+        t=found.t,
         source=JointSamples(tuple(tuple(values.T) for values in (found.q, found.qd, found.qdd))),
         origin="simulated from what acts",
         names=robot.names,
@@ -130,6 +173,7 @@ def joint_motion(found: SimulatedRobotMotion, t: Float64Array, loads: Mapping[st
         base=SampledBase(found.base_motion) if moves else None,
         errors=errors,
         doubt=DOUBT,
+        notes=end_notes(found.ended_by_event, found.t),
         simulated=found,
         stops=tuple(loads.get(name, HingeLoad()).tightest_stops for name in robot.names),
     )
@@ -138,7 +182,9 @@ def joint_motion(found: SimulatedRobotMotion, t: Float64Array, loads: Mapping[st
 def _read_joint(
     table: Table, robot: Mechanism, name: str, described: dict[str, HingeLoad]
 ) -> tuple[dict[str, Any], HingeLoad]:
-    """Return the values of the table of a joint, and its load, to which described ones contribute."""
+    """Return the values of the table of a joint, and its load: the described one, if any, with the fields
+    that the table gives.
+    """
     values: dict[str, Any] = table.read(_JOINT_KEYS)
     fields = {key: value for key, value in values.items() if key not in ("q_0", "qd_0", "tau")}
     if fields.get("stops") is True:
@@ -149,6 +195,35 @@ def _read_joint(
     load = described.get(name, HingeLoad())
     with table.naming():
         return values, replace(load, **fields, **({"motor": values["tau"]} if "tau" in values else {}))
+
+
+def _read_driven(motion: Table, robot: Mechanism, t: Float64Array) -> dict[str, Any]:
+    """Return the motions of the joints that [motion] moves, callables of t that return q, qd and qdd, by name."""
+    from hingepair.scenes.motions.functions import read_functions
+
+    names = moving_joints(motion, robot)
+    functions = read_functions(motion, names)
+    driven = {name: partial(_driven, functions, k) for k, name in enumerate(names)}
+    for name, move in driven.items():
+        with motion.naming(name):
+            GivenJoint(name, move).check(t)
+    return driven
+
+
+def _driven(functions: Any, k: int, t: Float64Array) -> tuple[Any, ...]:
+    return tuple(row[k] for row in functions.derivatives(t, ACCELERATION))
+
+
+def _read_until(table: Table, robot: Mechanism) -> Any:
+    """Return the event of a Table, an expression in t and in coordinates and rates such as elbow and elbowd whose
+    value passes 0 there, as a callable of (t, now).
+    """
+    joints = [k for k, name in enumerate(robot.names) if name.isidentifier() and name not in table.constants]
+    names = tuple(robot.names[k] + suffix for suffix in RATE_SUFFIXES[:2] for k in joints)
+    value = read_functions_of_state(table, ("until",), names)
+    if not callable(value):
+        table.fail("until", "an expression in t and coordinates and rates of joints, which passes 0 at the event")
+    return lambda t, now: value(t, *now.q.T[joints], *now.qd.T[joints])[0]
 
 
 def _moved(base: Any, t: Float64Array) -> BodyMotion:

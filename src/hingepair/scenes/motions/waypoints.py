@@ -105,7 +105,8 @@ def interpolate_way_points(
     t: Float64Array, values: Float64Array, profile: str, speed: float = math.inf, acceleration: float = math.inf
 ) -> WayPoints:
     """Return WayPoints through values at increasing instants t; `profile`, one of the PROFILES, selects the
-    polynomials between them.
+    polynomials between them. `speed` and `acceleration` are limits: ramps of a trapezoid keep them, and other
+    profiles are refused where they exceed them.
 
     >>> path = interpolate_way_points(np.array([0.0, 2.0]), np.array([0.0, 4.0]), "quintic")
     >>> position, speed = path.derivatives(1.0, 1)

@@ -12,7 +12,7 @@ import threading
 import pytest
 
 from hingepair.errors import ArgumentError
-from hingepair.numeric.whole_file import whole_file
+from hingepair.tables.whole_file import whole_file
 from support.sparse import sparse
 from support.work import HANG
 
@@ -127,7 +127,7 @@ def test_an_error_inside_leaves_what_was_there(tmp_path, error):
 def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
     code = (
         "import signal, time; from hingepair.cli.output import set_up_process\n"
-        "from hingepair.numeric.whole_file import whole_file\n"
+        "from hingepair.tables.whole_file import whole_file\n"
         f"signal.signal({int(number)}, signal.SIG_DFL); set_up_process()\n"  # a background process may ignore it
         f"with whole_file({str(tmp_path / 'a')!r}) as file:\n"
         f"    file.write(b'half'); print('.', flush=True); time.sleep({HANG})"
@@ -144,7 +144,7 @@ def test_a_signal_takes_the_half_written_file_away(tmp_path, number):
 @pytest.mark.slow
 def test_the_standard_output_is_written_to_as_it_is(tmp_path):
     code = (
-        "from hingepair.numeric.whole_file import whole_file\n"
+        "from hingepair.tables.whole_file import whole_file\n"
         "print('before', flush=True)\n"
         "with whole_file('/dev/stdout') as file: file.write(b'text\\n')\n"
     )

@@ -1,4 +1,4 @@
-"""The conversion of a model in MJCF to parts, read by MuJoCo.
+"""The reader of robots in MJCF, by MuJoCo.
 
 MuJoCo's compiler resolves defaults, included files, angles and inertias of geoms; its result is read here.
 """
@@ -6,16 +6,18 @@ MuJoCo's compiler resolves defaults, included files, angles and inertias of geom
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, MissingDependencyError, quoted
-from hingepair.mechanism.folding import JointPart, displaced
-from hingepair.mechanism.kinds import JointKind
+from hingepair.errors import ArgumentError, quoted
+from hingepair.mechanism.building.folding import JointPart, chosen_base, displaced, fold_parts
+from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.optional import require
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
@@ -25,28 +27,19 @@ from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns
 
 _KINDS: dict[int, JointKind] = {2: "slider", 3: "hinge"}  # by mjtJoint
-_JOINT_EQUALITY = 2  # of mjtEq
+_JOINT_EQUALITY = 2  # mjEQ_JOINT, a joint that follows another
 _FREE, _TYPE_NAMES = 0, ("free", "ball", "slide", "hinge")
 
 
-def parts_of_mjcf(model: Any) -> tuple[str, Literal["fixed", "free"], list[JointPart]]:
-    """Return (name, kind of the base, parts) for a path of MJCF, its text, or an MjModel. The kind is "free" if the
-    only body of the world that moves has a free joint, and this body is the base; otherwise the world is the base.
-    Issue a DynamicsWarning for what acts in MuJoCo and is not read.
-
-    Raises:
-        ArgumentError: no readable model; a ball joint, or a free joint elsewhere.
-        MissingDependencyError: MuJoCo is not installed.
-    """
-    compiled = _compiled(model)
-    return _Reader(compiled).parts()
+def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
+    """Return the tree of a model in MJCF, and the kind of its base, as `Mechanism.from_mjcf` describes."""
+    name, own, parts = _Reader(_compiled(model)).parts()
+    chosen = chosen_base(base, own)
+    return fold_parts(name, parts, chosen, locked), chosen
 
 
 def _compiled(model: Any) -> Any:
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingDependencyError("from_mjcf", "mujoco (pip install mujoco)", str(error)) from None
+    mujoco = require("mujoco", "from_mjcf")
     if isinstance(model, mujoco.MjModel):
         return model
     if not isinstance(model, str | os.PathLike):
@@ -61,7 +54,10 @@ def _compiled(model: Any) -> Any:
 
 
 class _Reader:
-    """Reader of the bodies and joints of an MjModel, in MuJoCo's order, which is depth-first."""
+    """Reader of the bodies and joints of an MjModel, in MuJoCo's order, which is depth-first.
+
+    The base is the only body of the world that moves, if it has a free joint, and otherwise the world.
+    """
 
     def __init__(self, model: Any) -> None:
         self._model = model
@@ -122,9 +118,7 @@ class _Reader:
         return principal.placed(_pose(model.body_ipos[body], model.body_iquat[body]))
 
     def _part(self, joint: int, parent: int, pose: FramePose) -> JointPart:
-        """Return a joint as a part, whose body has its origin at the joint's point; `pose` is that of the joint's
-        body in the part that carries it.
-        """
+        """Return a joint as a part; `pose` is that of the joint's body in the part that carries it."""
         model, name = self._model, self._name("joint", joint)
         kind = _KINDS.get(int(model.jnt_type[joint]))
         if kind is None:
@@ -188,7 +182,7 @@ class _Reader:
 
 
 class _Part:
-    """A part while links are added to it."""
+    """A part to which links are added."""
 
     def __init__(self, part: JointPart) -> None:
         self._part = part

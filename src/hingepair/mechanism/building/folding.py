@@ -17,10 +17,19 @@ import numpy as np
 
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.kinds import KINDS, JointKind
+from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.shapes import Mesh, body_drawing
-from hingepair.mechanism.tree import NO_LOAD, ZERO_MASS_PROPERTIES, Frame, Joint, MassProperties, Mimic, Tree
-from hingepair.numeric.arrays import Float64Array, finite_number, read_only
+from hingepair.mechanism.tree import (
+    BASE_KINDS,
+    NO_LOAD,
+    ZERO_MASS_PROPERTIES,
+    Frame,
+    Joint,
+    MassProperties,
+    Mimic,
+    Tree,
+)
+from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, read_only
 from hingepair.numeric.blocks import versine
 from hingepair.pair.body import Body, Shape, warn_of_dynamics
 from hingepair.pair.hinge_load import HingeLoad
@@ -64,19 +73,13 @@ JointRule: TypeAlias = float | records.MimicRecord | None
 
 
 def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
-    """Return the Tree of the joints that move, from JointParts (the base, then the joints). The bodies that fixed and
-    locked joints connect are merged. If `base` is "fixed", notes on the masses of the base are left out. Issue a
-    DynamicsWarning for a joint that is locked beyond its limits.
+    """Return the tree of the joints that move, where fixed and locked joints merge bodies.
 
     Args:
         name: name of the robot.
         parts: the base, and joints depth-first; names are unique.
         base: "fixed" or "free".
         locked: positions [rad or m] of the joints to lock, by name.
-
-    Raises:
-        ArgumentError: a joint is locked that does not exist or does not move; a joint follows one that does not
-            exist, or itself; numbers overflow.
     """
     rules = _joint_rules(parts, _locked_positions(parts, locked))
     moving = [part for part in parts if not isinstance(rules[part.name], float)]
@@ -121,6 +124,13 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
     )  # fmt: skip
 
 
+def chosen_base(base: str | None, own: str) -> str:
+    """Return the argument `base`, by default the kind of base that a model has itself."""
+    if base is not None:
+        check_choice("base", base, BASE_KINDS)
+    return own if base is None else base
+
+
 def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
     """Return the argument `locked` as numbers, with a DynamicsWarning for those beyond limits."""
     if not isinstance(locked, Mapping | None):
@@ -143,15 +153,10 @@ def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | 
 
 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
-    """Return the rule of each joint: its position if it is held, whom it follows, or None. Followers of followers
-    follow the last leader.
-    """
+    """Return the rule of each joint by name; followers of followers follow the last leader."""
     by_name = {part.name: part for part in parts}
 
     def rule(part: JointPart) -> JointRule:
-        """Return the rule of one joint, composed with the rules of its leaders: its position if the joint or its last
-        leader is held, a MimicRecord if it follows a joint that moves, or None if it moves by itself.
-        """
         multiplier, offset, followers = 1.0, 0.0, {part.name}
         while True:
             if part.name in positions or part.kind == "fixed":
@@ -186,9 +191,7 @@ def _body_poses(
 
 
 def displaced(part: JointPart, position: float) -> FramePose:
-    """Return the FramePose of the body of a JointPart at a position [rad or m], in the axes that the body has at
-    position 0; the identity for a fixed joint.
-    """
+    """Return the pose of the body of a part at a position [rad or m], in the axes that it has at position 0."""
     if position == 0:
         return IDENTITY_POSE
     axis, turn = KINDS[part.kind].axis(part.pitch), np.eye(3)
@@ -261,9 +264,7 @@ def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
 
 
 def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
-    """Return the sum of the mass properties of rigidly joined links as MassProperties of one body. `inertias` is a
-    dict of Inertia records by link name, all in the axes of that body.
-    """
+    """Return the sum of the mass properties of rigidly joined links, by name, all in the axes of their body."""
     heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
     if not heavy:
         return ZERO_MASS_PROPERTIES
@@ -276,10 +277,13 @@ def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
     return MassProperties(mass, read_only(centre), read_only((tensor + tensor.T) / 2))
 
 
+def body_inertia(body: Body) -> Inertia:
+    """Return the mass properties of a Body as an Inertia, in the body's axes from its reference point."""
+    return Inertia(body.mass, np.asarray(body.centre_of_mass), np.asarray(body.inertia))
+
+
 def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
-    """Return a sentence that names the links of a body whose mass properties no rigid body can have; return an empty
-    string if a rigid body can have them. `inertias` is a dict of Inertia records by link name.
-    """
+    """Return a sentence that names the links whose sum is no rigid body; "" if it is one."""
     reason = unphysical_reason(mass_properties(inertias))
     links = ", ".join(repr(link) for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any())
     if not reason:
@@ -288,9 +292,7 @@ def unphysical_mass_note(inertias: Mapping[str, Inertia]) -> str:
 
 
 def unphysical_reason(masses: MassProperties) -> str:
-    """Return a string that says why no rigid body can have the MassProperties `masses`; return an empty string if a
-    rigid body can have them, or if they are all 0.
-    """
+    """Return why no rigid body has these mass properties; "" if one has, or if all are 0."""
     if not masses.mass and not masses.inertia.any():
         return ""
     try:

@@ -1,105 +1,89 @@
-"""The conversion of a robot in URDF, and of pairs, to parts."""
+"""The reader of robots that are given as pairs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from hingepair.errors import ArgumentError, ShapeError, URDFError, quoted
-from hingepair.mechanism.folding import JointPart
-from hingepair.mechanism.kinds import JointKind
-from hingepair.mechanism.shapes import link_shapes, link_visuals, placed_shapes
-from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
+from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.mechanism.building.changes import add_frame
+from hingepair.mechanism.building.folding import JointPart, body_inertia, fold_parts
+from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
+from hingepair.mechanism.samples import Payload, Samples
+from hingepair.mechanism.shapes import placed_shapes
+from hingepair.mechanism.tree import BASE_KINDS, Tree
+from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.pair.body import Body, warn_of_dynamics
-from hingepair.pair.hinge_load import HingeLoad
+from hingepair.pair.body import Body
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.urdf import records
-from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia
+from hingepair.pair.points import Points
+from hingepair.urdf.rigid import IDENTITY_POSE, FramePose
 
-# Kinds of parts, by the type of a URDF joint.
-_KIND_OF_TYPE: Mapping[str, JointKind] = {
-    "revolute": "hinge",
-    "continuous": "hinge",
-    "prismatic": "slider",
-    "fixed": "fixed",
-}
 BASE_LINK = "base"
 """Name of the base link of a robot that is built from pairs."""
 
 
-def parts_of_urdf(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[JointPart]]:
-    """Return (kind of the base, parts) for a RobotRecord: the base, then the joints depth-first by name. The kind is
-    "free" if one floating joint carries all but the root link, which is then left out. Issue a DynamicsWarning for a
-    mimic joint whose leader does not exist; it moves by itself.
-
-    Raises:
-        URDFError: the links and joints are no tree, a joint is of a type that has no part, or a number is missing;
-            names the joint or the link.
-    """
-    root, joints = robot.tree()
-    is_free = bool(joints) and joints[0].type == "floating" and all(joint.parent != root for joint in joints[1:])
-    if is_free:
-        root, joints = joints[0].child, joints[1:]
-    parents = {joint.parent for joint in joints}
-    names = {joint.name for joint in joints}
-    numbers = {root: 0}
-    parts = [JointPart("", "fixed", -1, **_link_content(robot, root, root not in parents))]
-    for joint in joints:
-        if joint.type not in _KIND_OF_TYPE:
-            expected = f"a type out of {', '.join(_KIND_OF_TYPE)}"
-            raise URDFError(f"joint {joint.name!r}", expected, quoted(joint.type) if joint.type else "none")
-        numbers[joint.child] = len(parts)
-        link = _link_content(robot, joint.child, joint.child not in parents)
-        kind = _KIND_OF_TYPE[joint.type]
-        if kind == "fixed":
-            parts.append(JointPart(joint.name, kind, numbers[joint.parent], joint.pose, **link))
-            continue
-        axis = unit_axis(f"joint {joint.name!r}, axis", joint.axis)
-        limits: dict[str, Any] = {"limits": joint.limits, "effort_limit": joint.effort, "rate_limit": joint.velocity}
-        limits["load"] = HingeLoad(damping=joint.damping, friction=joint.friction)
-        mimic = joint.mimic
-        if mimic is not None and mimic.leader not in names:
-            message = (
-                f"joint {joint.name!r} follows {mimic.leader!r}, which the robot does not have; it moves on its own"
-            )
-            warn_of_dynamics(message)
-            mimic = None
-        parts.append(
-            JointPart(joint.name, kind, numbers[joint.parent], joint.pose, axis, **link, **limits, mimic=mimic)
-        )
-    return ("free" if is_free else "fixed"), parts
+def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, base: str, name: str | None) -> Tree:
+    """Return the tree of a robot that is given as pairs, as `Mechanism` describes."""
+    check_choice("base", base, BASE_KINDS)
+    if name is not None and (not isinstance(name, str) or not name.strip()):
+        raise ArgumentError("name", "a text that is not empty", quoted(name))
+    given = _numbered([*pairs]) if isinstance(pairs, Iterable) and not isinstance(pairs, str) else pairs
+    single = [nominal_pair(pair) for pair in given] if isinstance(given, list) else given
+    tree = fold_parts("mechanism" if name is None else name, _parts(single, parents), base)
+    tree = tree if single == given else _with_lengths(tree, given, single)
+    for joint, pair in zip(tree.joints, given, strict=True):
+        if isinstance(pair, HingePair):
+            carrier = tree.joints[joint.parent - 1].name if joint.parent else BASE_LINK
+            tree = _with_points(tree, carrier, pair.points1)
+            tree = _with_points(tree, joint.name, pair.points2)
+    return tree
 
 
-def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
-    """Return what a `JointPart` takes of one link of a RobotRecord."""
-    link = robot.links[link_name][0]
-    leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
-    visuals = link_visuals(link, robot.folder)
-    return {
-        "links": {link_name: IDENTITY_POSE},
-        "leaves": leaves,
-        "inertias": {link_name: link.inertia()},
-        "shapes": shapes,
-        "visuals": visuals,
-    }
+def _with_points(tree: Tree, link: str, points: Points) -> Tree:
+    """Return a tree with frames at points of a link."""
+    for name, position in points.items():
+        if tree.frame(name) is not None:
+            expected = "points with names that no link, joint or other point has"
+            raise ArgumentError("pairs", expected, quoted(name))
+        tree = add_frame(tree, name, tree.known_frame("link", link), position, None)
+    return tree
 
 
-def parts_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[JointPart]:
-    """Convert joints that share bodies to a list of JointParts: the base, then the pairs in order.
+def _numbered(pairs: list[Any]) -> list[Any]:
+    """Return pairs in which those without a name of their own are told apart by their places: hinge_pair_2."""
+    kinds, width = tuple(JOINT_CLASSES.values()), len(str(len(pairs)))
+    names = [pair.name if isinstance(pair, kinds) else None for pair in pairs]
+    repeated = {name for name in DEFAULT_NAMES if names.count(name) > 1}
+    return [
+        replace(pair, name=f"{name}_{place:0{width}}") if name in repeated else pair  # zeros: siblings are sorted
+        for place, (pair, name) in enumerate(zip(pairs, names, strict=True), 1)
+    ]
 
-    Args:
-        pairs: joints, by name depth-first with siblings by name.
-        parents: for each pair, 0 where its body 1 is the base, or j where its body 1 is body 2 of the j-th pair, from
-            1 on; None where each pair's body 1 is body 2 of the pair before it.
 
-    Raises:
-        ArgumentError: no pair, a name twice, parents that make no tree, another order (names the order to use), or a
-            body that is given twice and differs.
-    """
+def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tree:
+    """Return a tree of single pairs with the points u1 and u2 of pairs that have leading axes."""
+    points, links, samples = {}, dict(tree.links), Samples()
+    for number, (joint, pair, one) in enumerate(zip(tree.joints, pairs, single, strict=True), 1):
+        u2 = pairs[joint.parent - 1].u2 if joint.parent else np.zeros(3)
+        if pair.u1.ndim > 1 or u2.ndim > 1:
+            points[number] = pair.u1 - u2
+        if pair.u2.ndim > 1:
+            links[pair.name] = replace(links[pair.name], samples=read_only(0.0 - pair.u2))
+            mass, centre, inertia = np.array(joint.body.mass), joint.body.centre_of_mass + one.u2, joint.body.inertia
+            body = Payload(mass, centre, inertia)
+            moved = body.moments(-pair.u2, np.eye(3)) - body.moments(-one.u2, np.eye(3))
+            samples = samples.with_matter(number, moved)
+    origins = [frame.samples for frame in links.values() if frame.samples is not None]
+    return replace(tree, links=links, samples=samples.with_points(points, origins))
+
+
+def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[JointPart]:
+    """Return the parts of joints that share bodies: the base, then the pairs in order."""
     checked = _checked_pairs(pairs)
     parent_numbers = _checked_parents(checked, parents)
     names = [pair.name for pair in checked]
@@ -141,21 +125,20 @@ def parts_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -
 
 
 def nominal_pair(pair: Any) -> Any:
-    """Return a pair; if its points u1 and u2 have leading axes, that of the first sample.
-
-    Raises:
-        ShapeError: n or home have leading axes.
-    """
+    """Return a pair; if its points u1 and u2 have leading axes, that of the first sample."""
     if not isinstance(pair, HingePair) or pair.constants.single:
         return pair
     if pair.n.ndim > 1 or pair.home.ndim > 2:
         expected = f"n and home of {pair.name!r} that are the same for all samples; u1 and u2 may differ"
         raise ShapeError("pairs", expected, f"pairs of shape {pair.constants.shape}")
-    return replace(pair, u1=pair.u1.reshape(-1, 3)[0], u2=pair.u2.reshape(-1, 3)[0])
+    return replace(pair, u1=pair.u1.reshape(-1, 3)[0], u2=pair.u2.reshape(-1, 3)[0], points1={}, points2={})
 
 
 def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
     """Check the argument `pairs`, an iterable of HingePairs, Sliders and Screws, and return it as a list."""
+    if isinstance(pairs, str | os.PathLike):
+        expected = "HingePairs, Sliders and Screws; hp.Mechanism.from_urdf and hp.Mechanism.from_mjcf read files"
+        raise ArgumentError("pairs", expected, quoted(str(pairs)))
     if not isinstance(pairs, Iterable):
         raise ArgumentError("pairs", "HingePairs, Sliders and Screws", quoted(pairs))
     checked = list(pairs)
@@ -244,8 +227,3 @@ def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_l
     content["inertias"] = {link_name: body_inertia(body).placed(frame_pose)}
     content["shapes"] = content["visuals"] = tuple(placed_shapes(body.shapes, frame_pose))
     return content | {"notes": tuple(f"{link_name}: {sentence}" for sentence in body.assumed)}
-
-
-def body_inertia(body: Body) -> Inertia:
-    """Return the mass properties of a Body as an Inertia, in the body's axes from its reference point."""
-    return Inertia(body.mass, np.asarray(body.centre_of_mass), np.asarray(body.inertia))

@@ -1,14 +1,16 @@
-"""The conversion of a Pinocchio model to parts."""
+"""The reader of Pinocchio models."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.folding import JointPart, limit_or_infinity
+from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, limit_or_infinity
+from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.unit_vectors import unit_axis
 from hingepair.pair.body import DynamicsWarning
@@ -28,17 +30,18 @@ _HINGES = {
 _SLIDERS = {*(f"JointModelP{axis}" for axis in "XYZ"), "JointModelPrismaticUnaligned"}
 
 
-def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
-    """Return (kind of the base, parts) for a Pinocchio model. The kind is "free" if the model has a free-flyer at its
-    root, otherwise "fixed"; the parts are a list of JointParts, the base first. Issue a DynamicsWarning if the
-    gravity of the model is not the default.
+def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
+    """Return the tree of a Pinocchio model, and the kind of its base, as `Mechanism.from_pinocchio` describes."""
+    own, parts = _parts(model)
+    chosen = chosen_base(base, own)
+    return fold_parts(model.name or "model", parts, chosen, locked), chosen
 
-    A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A joint that is
-    composed of others, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
 
-    Raises:
-        ArgumentError: no model, a joint of a kind that has no part, joints that do not stand depth-first, or an
-            armature that no rotor has.
+def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
+    """Return the kind of the base, and the parts: the base, then the joints.
+
+    A free-flyer at the root is a free base; the links that stand in the world beside it are left out. A composite
+    joint, as a body with several joints of MJCF has it, is as many joints, `name_1`, `name_2`, ...
     """
     if not all(hasattr(model, name) for name in ("jointPlacements", "inertias", "frames", "parents")):
         raise ArgumentError("model", "a model of Pinocchio", quoted(model))
@@ -57,7 +60,7 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Joint
         parent = int(model.parents[joint])
         if parent not in numbers:
             raise _unsupported_joint_error(model, joint, "a joint that the free base carries")
-        if joint > root + 1 and parent not in _carriers(model, joint - 1):
+        if joint > root + 1 and parent not in [*model.supports[joint - 1]]:  # which holds the joint itself, too
             raise _unsupported_joint_error(
                 model, joint, f"its place right behind what {model.names[parent]!r} carries, depth-first"
             )
@@ -65,11 +68,6 @@ def parts_of_pinocchio(model: Any) -> tuple[Literal["fixed", "free"], list[Joint
         parts += joint_parts
         numbers[joint] = len(parts) - 1
     return ("free" if free else "fixed"), parts
-
-
-def _carriers(model: Any, joint: int) -> set[int]:
-    """Return a set of the numbers of a joint of a Pinocchio model and of all joints that carry it."""
-    return {int(carrier) for carrier in model.supports[joint]}
 
 
 def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentError:
@@ -180,13 +178,7 @@ def _unit_axis(motion: Float64Array) -> Float64Array:
 
 
 class _BodyContents:
-    """Links, further frames and mass properties of the bodies of all joints in a Pinocchio model. `content` returns
-    those of one joint's body as keyword arguments of `JointPart`.
-
-    Args:
-        model: of Pinocchio.
-        root: number of the joint whose body is the base.
-    """
+    """Links, further frames and mass properties of all bodies, behind the joint with the number `root`."""
 
     def __init__(self, model: Any, root: int) -> None:
         self._model, self._root = model, root
@@ -213,9 +205,7 @@ class _BodyContents:
         self._parents = {int(parent) for parent in model.parents}
 
     def content(self, joint: int) -> dict[str, Any]:
-        """Return a dict of the keyword arguments links, leaves, frames and inertias of `JointPart` for the body of
-        the joint with the number `joint`.
-        """
+        """Return what a `JointPart` takes of the body of a joint."""
         links = self._links.get(joint)
         leaves = [link for link in links or () if link not in self._carrying]
         if not links:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from hingepair.numeric.tables import (
+from hingepair.tables.sheets import (
     Sheet,
     Shown,
     align_columns,

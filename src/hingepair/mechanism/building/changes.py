@@ -1,9 +1,8 @@
-"""Trees of robots: built from URDF, from a Pinocchio model or from pairs; extended by payloads and frames."""
+"""Copies of a robot's tree with payloads, frames, loads or locked joints; its joints as pairs."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,117 +10,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, choices, nearest, quoted
-from hingepair.mechanism.folding import JointPart, fold_parts, mass_properties, unphysical_reason
-from hingepair.mechanism.kinds import KINDS
-from hingepair.mechanism.mujoco_model import parts_of_mjcf
-from hingepair.mechanism.pinocchio_model import parts_of_pinocchio
+from hingepair.mechanism.building.folding import (
+    JointPart,
+    body_inertia,
+    fold_parts,
+    mass_properties,
+    unphysical_reason,
+)
+from hingepair.mechanism.joints import JOINT_CLASSES, KINDS, RobotJoint
 from hingepair.mechanism.samples import Payload, Samples
 from hingepair.mechanism.shapes import BodyDrawing, placed_shapes
-from hingepair.mechanism.slider import JOINT_CLASSES, RobotJoint
-from hingepair.mechanism.sources import body_inertia, nominal_pair, parts_of_pairs, parts_of_urdf
-from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Source, Tree
-from hingepair.numeric.arrays import check_choice, number_not_below_0, one_constant, read_only, real_array
+from hingepair.mechanism.tree import LOAD_FIELDS, NO_LOAD, Frame, Joint, MassProperties, Tree
+from hingepair.numeric.arrays import one_constant, read_only, real_array
 from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.rotations.matrices import check_rotation
-from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia
 
-BASE_KINDS = ("fixed", "free")  # accepted values of the argument `base`
-_MAX_SNAP = 0.1  # rad; every angle is within pi/4 of a multiple of pi/2
-
-
-def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, base: str, name: str | None) -> Tree:
-    """Return the Tree of a robot that is given as pairs. `parents` holds the number of body 1 of
-    each pair (0 is the base); for None, body 1 of each pair is body 2 of the pair before it. `base` is "fixed" or
-    "free".
-
-    Raises:
-        ArgumentError: base or name cannot be used; the pairs are no tree, or stand in another order than that of q.
-    """
-    check_choice("base", base, BASE_KINDS)
-    if name is not None and (not isinstance(name, str) or not name.strip()):
-        raise ArgumentError("name", "a text that is not empty", quoted(name))
-    given = [*pairs] if isinstance(pairs, Iterable) else pairs
-    single = [nominal_pair(pair) for pair in given] if isinstance(given, list) else given
-    tree = fold_parts("mechanism" if name is None else name, parts_of_pairs(single, parents), base)
-    return tree if single == given else _with_lengths(tree, given, single)
-
-
-def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tree:
-    """Return a tree of single pairs with the points u1 and u2 of pairs that have leading axes."""
-    points, links, samples = {}, dict(tree.links), Samples()
-    for number, (joint, pair, one) in enumerate(zip(tree.joints, pairs, single, strict=True), 1):
-        u2 = pairs[joint.parent - 1].u2 if joint.parent else np.zeros(3)
-        if pair.u1.ndim > 1 or u2.ndim > 1:
-            points[number] = pair.u1 - u2
-        if pair.u2.ndim > 1:
-            links[pair.name] = replace(links[pair.name], samples=read_only(0.0 - pair.u2))
-            mass, centre, inertia = np.array(joint.body.mass), joint.body.centre_of_mass + one.u2, joint.body.inertia
-            body = Payload(mass, centre, inertia)
-            moved = body.moments(-pair.u2, np.eye(3)) - body.moments(-one.u2, np.eye(3))
-            samples = samples.with_matter(number, moved)
-    origins = [frame.samples for frame in links.values() if frame.samples is not None]
-    return replace(tree, links=links, samples=samples.with_points(points, origins))
-
-
-def tree_of_urdf(
-    path_or_text: str | os.PathLike[str], base: str | None, locked: Mapping[str, float] | None, snap: float | None
-) -> tuple[Tree, str]:
-    """Read a robot from a URDF file or from URDF text, which starts with "<", and return (Tree, kind of the base).
-    The kind is `base`, "fixed" or "free"; for None, it is "free" if the root joint is floating. Joints in `locked`, a
-    dict by name or None, are held at the given positions [rad or m]; a DynamicsWarning names positions beyond limits,
-    and mimic joints whose leader does not exist. An rpy angle within `snap` [rad] (0 for None) of a multiple of pi/2
-    is replaced by that multiple.
-
-    Raises:
-        URDFError: no readable URDF, or none of a tree of hinges and sliders.
-        ArgumentError: base, locked or snap cannot be used.
-    """
-    tolerance = 0.0 if snap is None else number_not_below_0("snap", snap)
-    if tolerance > _MAX_SNAP:
-        raise ArgumentError("snap", f"an angle [rad] of at most {_MAX_SNAP}", snap)
-    if base is not None:
-        check_choice("base", base, BASE_KINDS)
-    robot = read_urdf(path_or_text, tolerance)
-    root_kind, parts = parts_of_urdf(robot)
-    chosen = root_kind if base is None else base
-    tree = fold_parts(robot.name, parts, chosen, locked)
-    return replace(tree, source=Source(robot.text, dict(locked or {}), tolerance)), chosen
-
-
-def tree_of_pinocchio(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
-    """Return (Tree, kind of the base) for a Pinocchio model. The kind is `base`, "fixed" or "free"; for None, it is
-    "free" if the model has a free-flyer, otherwise "fixed". Joints in `locked`, a dict by name or None, are held at
-    the given positions [rad or m]. Issue a DynamicsWarning for a position beyond limits, and for a gravity that is
-    not the default.
-
-    Raises:
-        ArgumentError: no model, or one with other joints than those of trees; base or locked cannot be used.
-    """
-    model_base, parts = parts_of_pinocchio(model)
-    chosen = model_base if base is None else base
-    check_choice("base", chosen, BASE_KINDS)
-    return fold_parts(model.name or "model", parts, chosen, locked), chosen
-
-
-def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | None) -> tuple[Tree, str]:
-    """Return (Tree, kind of the base) for MJCF, as `tree_of_pinocchio` does for a Pinocchio model.
-
-    Raises:
-        ArgumentError: no readable model, or one with other joints than those of trees; base or locked cannot be used.
-    """
-    name, model_base, parts = parts_of_mjcf(model)
-    chosen = model_base if base is None else base
-    check_choice("base", chosen, BASE_KINDS)
-    return fold_parts(name, parts, chosen, locked), chosen
-
 
 def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
-    """Return a Joint of a tree as a pair between the frames of the two bodies that it connects. A body
-    is None in the pair if it has no mass, and with a DynamicsWarning if no rigid body can have its mass properties.
-    """
+    """Return a joint of a tree as a pair between the frames of the two bodies that it connects."""
     carrier = tree.single().base if joint.parent == 0 else tree.joints[joint.parent - 1].body
     both_limits = np.isfinite(joint.position_limits).all()
     made: Any = JOINT_CLASSES[joint.kind]
@@ -142,9 +51,7 @@ def pair_of(tree: Tree, joint: Joint) -> RobotJoint:
 
 
 def _body_or_none(label: str, masses: MassProperties) -> Body | None:
-    """Return mass properties as a Body; return None if the mass is 0, and with a DynamicsWarning, which begins with
-    `label`, if no rigid body can have them.
-    """
+    """Return mass properties as a Body; None without mass, and, with a warning, where no rigid body has them."""
     if reason := unphysical_reason(masses):
         warn_of_dynamics(f"{label}: no rigid body has its mass properties, which are left out: {reason}")
     if not masses.mass or reason:
@@ -153,13 +60,7 @@ def _body_or_none(label: str, masses: MassProperties) -> Body | None:
 
 
 def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
-    """Return a copy of a tree with the mass and the shapes of a further Body, which is fixed to the frame named
-    `link`. Notes on assumed masses of the Body are added to the tree's notes, unless `base` is "fixed" and the frame
-    is in the base.
-
-    Raises:
-        ArgumentError: no such frame, or no Body.
-    """
+    """Return a copy of a tree with a Body fixed to a frame, and with notes on what of its masses is assumed."""
     frame = tree.known_frame("link", link)
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
@@ -177,11 +78,7 @@ def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
 
 
 def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
-    """Return a copy of a tree in which joints, by name, have other loads.
-
-    Raises:
-        ArgumentError: no such joint, no HingeLoad, or one of which a robot's joint has no part.
-    """
+    """Return a copy of a tree in which joints, by name, have other loads."""
     if not isinstance(loads, Mapping):
         raise ArgumentError("loads", "HingeLoads by the joint's name", quoted(loads))
     names = [joint.name for joint in tree.joints]
@@ -201,12 +98,7 @@ def set_loads(tree: Tree, loads: Mapping[str, HingeLoad]) -> Tree:
 
 
 def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
-    """Return a copy of a tree in which joints are held at positions [rad or m], a dict by name.
-
-    Raises:
-        ArgumentError: no such joint, or no number.
-        ShapeError: the tree has samples.
-    """
+    """Return a copy of a tree in which joints, by name, are held at positions [rad or m]."""
     bodies = [tree.single().base, *(joint.body for joint in tree.joints)]
     contents = [_content(tree, number, masses) for number, masses in enumerate(bodies)]
     parts = [JointPart("", "fixed", -1, **contents[0])]
@@ -258,11 +150,7 @@ def _with_mass(tree: Tree, number: int, payload: Inertia) -> Tree:
 
 
 def add_matter(tree: Tree, link: str, payload: Payload) -> Tree:
-    """Return a copy of a tree with a Payload fixed to the frame named `link`, as samples where it has leading axes.
-
-    Raises:
-        ArgumentError: no such frame.
-    """
+    """Return a copy of a tree with a Payload fixed to a frame, as samples where it has leading axes."""
     frame = tree.known_frame("link", link)
     if payload.shape or frame.samples is not None:
         samples = (tree.samples or Samples()).with_matter(frame.body, payload.moments(frame.origin, frame.S))
@@ -272,12 +160,7 @@ def add_matter(tree: Tree, link: str, payload: Payload) -> Tree:
 
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
-    """Return a copy of a tree with a further frame called `name`, at position R [m], which may have leading axes, and
-    rotation S (3, 3) relative to the existing Frame `frame`; None for S means the identity.
-
-    Raises:
-        ArgumentError: the name is none, or is taken; R or S cannot be used.
-    """
+    """Return a copy of a tree with a further frame at position R [m], shape (..., 3), and rotation S in another."""
     if not isinstance(name, str) or not name.strip():
         raise ArgumentError("name", "a text that is not empty", quoted(name))
     if tree.frame(name) is not None:

@@ -1,22 +1,57 @@
-"""The further joints of a robot, beside the `HingePair`: the slider and the screw."""
+"""Kinds of joints, and the classes of those beside the `HingePair`: the slider and the screw.
+
+A further kind is a row of `KINDS` and a class beside `Slider`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import Any, ClassVar, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hingepair.equations.joints import HINGE, SLIDER, Axis
 from hingepair.errors import ArgumentError, quoted
-from hingepair.mechanism.kinds import JointKind
 from hingepair.numeric.arrays import Frozen, finite_number
-from hingepair.numeric.tables import Sheet, Shown, sheet_of
 from hingepair.pair.body import Body
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
+from hingepair.tables.sheets import Sheet, Shown, sheet_of
+
+JointKind: TypeAlias = Literal["fixed", "hinge", "screw", "slider"]
+
+
+class Kind(NamedTuple):
+    """One kind of joint."""
+
+    turns: float  # angle of the body about the axis for one unit of q
+    shifts: float | None  # displacement along the axis for one unit of q; None: the joint's pitch says it
+    unit: str  # of q
+    effort: str  # unit of the torque or force along q
+    urdf: str | None  # its type in URDF; None where URDF has none
+    pinocchio: str  # its class in Pinocchio, for an axis of any direction
+
+    @property
+    def has_pitch(self) -> bool:
+        """Whether each joint says how far it shifts its body."""
+        return self.shifts is None
+
+    def axis(self, pitch: float) -> Axis:
+        """Return the axis of a joint of this kind; `pitch` [m/rad] is read where the kind leaves it open."""
+        return Axis(self.turns, pitch if self.shifts is None else self.shifts)
+
+
+KINDS: Final[Mapping[JointKind, Kind]] = MappingProxyType(
+    {
+        "fixed": Kind(0.0, 0.0, "", "", "fixed", ""),  # folds into the body that carries it
+        "hinge": Kind(*HINGE, "rad", "N m", "revolute", "JointModelRevoluteUnaligned"),
+        "screw": Kind(1.0, None, "rad", "N m", None, "JointModelHelicalUnaligned"),
+        "slider": Kind(*SLIDER, "m", "N", "prismatic", "JointModelPrismaticUnaligned"),
+    }
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
@@ -81,20 +116,15 @@ class Slider(_JointOfRobot):
     """Two rigid bodies joined by a slider (prismatic joint), R2 = R1 + S1 (u1 + n q) - S2 u2 and S2 = S1 home, where
     q is the displacement along n [m].
 
-    It is a joint of a `Mechanism`, and its arguments and attributes are those of a `HingePair`. Reports and exports
-    show the limits; methods do not enforce them.
+    It is a joint of a `Mechanism`. Arguments not listed, and attributes, are those of a `HingePair`. Reports and
+    exports show the limits; methods do not enforce them.
 
     Args:
         u1: vector from the reference point of body 1 to where a point P of body 2 is at q = 0, body-1 axes [m]; shape
             (3,).
         u2: vector from the reference point of body 2 to the point P, body-2 axes [m]; shape (3,).
         n: direction in which body 2 moves, body-1 axes; any non-zero length, stored at unit length; shape (3,).
-        home: attitude of body 2 relative to body 1, from body-2 axes to body-1 axes; shape (3, 3); the identity by
-            default.
-        name: name of the joint.
         limits: lower and upper limit of q [m]; shape (2,).
-        body1: mass properties and shapes of body 1.
-        body2: mass properties and shapes of body 2.
         torque_limit: largest magnitude of the motor's force [N]; URDF calls it effort.
         rate_limit: largest magnitude of the rate q' [m/s].
 
@@ -109,27 +139,18 @@ class Slider(_JointOfRobot):
 
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
 class Screw(_JointOfRobot):
-    """Two rigid bodies joined by a screw: body 2 turns about the axis n by q and moves along it by `pitch` q, R2 = R1
-    + S1 (u1 + n pitch q) - S2 u2 and S2 = S1 Sh(n, q) home.
+    """Two rigid bodies joined by a screw: body 2 turns about the axis n by q [rad] and moves along it by `pitch` q,
+    R2 = R1 + S1 (u1 + n pitch q) - S2 u2 and S2 = S1 Sh(n, q) home.
 
-    It is a joint of a `Mechanism`, and its arguments and attributes, but for the pitch, are those of a `HingePair`.
-    The torque of inverse dynamics is that of a motor about the axis. URDF and MJCF have no screws.
+    It is a joint of a `Mechanism`. Arguments not listed, and attributes, are those of a `HingePair`. The torque of
+    inverse dynamics is that of a motor about the axis. URDF and MJCF have no screws.
 
     Args:
         u1: vector from the reference point of body 1 to a point of the axis, body-1 axes [m]; shape (3,).
         u2: vector from the reference point of body 2 to the point of body 2 that is there at q = 0, body-2 axes [m];
             shape (3,).
-        n: axis, body-1 axes; any non-zero length, stored at unit length; shape (3,).
         pitch: displacement along n for one radian [m/rad], not 0. A thread with the lead p per turn has p / (2 pi), a
             left-handed one -p / (2 pi).
-        home: attitude of body 2 relative to body 1 at q = 0, from body-2 axes to body-1 axes; shape (3, 3); the
-            identity by default.
-        name: name of the joint.
-        limits: lower and upper limit of q [rad]; shape (2,).
-        body1: mass properties and shapes of body 1.
-        body2: mass properties and shapes of body 2.
-        torque_limit: largest magnitude of the motor's torque [N m]; URDF calls it effort.
-        rate_limit: largest magnitude of the rate q' [rad/s].
 
     >>> import hingepair as hp, math
     >>> spindle = hp.Screw((0, 0, 0), (0, 0, 0), (0, 0, 1), pitch=0.005 / (2 * math.pi), name="spindle")
@@ -166,6 +187,8 @@ class Screw(_JointOfRobot):
         return {**_JointOfRobot._shown_values(self), "pitch": self.pitch}
 
 
+DEFAULT_NAMES: Final = ("hinge_pair", "slider", "screw")
+"""Names of joints that were given none."""
 RobotJoint: TypeAlias = HingePair | Slider | Screw
 """What a robot is made of."""
 JOINT_CLASSES: Final[Mapping[JointKind, type[RobotJoint]]] = MappingProxyType(

@@ -22,8 +22,10 @@ from typing import IO, Any, Final, NamedTuple, NoReturn, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from hingepair.errors import ArgumentError, MissingDependencyError
+from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import real_array
+from hingepair.numeric.optional import require
+from hingepair.tables.column_tables import ColumnTable
 
 MAX_FILE_ROWS: Final = 10_000_000
 MAX_FILE_BYTES: Final = 2_000_000_000
@@ -45,6 +47,10 @@ _DATE_FORMS: Final = (
 Columns: TypeAlias = dict[str, NDArray[Any]]
 
 
+HeadingReader: TypeAlias = Callable[[str], tuple[str, float]]
+"""Function from a heading to the name of the column and the factor to its SI unit."""
+
+
 class ColumnRequest(NamedTuple):
     """The columns to read from a file."""
 
@@ -53,16 +59,29 @@ class ColumnRequest(NamedTuple):
     # From the name of an array and the shape of one sample to the names of its columns, in that shape.
     names_of: Callable[[str, tuple[int, ...]], ArrayLike]
     exact: str = ""  # column whose integers, dates and times stay as they are; all others become float64
+    read_heading: HeadingReader = lambda heading: (heading, 1.0)
 
 
-def read_columns(path: Path, request: ColumnRequest) -> Columns:
-    """Return columns of a .csv, .npz or .parquet file, arrays of one length by name. Empty cells are NaN.
+def read_columns(source: Path | ColumnTable, request: ColumnRequest) -> Columns:
+    """Return columns of a .csv, .npz or .parquet file, or of a table in memory: arrays of one length by name. Empty
+    cells are NaN.
 
     Raises:
         ArgumentError: the file cannot be read, has no rows, or is too large; `name` is where: a column, `line 3`,
             `line 3: t` or nothing. Also what `request.choose` and `request.names_of` raise.
         MissingDependencyError: the file is a .parquet and pyarrow is not installed.
     """
+    columns = _read_table(source, request) if isinstance(source, ColumnTable) else _read_file(source, request)
+    counts = {column.size for column in columns.values()}
+    if len(counts) > 1:
+        lengths = ", ".join(f"{name}: {column.size}" for name, column in columns.items())
+        raise ArgumentError("", "columns of one length", lengths)
+    if 0 in counts:
+        raise ArgumentError("", "at least one sample", "none")
+    return columns
+
+
+def _read_file(path: Path, request: ColumnRequest) -> Columns:
     read = _READERS.get(path.suffix.lower())
     if read is None:
         raise ArgumentError(
@@ -77,7 +96,7 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
             raise ArgumentError("", f"at most {MAX_FILE_BYTES} bytes", size)
-        columns = read(path, request)
+        return read(path, request)
     except ArgumentError:
         raise
     except (
@@ -85,12 +104,37 @@ def read_columns(path: Path, request: ColumnRequest) -> Columns:
         *(csv.Error, zlib.error, zipfile.BadZipFile),
     ) as error:
         raise ArgumentError("", expected, getattr(error, "strerror", None) or str(error)) from None
-    counts = {column.size for column in columns.values()}
-    if len(counts) > 1:
-        lengths = ", ".join(f"{name}: {column.size}" for name, column in columns.items())
-        raise ArgumentError("", "columns of one length", lengths)
-    if 0 in counts:
-        raise ArgumentError("", "at least one sample", "none")
+
+
+def _read_table(table: ColumnTable, request: ColumnRequest) -> Columns:
+    """Read columns of a table in memory; an array with several axes has a column for each component."""
+    arrays, unread = [], {}
+    for heading, array in table.arrays.items():
+        is_index = heading == table.index and request.exact not in table.arrays
+        name, factor = request.read_heading(request.exact if is_index else heading)
+        if unit := table.units.get(heading):
+            read, factor = request.read_heading(f"{name} [{unit}]")
+            if read != name:
+                unread[name] = unit
+        names = np.array(request.names_of(name, array.shape[1:]))
+        if not array.ndim or array.shape[1:] != names.shape:
+            raise ArgumentError(name, "shape " + str(("N", *names.shape)).replace("'", ""), f"shape {array.shape}")
+        arrays.append((name, array, factor, names))
+    chosen = set(request.choose([column for *_, names in arrays for column in names.ravel().tolist()]))
+    columns: Columns = {}
+    for name, array, factor, names in arrays:
+        _check_rows(len(array))
+        if name in unread and chosen.intersection(names.ravel().tolist()):
+            raise ArgumentError(name, "the unit of this quantity, as a log may state it", repr(unread[name]))
+        for column, part in zip(names.ravel().tolist(), array.reshape(len(array), names.size).T, strict=True):
+            if column in chosen:
+                if array.dtype.kind not in ("fiumM" if column == request.exact else "fiu"):
+                    expected = "numbers; pandas.read_csv(..., sep=';', decimal=',') reads decimal commas"
+                    if column == request.exact:
+                        expected = "numbers, or dates, which pandas.to_datetime makes of text"
+                    got = repr(str(array.ravel()[0])[:40]) if array.size else "none"
+                    raise ArgumentError(column, expected, got)
+                columns[column] = _in_si_unit(np.array(part, None if column == request.exact else np.float64), factor)
     return columns
 
 
@@ -113,12 +157,15 @@ def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
                 np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
 
 
-def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
+def csv_column(
+    path: Path, name: str, dtype: DTypeLike, read_heading: HeadingReader = lambda heading: (heading, 1.0)
+) -> NDArray[Any]:
     """Return one column of a .csv file in the given dtype, such as int64 for numbers that a float would round."""
     with _open_csv(path) as stream:
-        form = _csv_form(stream)
+        form = _csv_form(stream, read_heading)
+        place = form.names.index(name)
         try:
-            return _csv_rows(stream, form, [form.names.index(name)], dtype=dtype)[:, 0]
+            return _in_si_unit(_csv_rows(stream, form, [place], dtype=dtype)[:, 0], form.factors[place])
         except ValueError as error:
             raise ArgumentError(name, f"numbers of the kind {np.dtype(dtype)}", str(error)) from None
 
@@ -126,7 +173,7 @@ def csv_column(path: Path, name: str, dtype: DTypeLike) -> NDArray[Any]:
 def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     """Read columns of a CSV file; the exact one is int64 if its numbers are too large for floats."""
     with _open_csv(path) as stream:
-        form = _csv_form(stream)
+        form = _csv_form(stream, request.read_heading)
         names = form.names
         chosen = request.choose(names)
         if not chosen:
@@ -149,15 +196,17 @@ def _read_csv(path: Path, request: ColumnRequest) -> Columns:
     if rows.size and rows.shape[1] != len(positions):
         _fail_at_row(path, form, positions, f"{rows.shape[1]} fields", request.exact)
     _check_rows(len(rows))
-    columns = dict(
-        zip(numbered, np.ascontiguousarray(rows.T) if rows.size else np.empty((len(positions), 0)), strict=True)
-    )
+    read = np.ascontiguousarray(rows.T) if rows.size else np.empty((len(positions), 0))
+    factors = [form.factors[i] for i in positions]
+    columns = {
+        name: _in_si_unit(column, factor) for name, column, factor in zip(numbered, read, factors, strict=True)
+    }
     if dated:
         columns[dated] = _csv_dates(path, form, dated)
     elif request.exact in columns:
         largest = np.abs(columns[request.exact]).max(initial=0.0)
         if largest > 1e14:  # integers: nanoseconds, which a float rounds
-            columns[request.exact] = csv_column(path, request.exact, np.int64)
+            columns[request.exact] = csv_column(path, request.exact, np.int64, request.read_heading)
     return columns
 
 
@@ -165,6 +214,7 @@ class _CsvForm(NamedTuple):
     """How a CSV file is written, by its first two lines."""
 
     names: list[str]
+    factors: list[float]  # to SI units
     delimiter: str  # a comma, a semicolon or a tab
     has_decimal_commas: bool
     dated: list[str]  # names of the columns whose cells are dates
@@ -184,7 +234,7 @@ def _legible(text: str) -> str:
         return content.decode("cp1252", "replace")
 
 
-def _csv_form(stream: IO[str]) -> _CsvForm:
+def _csv_form(stream: IO[str], read_heading: HeadingReader) -> _CsvForm:
     """Return the form of a CSV file whose first line is read here."""
     line = stream.readline(_MAX_HEADING)
     if len(line) == _MAX_HEADING:
@@ -199,16 +249,21 @@ def _csv_form(stream: IO[str]) -> _CsvForm:
     # The comma comes last: names and decimal numbers of a row may agree in their commas.
     agreeing = [sign for sign in ";\t," if len(splits[sign][0]) == len(splits[sign][1]) > 1]
     delimiter = agreeing[0] if agreeing else max(splits, key=lambda sign: len(splits[sign][0]))
-    names, cells = [name.strip() for name in splits[delimiter][0]], splits[delimiter][1]
-    if not names:
+    headings, cells = [heading.strip() for heading in splits[delimiter][0]], splits[delimiter][1]
+    if not headings:
         raise ArgumentError("", "a first line of column names", "an empty line")
-    if all(map(_is_number, names)):
+    if all(map(_is_number, headings)):
         raise ArgumentError("", "a first line of column names", "numbers")
     decimal_commas = delimiter != "," and any(
         re.fullmatch(r"\s*[+-]?\d*,\d+(e[+-]?\d+)?\s*", cell, re.I) for cell in cells
     )
+    names, factors = map(list, zip(*map(read_heading, headings), strict=True))
     dated = [name for name, cell in zip(names, cells, strict=False) if _DATE.match(_iso_date(cell))]
-    return _CsvForm(names, delimiter, decimal_commas, dated)
+    return _CsvForm(names, factors, delimiter, decimal_commas, dated)
+
+
+def _in_si_unit(column: NDArray[Any], factor: float) -> NDArray[Any]:
+    return column if factor == 1.0 else column * factor
 
 
 def _csv_rows(stream: IO[str], form: _CsvForm, columns: list[int] | None, **options: Any) -> NDArray[Any]:
@@ -302,19 +357,23 @@ def _read_npz(path: Path, request: ColumnRequest) -> Columns:
     with zipfile.ZipFile(path) as archive:
         arrays = []
         for member in archive.infolist():
-            name = member.filename.removesuffix(".npy")
+            name, factor = request.read_heading(member.filename.removesuffix(".npy"))
             with archive.open(member) as stream:
                 _, _, shape = _read_npy_header(stream)
-            arrays.append((member, name, np.array(request.names_of(name, shape[1:]))))
+            arrays.append((member, name, factor, np.array(request.names_of(name, shape[1:]))))
         chosen = set(request.choose([column for *_, names in arrays for column in names.ravel().tolist()]))
-        for member, name, names in arrays:
+        for member, name, factor, names in arrays:
             columns_of_array = names.ravel().tolist()
             if chosen.intersection(columns_of_array):
                 with archive.open(member) as stream:
                     array = _read_npy_array(stream, name, names.shape, name == request.exact)
                 kind = array.dtype if name == request.exact else np.float64
                 parts = zip(columns_of_array, array.reshape(len(array), names.size).T, strict=True)
-                columns |= {column: np.ascontiguousarray(part, kind) for column, part in parts if column in chosen}
+                columns |= {
+                    column: _in_si_unit(np.ascontiguousarray(part, kind), factor)
+                    for column, part in parts
+                    if column in chosen
+                }
     return columns
 
 
@@ -347,24 +406,23 @@ def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tup
 
 
 def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        needed = "PyArrow (pip install '.[parquet]' in the project's folder)"
-        raise MissingDependencyError(str(path), needed, str(error)) from None
+    pa, pq = require("pyarrow", str(path)), require("pyarrow.parquet", str(path))
     columns: Columns = {}
     try:
         with pq.ParquetFile(path) as file:
             _check_rows(file.metadata.num_rows)
             kinds = file.schema_arrow
-            for name in request.choose(kinds.names):
-                kind, exact = kinds.field(name).type, name == request.exact
+            names, factors = zip(*map(request.read_heading, kinds.names), strict=True) if kinds.names else ((), ())
+            for name in request.choose([*names]):
+                place = names.index(name)
+                heading, factor = kinds.names[place], factors[place]
+                kind, exact = kinds.field(heading).type, name == request.exact
                 number = pa.types.is_floating(kind) or pa.types.is_integer(kind)
                 if not (number or (exact and pa.types.is_temporal(kind))):
                     raise ArgumentError(name, "a column of numbers", str(kind))
-                column = file.read([name])[name]
-                columns[name] = np.array((column if exact else column.cast(pa.float64(), safe=False)).to_numpy())
+                column = file.read([heading])[heading]
+                numbers = np.array((column if exact else column.cast(pa.float64(), safe=False)).to_numpy())
+                columns[name] = _in_si_unit(numbers, factor)
     except pa.ArrowException as error:
         raise OSError(str(error)) from None
     return columns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hingepair.numeric.suspicions import suspicions
+from hingepair.tables.suspicions import suspicions
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric import column_file
-from hingepair.numeric.column_file import ColumnRequest, csv_column, read_columns
+from hingepair.tables import column_file
+from hingepair.tables.column_file import ColumnRequest, csv_column, read_columns
 
 ALL = ColumnRequest(lambda names: names, lambda name, tail: [f"{name}_{i}" for i in range(tail[0])] if tail else name)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hingepair as hp
-from hingepair.numeric.instants import elapsed_seconds, increasing_seconds, instants_of, split_at_gaps
+from hingepair.tables.instants import elapsed_seconds, increasing_seconds, instants_of, split_at_gaps
 
 STEP_NS = 5_000_001
 

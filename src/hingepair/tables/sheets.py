@@ -27,15 +27,12 @@ def align_columns(rows: Sequence[Sequence[str]], right_columns: Collection[int])
 
 
 def ruled_table(rows: Sequence[Sequence[str]], key_column_count: int = 1, width: int | None = None) -> list[str]:
-    r"""Return a table as a list of lines of text with a rule below its heading. The first of `rows`, sequences of
-    cells, is the heading. Columns that do not fit into `width` characters follow in further tables, which repeat the
-    first `key_column_count` columns; None for `width` gives one table.
-
-    No cell is cut.
+    r"""Return a table as lines of text, with a rule below its heading. Columns that do not fit follow in further
+    tables; no cell is cut.
 
     Args:
         rows: the heading and the other rows, as many cells each; a row without cells is an empty line.
-        key_column_count: number of the first columns, those to repeat.
+        key_column_count: number of the first columns, which further tables repeat.
         width: of a line [characters]; None for lines of any length.
 
     >>> print(*ruled_table([("", "t = 0", "t = 1"), ("psi", "-1.25", "3")], width=12), sep="\n")
@@ -88,6 +85,40 @@ def instant_text(t: float) -> str:
     ('0.333333', '1763746391.25')
     """
     return f"{t:.6g}" if abs(t) < 1e5 else repr(float(t))
+
+
+_MIN_OFFSET = 1e4  # smaller numbers are shown as they are
+_MIN_RATIO = 1e3  # of a number to its variation, of which six digits leave three
+_MAX_RATIO = 1e12  # beyond, the variation is rounding
+
+
+def round_offset(smallest: float, largest: float, variation: float | None = None) -> float:
+    """Return a whole number, or one of few decimals, to be subtracted from numbers that are large against their
+    variation, such as coordinates on a map; 0 for other numbers.
+
+    Args:
+        smallest: smallest number.
+        largest: largest number.
+        variation: range of numbers to compare with, that of a vector for its components; of these numbers by default.
+
+    >>> round_offset(1718000005.25, 1718000010.25), round_offset(5334760.5, 5334760.5, 20), round_offset(0.5, 0.6)
+    (1718000005.0, 5334760.0, 0.0)
+    """
+    own = largest - smallest
+    span, size = own if variation is None else variation, max(abs(smallest), abs(largest))
+    if not (size >= _MIN_OFFSET and size / _MAX_RATIO < span < size / _MIN_RATIO):
+        return 0.0
+    step = 10.0 ** min(0, math.floor(math.log10(span)))
+    return math.floor(smallest / step) * step
+
+
+def offset_text(name: str, offset: float) -> str:
+    """Return a name with the number that is subtracted from what it stands for.
+
+    >>> offset_text("x", 691607.0), offset_text("x", -2e4), offset_text("x", 0.0)
+    ('x - 691607', 'x + 20000', 'x')
+    """
+    return f"{name} {'-' if offset > 0 else '+'} {abs(offset):.15g}" if offset else name
 
 
 def percent(share: float) -> str:

@@ -150,6 +150,13 @@ def rows_after_gaps(t: Float64Array) -> NDArray[np.intp]:
     return np.flatnonzero(steps > 5 * np.median(steps)) + 1 if steps.size else np.arange(0)
 
 
+def break_at_gaps(t: Float64Array, values: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return a curve with NaN in each gap that is wide enough to be seen, so that no line crosses it."""
+    rows = rows_after_gaps(t)
+    rows = rows[t[rows] - t[rows - 1] > np.ptp(t) / 200] if rows.size else rows  # thinned curves have smaller steps
+    return np.insert(t, rows, (t[rows - 1] + t[rows]) / 2), np.insert(values, rows, np.nan, axis=0)
+
+
 def gap_sentences(name: str, t: Float64Array) -> list[str]:
     """Return a sentence if samples are missing between the instants t [s].
 

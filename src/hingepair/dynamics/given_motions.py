@@ -1,0 +1,147 @@
+"""Motions that users prescribe as callables of time, of the base and of joints, and the check of their rates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from hingepair.errors import ArgumentError
+from hingepair.numeric.arrays import Float64Array as Array
+from hingepair.pair.body_motion import BodyMotion, motion_arrays
+from hingepair.pair.hinge_load import call_with_arrays, check_callable
+from hingepair.plans.plan import SPATIAL_MOTION_KIND
+
+BaseCallable: TypeAlias = Callable[[Array], BodyMotion]
+"""Motion of the base at instants (n,) [s]."""
+JointCallable: TypeAlias = Callable[[Array], Any]
+"""Coordinate of a joint and its first two derivatives at instants (n,) [s]; (n,) each."""
+
+
+class GivenBase(NamedTuple):
+    """Motion of a base that moves as given."""
+
+    label: str  # in messages
+    motion: BaseCallable
+
+    def at(self, t: Array) -> dict[str, Array]:
+        """Return the motion, arrays of n rows by name: R1, S1, v1, omega1, a1 and alpha1.
+
+        Raises:
+            ArgumentError: the callable returns something else.
+        """
+        letters = ("R", "S", "v", "omega", "a", "alpha")
+        arrays = motion_arrays(f"{self.label}1", call_with_arrays(self.label, self.motion, t), *letters)
+        shapes = SPATIAL_MOTION_KIND.shapes
+        try:
+            return {name: np.broadcast_to(x, (len(t), *shapes[name])) for name, x in arrays.items()}
+        except ValueError:
+            expected = f"a callable that returns the motion of the base at {len(t)} instants"
+            raise ArgumentError(self.label, expected, {name: array.shape for name, array in arrays.items()}) from None
+
+    def check(self, t: Array) -> None:
+        """Raise an ArgumentError unless the rates are the derivatives of R and S at times from t[0] to t[-1]."""
+        check_callable(self.label, self.motion, "t")
+        _check_rates(self.label, self.at, t, {"v1": "R1", "omega1": "S1", "a1": "v1", "alpha1": "omega1"})
+
+
+class GivenJoint(NamedTuple):
+    """Motion of a joint that moves as given."""
+
+    label: str  # in messages
+    motion: JointCallable
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return the coordinate, rate and acceleration, (n,) each.
+
+        Raises:
+            ArgumentError: the callable returns something else.
+        """
+        values = call_with_arrays(self.label, self.motion, t)
+        try:
+            q, qd, qdd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
+        except (TypeError, ValueError):
+            expected = f"a callable that returns (psi, psi', psi'') at {len(t)} instants"
+            raise ArgumentError(self.label, expected, values) from None
+        return q, qd, qdd
+
+    def check(self, t: Array) -> None:
+        """Raise an ArgumentError unless psi' and psi'' are the derivatives of psi at times from t[0] to t[-1]."""
+        check_callable(self.label, self.motion, "t")
+
+        def motion(times: Array) -> dict[str, Array]:
+            return dict(zip(("psi", "psid", "psidd"), self.at(times), strict=True))
+
+        _check_rates(self.label, motion, t, {"psid": "psi", "psidd": "psid"})
+
+
+def check_rest(label: str, base: str, start: BodyMotion) -> None:
+    """Refuse a start of the base with a speed that what holds it does not allow."""
+    for name in {"free": (), "pinned": ("v",), "fixed": ("v", "omega")}[base]:
+        speed = getattr(start, name)
+        if speed is not None and np.any(speed):
+            raise ArgumentError(f"{label}.{name}", f"None or zeros for base={base!r}", speed)
+
+
+def _check_rates(
+    name: str, motion: Callable[[Array], dict[str, Array]], t: Array, derived: Mapping[str, str]
+) -> None:
+    """Refuse a rate of a given motion that differs by more than a tenth, over the whole motion, from the central
+    difference of the quantity that `derived` names for it. S1 is an attitude; names may end with the number of a
+    body.
+    """
+    span = float(t[-1] - t[0])
+    if not span:
+        return
+    middles = t[0] + span * (np.arange(16) + 0.5) / 16
+    given = motion(middles)
+    excess = dict.fromkeys(derived, np.nan)
+    # A rate counts as right if one step fits it: long ones are coarse. Short ones that drown in rounding say nothing.
+    for step in span * np.array([1e-3, 1e-5, 1e-7]):
+        before, after = motion(middles - step), motion(middles + step)
+        for rate, quantity in derived.items():
+            size, change = float(np.abs(after[quantity]).max()), after[quantity] - before[quantity]
+            if quantity == "S1":
+                turn = after[quantity] @ np.swapaxes(before[quantity], -1, -2)
+                change = np.stack([turn[:, i, j] - turn[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1) / 2
+            slopes, rates = change / (2 * step), given[rate]
+            rounding = np.spacing(size) + np.spacing(abs(t[0]) + span) * float(np.abs(rates).max())
+            allowed = 0.1 * max(float(np.abs(slopes).sum()), float(np.abs(rates).sum()))
+            if 64 * slopes.size * rounding < step * allowed:
+                excess[rate] = np.fmin(excess[rate], float(np.abs(slopes - rates).sum()) - allowed)
+    for rate, quantity in derived.items():
+        if excess[rate] > 0:
+            letters = rate.removesuffix("1"), quantity.removesuffix("1")
+            expected = f"a callable whose {letters[0]} is the derivative of its {letters[1]}"
+            raise ArgumentError(name, expected, f"another {letters[0]}")
+    for rate, quantity in derived.items():
+        if quantity in derived:
+            _check_jumps(name, motion, t, quantity, rate)
+
+
+def _check_jumps(name: str, motion: Callable[[Array], dict[str, Array]], t: Array, velocity: str, rate: str) -> None:
+    """Refuse a velocity that jumps: the simulation knows its rate, but no impulse."""
+
+    def excess(times: Array) -> tuple[Array, Array]:
+        """Return by how much the velocity changes more than its rate says, in each interval, and its sizes."""
+        found = motion(times)
+        v, a = (found[key].reshape(len(times), -1) for key in (velocity, rate))
+        steps = np.diff(times)[:, None]
+        rounding = 4 * np.spacing(np.abs(times).max()) * np.abs(a).max(initial=0.0)
+        more = np.abs(np.diff(v, axis=0) - steps * (a[1:] + a[:-1]) / 2) - rounding
+        return more.max(axis=1), np.abs(v).max(axis=1)
+
+    margin = 1e-9 * (t[-1] - t[0])  # a jump at the first or the last instant changes nothing
+    times = np.linspace(t[0] + margin, t[-1] - margin, 1025)
+    more, sizes = excess(times)
+    k = int(np.argmax(more))
+    start, end = times[k : k + 2]
+    for _ in range(40):  # bisection: what a finite rate adds vanishes with the interval
+        more, _ = excess(np.array([start, (start + end) / 2, end]))
+        start, end = (start, (start + end) / 2) if more[0] >= more[1] else ((start + end) / 2, end)
+    if more.max() > 1e-6 * sizes.max():
+        letter = velocity.removesuffix("1")
+        raise ArgumentError(
+            name, f"a motion whose {letter} does not jump", f"a jump of {letter} at t = {start:.6g} s"
+        )

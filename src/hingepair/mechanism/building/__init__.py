@@ -1,0 +1,1 @@
+"""How a robot's tree is made: read from URDF, MJCF, a Pinocchio model or pairs, folded, and copied with changes."""

@@ -1,0 +1,40 @@
+"""Packages that are installed only where they are wanted, imported where they are used."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any, Final
+
+from hingepair.errors import MissingDependencyError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_EXTRAS: Final = {  # of a package, the extra of hingepair that installs it
+    "clarabel": "measured", "dask": "dask", "distributed": "dask", "matplotlib": "plot", "mujoco": "bench",
+    "pandas": "data", "pyarrow": "data", "scipy": "measured", "xarray": "data",
+}  # fmt: skip
+
+
+def require(module: str, caller: str) -> Any:
+    """Import a module of an optional package, and return it.
+
+    Args:
+        module: name, such as "scipy.optimize".
+        caller: the method or argument that needs it, which the error names.
+
+    Raises:
+        MissingDependencyError: the package is not installed, or fails.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        expected = f"the package {package}: pip install 'hingepair[{_EXTRAS[package]}]'"
+        raise MissingDependencyError(caller, expected, str(error)) from None
+
+
+def new_figure(width: float, height: float, caller: str = "plot") -> Figure:
+    """Return an empty figure of Matplotlib; its size is in inches."""
+    figure: Figure = require("matplotlib.figure", caller).Figure(figsize=(width, height), layout="constrained")
+    return figure

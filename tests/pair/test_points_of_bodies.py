@@ -1,0 +1,196 @@
+"""Points fixed to the bodies of a pair: R_i + S_i p, and its exact derivatives, wherever the pair goes."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import hingepair as hp
+from hingepair.bench.truth import DIGITS, exactly
+from support import states, truths
+from support.hinged import made, pair_of
+
+OUTPUTS = ("sensor", "arm", "sensor_v", "arm_v", "sensor_a", "arm_a")  # a step of the equations is called arm, too
+SENSOR, ARM = np.array((0.25, -0.5, 1.0)), np.array((-0.75, 0.125, 0.5))  # sums with dyadic levers are exact
+LEVERS = np.array((0.5, 0.25, -0.125)), np.array((-0.25, 1.5, 0.375))
+
+
+def pointed(k=0, **changes):
+    """A pair with a point on either body, and the constants of pairs whose reference points are these points."""
+    u1, u2 = LEVERS
+    _, _, n, home = states.pair(states.generator(140, k), home=k > 0)
+    pair = pair_of((u1, u2, n, home), points1={"sensor": SENSOR}, points2={"arm": ARM}, **changes)
+    return pair, {"sensor": (SENSOR, np.zeros(3), n, None), "arm": (u1, u2 - ARM, n, home)}
+
+
+@pytest.mark.usefixtures("each_backend")
+@pytest.mark.parametrize("k", [0, 1])
+def test_points_are_exact_within_their_error_bounds(k):
+    """Against 60 digits, where a point is the reference point of body 2 of another pair."""
+    pair, others = pointed(k)
+    motion = states.coordinates(states.generator(141, k), 15)
+    state = pair.forward_kinematics(*motion, outputs=OUTPUTS)
+    bounds = pair.error_bounds(*motion, outputs=OUTPUTS)
+    shares = []
+    for name, constants in others.items():
+        values = truths.from_euler(constants, *motion).values
+        for letter, output in zip(("R2", "v2", "a2"), (name, f"{name}_v", f"{name}_a"), strict=True):
+            with mpmath.workdps(DIGITS):
+                error = abs(exactly(state.arrays()[output]) - values[letter]).max(axis=-1)
+            shares += [float(one) for one in error / bounds[output]]
+    assert 0.05 < max(shares) <= 1
+
+
+def test_points_are_frames_of_pinocchio_and_of_robots():
+    pair, _ = pointed(1)
+    rng = states.generator(142)
+    body1 = hp.BodyMotion(**dict(zip(("R", "S", "v", "omega", "a", "alpha"), states.body1(rng, 1), strict=True)))
+    hinge = rng.normal(size=(3, 1))
+    state = pair.forward_kinematics_from_body1(body1, *hinge, outputs=OUTPUTS)
+    robot = hp.Mechanism([pair], base="free")
+    frames = robot.forward_kinematics(*hinge[..., None], frames=("sensor", "arm"), base_motion=body1)
+    twin = hp.to_pinocchio(pair)
+    q, v, a = twin.configuration(body1, hinge[0]), twin.velocity(body1, *hinge[:2]), twin.acceleration(body1, *hinge)
+    pin.forwardKinematics(twin.model, twin.data, q[0], v[0], a[0])
+    for name in ("sensor", "arm"):
+        frame, world = twin.model.getFrameId(name), pin.LOCAL_WORLD_ALIGNED
+        expected = {
+            "R": pin.updateFramePlacement(twin.model, twin.data, frame).translation,
+            "v": pin.getFrameVelocity(twin.model, twin.data, frame, world).linear,
+            "a": pin.getFrameClassicalAcceleration(twin.model, twin.data, frame, world).linear,
+        }
+        for letter, value in expected.items():
+            scale = 16 * 2.0**-53 * 50  # positions of 10 m, rates of some 1/s
+            assert abs(getattr(state[name], letter)[0] - value).max() < scale, (name, letter)
+            assert abs(getattr(frames[name], letter)[0] - value).max() < scale, (name, letter)
+
+
+def test_points_of_chains_are_frames_of_the_body_that_carries_them():
+    pair, _ = pointed(1, name="upper")
+    fore = made(1, name="fore", points1={"elbow": (0, 0, 0.5)}, points2={"tip": (1, 0, 0)})
+    robot, q = hp.Mechanism([pair, fore]), (0.4, -0.7)
+    links = robot.forward_kinematics(q, frames=("upper", "fore"))
+    found = robot.forward_kinematics(q, frames=("elbow", "tip", "arm", "sensor"))
+    for name, link, position in (("elbow", "upper", (0, 0, 0.5)), ("arm", "upper", ARM), ("tip", "fore", (1, 0, 0))):
+        expected = links[link].R + links[link].S @ np.asarray(position, float)
+        assert abs(found[name].R - expected).max() < 1e-15
+    assert found["sensor"].R.tolist() == SENSOR.tolist()
+    with pytest.raises(hp.ArgumentError, match=r"pairs: expected points with names .*'fore'"):
+        hp.Mechanism([replace(pair, points1={"fore": (0, 0, 0)}), fore])
+
+
+def test_points_of_planar_pairs_are_those_in_space():
+    flat = hp.PlanarPair((1, 0.5), (-1, 0.2), points1={"sensor": (1, 2)}, points2={"arm": (0.3, 0.4)})
+    motion = states.generator(143).normal(size=(3, 6, 4))
+    lifted = (np.insert(c, [2, 2, 2], 0.0, axis=-1) for c in motion)
+    state = flat.forward_kinematics(*motion, outputs=OUTPUTS)
+    space = flat.to_spatial().forward_kinematics(*lifted, outputs=OUTPUTS)
+    for name in OUTPUTS:
+        expected = space.arrays()[name]
+        assert state.arrays()[name].shape == (6, 2)
+        assert abs(state.arrays()[name] - expected[:, :2]).max() < 64 * 2.0**-53 * abs(expected).max()
+        assert (abs(expected[:, 2]) == 0).all()
+
+
+def test_a_state_has_the_motion_of_a_point_by_its_name():
+    pair, _ = pointed()
+    q, qd, _ = states.coordinates(states.generator(144), 4)
+    state = pair.forward_kinematics(q, qd, outputs=("arm", "arm_v", "R2"))
+    assert state["arm"].R.tolist() == state.arrays()["arm"].tolist()
+    assert state["arm"].v.tolist() == state["arm_v"].tolist()
+    assert state["arm"].a is None
+    assert state["R2"] is not None
+    for absent in ("sensor", "arm_a", "other"):
+        with pytest.raises(KeyError):
+            state[absent]
+    only = pair.forward_kinematics(q, qd, outputs=("arm_v",))["arm"]
+    assert only.R is None
+    assert only.v.tolist() == state["arm"].v.tolist()
+
+
+def test_points_cost_nothing_where_no_output_is_of_them():
+    pair, _ = pointed(1)
+    plain = replace(pair, points1={}, points2={})
+    asked = ("R2", "v2", "arm_v")
+    counts = [
+        one.prepare("velocity", outputs=asked[: 2 + more]).operations.per_sample
+        for one, more in ((plain, 0), (pair, 0), (pair, 1))
+    ]
+    assert counts[0] == counts[1] < counts[2]
+    assert pair.forward_kinematics(np.zeros(7)).outputs == plain.forward_kinematics(np.zeros(7)).outputs
+
+
+def test_points_go_through_out_workers_and_derivatives():
+    pair, _ = pointed(1)
+    q, qd, _ = states.coordinates(states.generator(145), 1000)
+    whole = pair.forward_kinematics(q, qd, outputs=("arm", "arm_v"))
+    out = {"arm_v": np.empty((1000, 3))}
+    pair.forward_kinematics(q, qd, outputs=("arm_v",), out=out, workers=2)
+    assert abs(out["arm_v"] - whole["arm_v"]).max() < 8 * 2.0**-53 * abs(out["arm_v"]).max()
+    slopes = pair.prepare("pose", outputs=("arm",)).jacobian((q[:5],))["arm"]["q"]
+    rates = np.einsum("nij,nj->ni", slopes, qd[:5])
+    assert abs(rates - whole["arm_v"][:5]).max() < 64 * 2.0**-53 * abs(rates).max()
+    by_u2 = pair.prepare("pose", outputs=("arm", "S2"))
+    found = by_u2.jacobian((q[0],), wrt="u2")["arm"]["u2"]
+    assert abs(found + by_u2(q[0]).S2).max() < 8 * 2.0**-53
+
+
+def test_points_may_differ_from_sample_to_sample():
+    pair, _ = pointed(1)
+    positions = ARM + np.arange(4.0)[:, None]
+    q = states.coordinates(states.generator(146), 4)[0]
+    found = replace(pair, points2={"arm": positions}).forward_kinematics(q, outputs=("arm",))["arm"].R
+    for i in range(4):
+        one = replace(pair, points2={"arm": positions[i]}).forward_kinematics(q[i], outputs=("arm",))["arm"].R
+        assert abs(found[i] - one).max() < 8 * 2.0**-53 * abs(one).max()
+
+
+@pytest.mark.parametrize("way", [copy.deepcopy, lambda pair: pickle.loads(pickle.dumps(pair)), replace])
+@pytest.mark.parametrize("pair", [pointed()[0], hp.PlanarPair((1, 0), (0, 1), points2={"tip": (0, 2)})])
+def test_copies_keep_their_points(pair, way):
+    copied = way(pair)
+    assert [*copied.points1] == [*pair.points1]
+    assert [*copied.points2] == [*pair.points2]
+    assert copied.constants.points == pair.constants.points
+    assert repr(copied) == repr(pair)
+    with pytest.raises(TypeError):
+        copied.points2["more"] = (0, 0, 0)
+
+
+@pytest.mark.filterwarnings("ignore:.*no mass properties:hingepair.DynamicsWarning")
+def test_points_are_links_of_urdf_and_sites_of_mjcf():
+    pair, _ = pointed(1)
+    text = hp.to_urdf(pair)
+    read = hp.from_urdf(text, "hinge", body2_frame="body2", points=("arm", "sensor"))
+    assert read.points1["sensor"].tolist() == SENSOR.tolist()
+    assert read.points2["arm"] == pytest.approx(ARM, abs=4 * 2.0**-53)
+    robot = hp.Mechanism.from_urdf(text)
+    expected = hp.Mechanism([pair]).forward_kinematics((0.6,), frames=("arm",))["arm"].R
+    simulated = hp.Mechanism.from_mjcf(hp.to_mjcf(pair, base="fixed"))
+    for other in (robot, simulated):
+        assert abs(other.forward_kinematics((0.6,), frames="arm")["arm"].R - expected).max() < 64 * 2.0**-53
+    with pytest.raises(hp.URDFError, match=r"points: expected links fixed to 'body1' or 'body2_at_hinge'.*'lid'"):
+        hp.from_urdf(text, "hinge", points=("lid",))
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ({"R2": (0, 0, 0)}, "points1: expected names that no output and no part of a model has, got 'R2'"),
+        ({"left edge": (0, 0, 0)}, "points1: expected names of letters, digits and _ .*, got 'left edge'"),
+        ({"tip_v": (0, 0, 0)}, "points1: expected names that do not end in _v"),
+        ({"tip": (0, 0)}, r"points1\['tip'\]: expected shape \(..., 3\), got shape \(2,\)"),
+        ({"tip": (0, 0, np.nan)}, r"points1\['tip'\]: expected finite numbers"),
+        ({"arm": (0, 0, 0)}, "points2: expected names that points1 does not have, got 'arm'"),
+        ([(0, 0, 0)], "points1: expected a dict of positions by name"),
+    ],
+)
+def test_points_that_cannot_be_used_are_refused(points, message):
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.HingePair((0, 0, 0), (0, 0, 0), (0, 0, 1), points1=points, points2={"arm": (0, 0, 0)})

@@ -1,0 +1,144 @@
+"""Points of a scene's bodies: named in the file, found in every result by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import hingepair as hp
+from support.commands import refusal, run_command
+
+mpl.use("Agg")
+
+HATCH = """
+title = "A hatch opens"
+[pair]
+u1 = [0.4, 0, 1.2]
+u2 = [-0.6, 0, 0]
+n = [0, -1, 0]
+[pair.points1]
+catch = [1.6, 0, 1.2]
+[pair.points2]
+handle = [0.55, 0.1, 0.05]
+edge = ["1.2/2", 0.25, 0]
+[motion]
+x = 0
+y = 0
+z = 0
+phi_x = 0
+phi_y = 0
+phi_z = "0.1*t"
+psi = "t"
+[time]
+start = 0
+stop = 1
+samples = 11
+"""
+HANDLE = np.array((0.55, 0.1, 0.05))
+
+
+@pytest.fixture
+def hatch(tmp_path: Path) -> Path:
+    path = tmp_path / "hatch.toml"
+    path.write_text(HATCH)
+    return path
+
+
+def test_results_have_points_by_name(hatch):
+    scene = hp.load_scene(hatch)
+    result = scene.evaluate()
+    state = result.state
+    arm = state.S2 @ HANDLE
+    assert abs(result["handle"].R - (state.R2 + arm)).max() < 1e-15
+    assert abs(result["handle"].v - (state.v2 + np.cross(state.omega2, arm))).max() < 1e-15
+    assert result["catch"].a.shape == (11, 3)
+    names = [*result.requested_arrays()]
+    assert names[-12:-3] == [point + end for point in ("catch", "handle", "edge") for end in ("", "_v", "_a")]
+    (blocks,) = scene.blocks(("edge",))
+    assert [*blocks.requested_arrays()] == ["edge"]
+    assert blocks["edge"].v is None
+    assert "computed: " in str(scene.plan(("edge",)))
+    assert "the point catch: no output needs it" in str(scene.plan(("edge",)))
+
+
+def test_tables_and_files_have_columns_of_points(hatch, tmp_path):
+    out = run_command("run", hatch, "--outputs", "handle_v,handle", "-o", tmp_path / "x.csv").stdout
+    assert [line.split()[:2] for line in out.splitlines() if line.startswith("handle")] == [
+        *([f"handle_v_{axis}", "m/s"] for axis in "xyz"),
+        *([f"handle_{axis}", "m"] for axis in "xyz"),
+    ]
+    header, first, *_ = (tmp_path / "x.csv").read_text().splitlines()
+    assert header.startswith("t,handle_v_x,handle_v_y,handle_v_z,handle_x,handle_y,handle_z,")
+    assert [float(x) for x in first.split(",")[4:7]] == pytest.approx((1.55, 0.1, 1.25), abs=1e-15)
+    assert "edge_a_z" in run_command("run", hatch).stdout
+    dataset = hp.load_scene(hatch).evaluate(("handle", "handle_a")).to_xarray()
+    assert [dataset[name].attrs["units"] for name in ("handle", "handle_a")] == ["m", "m/s^2"]
+    figure = hp.plot(hp.load_scene(hatch), ("handle", "edge_v"))
+    assert [(axes.get_title(), axes.get_ylabel()) for axes in figure.axes] == [
+        ("handle", "m"),
+        ("edge_v", "m/s"),
+    ]
+    (axes,) = hp.plot(hp.load_scene(hatch).pair, ("handle",), units="mm").axes
+    assert axes.get_ylabel() == "mm"
+
+
+def test_sweeps_and_searches_take_components_of_points(hatch):
+    """Along the lid the handle stands at the distance x, and 0.05 above it."""
+    found = hp.search(hatch, "pair.points2.handle[0]", "handle_z_max = 2.5")
+    x, angle = found.values["pair.points2.handle[0]"], 1.0
+    assert found.ok
+    assert 1.2 + (0.6 + x) * np.sin(angle) + 0.05 * np.cos(angle) == pytest.approx(2.5, rel=1e-6)
+
+
+def test_planar_scenes_and_hinges_of_robots_have_points(tmp_path):
+    flat, arm = tmp_path / "flat.toml", tmp_path / "arm.toml"
+    time = "[time]\nstart = 0\nstop = 1\nsamples = 3\n"
+    pair = "[pair]\nu1 = [1, 0]\nu2 = [-1, 0]\npoints2 = { tip = [0.5, 0.25] }\n"
+    flat.write_text(f"planar = true\n{pair}[motion]\nx = 0\ny = 0\nphi = 0\npsi = 't'\n{time}")
+    result = hp.load_scene(flat).evaluate(("tip", "tip_v"))
+    c, s = np.cos(result.t), np.sin(result.t)
+    expected = np.stack([1 + 1.5 * c - 0.25 * s, 1.5 * s + 0.25 * c], axis=-1)
+    assert abs(result["tip"].R - expected).max() < 1e-15
+    assert hp.load_scene(flat).unit("tip_v_x") == "m/s"
+    motion = "".join(f"{name} = 0\n" for name in ("x", "y", "z", "phi_x", "phi_y", "phi_z", "psi"))
+    arm.write_text(
+        '[pair]\nrobot = "talos_reduced"\njoint = "arm_left_4_joint"\n[pair.points2]\ntool = [0, 0, -0.3]\n'
+        f"[motion]\n{motion}{time}"
+    )
+    scene = hp.load_scene(arm)
+    assert scene.evaluate(("tool",))["tool"].R[0] == pytest.approx(scene.pair.u1 - 0.3 * np.eye(3)[2], abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("handle = [0.55, 0.1]", "pair.points2.handle: expected 3 finite numbers, got [0.55, 0.1]"),
+        ("handle = [0, 0, 2,1]", "expected 3 finite numbers (decimals follow a point), got [0, 0, 2, 1]"),
+        ("handle = 3", "pair.points2.handle: expected 3 finite numbers, got 3"),
+        ('handle = ["a", 0, 0]', "pair.points2.handle: unknown name 'a'"),
+        ('"left edge" = [0, 0, 0]', "pair.points2: expected names of letters, digits and _"),
+        ("R2 = [0, 0, 0]", "pair.points2: expected names that no output and no part of a model has, got 'R2'"),
+        ("catch = [0, 0, 0]", "pair.points2: expected names that points1 does not have, got 'catch'"),
+    ],
+)
+def test_points_that_cannot_be_used_are_named(hatch, line, message):
+    hatch.write_text(HATCH.replace("handle = [0.55, 0.1, 0.05]", line))
+    assert message in refusal("run", hatch)
+
+
+def test_a_point_in_millimetres_is_suspected(hatch):
+    hatch.write_text(HATCH.replace("handle = [0.55, 0.1, 0.05]", "handle = [550, 100, 50]"))
+    (sentence,) = hp.load_scene(hatch).suspicions()
+    assert sentence.startswith("pair.points2.handle: 550")
+
+
+def test_integrated_motions_have_points(hatch):
+    pair = hp.load_scene(hatch).pair
+    t = np.linspace(0, 1, 5)
+    traj = hp.integrate(pair, t, np.zeros(3), 1.0, outputs=("handle", "handle_v"))
+    expected = pair.forward_kinematics((0, 0, 0, 0, 0, 0, t), outputs=("handle",))["handle"].R
+    assert abs(traj.state["handle"].R - expected).max() < 1e-14
+    assert [traj.unit(name) for name in ("handle_x", "handle_v", "psid")] == ["m", "m/s", "rad/s"]

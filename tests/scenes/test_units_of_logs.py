@@ -1,0 +1,78 @@
+"""Logs whose headings have units are read in them: what is written in degrees and millimetres comes back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.formats.recordings import read_recording
+
+MODELS = Path(__file__).parents[2] / "models"
+PAIR = """
+[pair]
+u1 = [-1.2, 0, 0]
+u2 = [7.5, 0, 0]
+n = [0, 0, 1]
+[motion]
+file = "{}"
+"""
+OUTPUTS = ("R2", "v2", "a2", "alpha2")
+
+
+@pytest.mark.parametrize("ending", [".csv", ".npz", ".parquet"])
+def test_a_log_in_other_units_is_that_of_the_same_motion(tmp_path: Path, ending: str) -> None:
+    scene = hp.load_scene(MODELS / "truck_trailer.toml")
+    scene.evaluate(("q", "qd", "qdd")).save(tmp_path / f"log{ending}", units="deg, cm, km/h, g, rpm, ms")
+    (tmp_path / "scene.toml").write_text(PAIR.format(f"log{ending}"), encoding="utf-8")
+    again = hp.load_scene(tmp_path / "scene.toml")
+    np.testing.assert_allclose(again.t, scene.t, rtol=1e-15)
+    for name in OUTPUTS:
+        expected = getattr(scene.evaluate(OUTPUTS), name)
+        np.testing.assert_allclose(
+            getattr(again.evaluate(OUTPUTS), name), expected, atol=1e-13 * np.abs(expected).max()
+        )
+
+
+def test_a_log_of_a_robot_too(tmp_path: Path) -> None:
+    scene = hp.load_scene(MODELS / "excavator.toml")
+    scene.evaluate(("q", "qd", "qdd")).save(tmp_path / "log.csv", units="deg")
+    assert "boomd [deg/s]" in (tmp_path / "log.csv").read_text(encoding="utf-8").splitlines()[0]
+    text = (MODELS / "excavator.toml").read_text(encoding="utf-8")
+    start, _, _ = text.partition("[motion]")
+    (tmp_path / "excavator.urdf").write_bytes((MODELS / "excavator.urdf").read_bytes())
+    (tmp_path / "scene.toml").write_text(f'{start}[motion]\nfile = "log.csv"\n', encoding="utf-8")
+    again = hp.load_scene(tmp_path / "scene.toml")
+    np.testing.assert_allclose(again.coordinates().qdd, scene.coordinates().qdd, atol=1e-13)
+
+
+def test_stamps_since_1970_in_milliseconds_keep_their_digits(tmp_path: Path) -> None:
+    rows = "".join(f"{1718000005000 + 10 * i}.25,{0.1 * i},0,0,0\n" for i in range(20))
+    (tmp_path / "log.csv").write_text("t [ms],psi [deg],x,y,phi_z\n" + rows, encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + "differentiate = true\n", encoding="utf-8")
+    result = hp.load_scene(tmp_path / "scene.toml").evaluate(("psi", "psid"))
+    np.testing.assert_allclose(result.t - 1718000005.0, 0.00025 + 0.01 * np.arange(20), atol=3e-7)
+    np.testing.assert_allclose(result.psid, np.radians(10.0), rtol=1e-7)  # of doubles, 1e-5
+
+
+def test_a_recording_for_fit_may_have_units(tmp_path: Path) -> None:
+    poses = ("R1", "S1", "R2", "S2", "v2")
+    result = hp.load_scene(MODELS / "reference_3d.toml").evaluate(poses)
+    recording = read_recording(result.save(tmp_path / "poses.csv", units="mm, deg"))
+    np.testing.assert_allclose(recording.body2.R, result.R2, rtol=1e-14, atol=1e-14)
+
+
+def test_a_heading_that_the_scene_names_is_what_the_scene_says(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t,x,y,phi_z,psi [deg]\n0,0,0,0,1\n1,0,0,0,2\n", encoding="utf-8")
+    columns = '[motion.columns]\npsi = { name = "psi [deg]", unit = "mrad" }\n'
+    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv") + columns, encoding="utf-8")
+    np.testing.assert_allclose(hp.load_scene(tmp_path / "scene.toml").evaluate(("psi",)).psi, [1e-3, 2e-3])
+
+
+def test_a_column_twice_is_refused_whatever_its_unit(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t,x,y,phi_z,psi [deg],psi\n0,0,0,0,1,1\n1,0,0,0,2,2\n", encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(PAIR.format("log.csv"), encoding="utf-8")
+    with pytest.raises(hp.SceneError, match="psi: expected a column once"):
+        hp.load_scene(tmp_path / "scene.toml")
