@@ -256,6 +256,8 @@ def test_the_noise_of_a_log_is_estimated_and_what_it_makes_of_the_forces(tmp_pat
     for name in ("hinge_torque", "hinge_force", "bearing_torque"):
         error = np.sqrt(np.mean((noisy[name] - clean[name])[inside] ** 2, axis=0))
         np.testing.assert_allclose(noisy.noise[name], error, rtol=0.15, atol=1e-3 * error.max())
+    sizes = [np.linalg.norm(forces.hinge_force, axis=1)[inside] for forces in (noisy, clean)]
+    assert noisy.noise["|hinge_force|"] == pytest.approx(np.sqrt(np.mean((sizes[0] - sizes[1]) ** 2)), rel=0.15)
     (note,) = (note for note in noisy.notes if note.startswith("noise of the log"))
     made = float(re.search(r"makes (\S+) rad/s\^2 of psi''", note)[1])
     assert made == pytest.approx(psidd * 3.457 * 500**2, rel=0.15)  # 3.457: norm of the weights of the differences

@@ -78,6 +78,19 @@ def test_magnitudes_of_vectors_with_several_components_are_shown() -> None:
     assert not any("|" in name for name in found.ranges())
 
 
+def test_magnitudes_of_forces_are_shown() -> None:
+    forces = hp.load_scene(MODELS / "hatch.toml").forces()
+    (table,) = forces.tables("kN")
+    shown = {name: cells for name, *cells in table}
+    assert [name for name in shown if "|" in name] == ["|hinge_force|", "|force1|"]
+    unit, first, smallest, largest, rms, _ = shown["|hinge_force|"]
+    sizes = 1e-3 * np.linalg.norm(forces.hinge_force, axis=1)
+    wanted = (sizes[0], sizes.min(), sizes.max(), np.sqrt(np.mean(sizes**2)))
+    assert unit == "kN"
+    np.testing.assert_allclose(np.array([first, smallest, largest, rms], float), wanted, rtol=1e-4)
+    assert not any("|" in name for name in forces.facts()["outputs"])
+
+
 def test_the_matrix_is_shown_when_it_is_asked_for() -> None:
     found = summary(hp.load_scene(MODELS / "truck_trailer.toml"), ("S2", "R2"))
     assert {"S2_xx", "S2_xy"} <= rows(found).keys()

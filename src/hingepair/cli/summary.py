@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.scenes.scene import Scene, SceneResult
-from hingepair.tables.data_frames import column_names
+from hingepair.tables.data_frames import column_names, plain_magnitudes, split_columns, with_magnitudes
 from hingepair.tables.sheets import instant_text, number_texts, offset_text, round_offset
 from hingepair.tables.units import UnitsLike
-
-_SIZED = frozenset({"m/s", "m/s^2", "rad/s", "rad/s^2", "N", "N m"})  # units of vectors whose magnitude is shown
 
 
 class LargestResidual(NamedTuple):
@@ -59,14 +57,12 @@ class RunSummary:
         coincident = part.coincident_frames()
         together = coincident.items() if part.first == 0 else coincident.items() & self.coincident_frames.items()
         self.coincident_frames = dict(together)
-        columns = {name: array.reshape(len(part.t), -1) for name, array in arrays.items()}
-        self._components = {name: column_names({name: array}) for name, array in arrays.items()}
-        for name, array in arrays.items():
-            if array.shape[1:] in {(2,), (3,)} and self._scene.unit(name) in _SIZED:
-                self._components[name].append(f"|{name}|")
-                columns[name] = np.column_stack((array, np.hypot.reduce(array, axis=1)))
         self._matrices = [name for name, array in arrays.items() if array.ndim == 3]
-        values = np.concatenate([*columns.values()], axis=1, dtype=float)
+        arrays = with_magnitudes(arrays, self._scene.unit)
+        self._components = {}
+        for name, array in arrays.items():
+            self._components.setdefault(name.strip("|"), []).extend(column_names({name: array}))
+        values = np.column_stack(split_columns(arrays)).astype(float, copy=False)
         for at in (i - part.first for i in self._instants):
             if 0 <= at < len(part.t):
                 self._t.append(float(part.t[at]))
@@ -97,9 +93,7 @@ class RunSummary:
         """
         rows = self._rows()
         hidden = {own for name in self._hidden_arrays() for own in self._components[name]} | {*self._zeros(rows)}
-        for name, components in self._components.items():
-            if sum({*rows[own][2:]} != {"0"} for own in components) < 3:  # one component, and the magnitude
-                hidden.add(f"|{name}|")
+        hidden |= plain_magnitudes(rows, [own for own, (_, _, *texts) in rows.items() if {*texts} == {"0"}])
         return [self._heading(), *((name, *row) for own, (name, *row) in rows.items() if own not in hidden)]
 
     def omissions(self) -> list[str]:

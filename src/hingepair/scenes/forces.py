@@ -26,9 +26,9 @@ from hingepair.scenes.motions.known import KnownMotion, MotionByBody1
 from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
 from hingepair.scenes.motions.motion import Motion, PairMotion, massive, non_finite_sentences
 from hingepair.scenes.motions.noise import LogNoise, finite_rms, motion_with_errors, noise_rows
-from hingepair.tables.data_frames import column_names
+from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts
-from hingepair.tables.units import Units, UnitsLike
+from hingepair.tables.units import Columns, Units, UnitsLike
 
 _NOISY = 0.01  # noise of a torque or force to its rms; above, a note recommends smoothing
 
@@ -98,8 +98,9 @@ class SceneForces(Record):
         record: further arguments of a `Record` by name.
         gravity: acceleration of free fall that the forces were computed with [m/s^2]; shape (3,), in the plane (2,).
         notes: sentences for readers of the forces.
-        noise: of a pair, the standard deviation that the noise of a log causes in each array away from the ends of
-            the log, by name; shape () or (k,). Empty without a log.
+        noise: of a pair, the standard deviation that the noise of a log causes in each array, and in the magnitude
+            of each vector (`|hinge_force|`), away from the ends of the log, by name; shape () or (k,). Empty without
+            a log.
         tau: of a robot, joint efforts: torques of hinges [N m], forces of sliders [N]; shape (N, dof).
         loads: of a robot, a JointLoad for each joint that has a coordinate of its own.
     """
@@ -135,12 +136,12 @@ class SceneForces(Record):
         Args:
             units: units in place of SI units; by default those of the scene.
         """
-        shown = self.in_units(units)
-        arrays = {
-            name: shown.converted(name, array)
-            for name, array in self.recorded().items()
-            if not name.startswith("tau_")
-        }
+        vectors = {name: array for name, array in self.recorded().items() if not name.startswith("tau_")}
+        return self._ranges(vectors, self.in_units(units))
+
+    def _ranges(self, arrays: Mapping[str, NDArray[Any]], shown: Columns) -> dict[str, dict[str, float]]:
+        """Return what `ranges` returns of some arrays."""
+        arrays = {name: shown.converted(name.strip("|"), array) for name, array in arrays.items()}
         v = np.concatenate([array.reshape(len(self.t), -1) for array in arrays.values()], axis=1)
         finite = np.isfinite(v)
         v = np.where(finite, v, np.nan)
@@ -151,7 +152,7 @@ class SceneForces(Record):
         columns |= {"rms": np.where(known, np.sqrt(squares / count), np.nan)}
         columns |= {"t_of_largest_size": np.where(known, shown.converted("t", self.t)[largest], np.nan)}
         if self.noise:
-            noise = [shown.converted(name, np.ravel(self.noise[name])) for name in arrays]
+            noise = [shown.converted(name.strip("|"), np.ravel(self.noise[name])) for name in arrays]
             columns["noise"] = np.concatenate(noise)
         return {
             name: {key: float(values[i]) for key, values in columns.items()}
@@ -164,15 +165,19 @@ class SceneForces(Record):
         Args:
             units: units in place of SI units; by default those of the scene.
         """
-        shown, ranges = self.in_units(units), self.ranges(units)
+        shown = self.in_units(units)
+        vectors = {name: array for name, array in self.recorded().items() if not name.startswith("tau_")}
+        ranges = self._ranges(with_magnitudes(vectors, shown.si_unit), shown)
         offset, name = shown.units.offset_of_instants(self.t[0], self.t[-1])
         at = name or _time_name(shown.units)
         keys = ("first", "smallest", "largest", "rms", "t_of_largest_size")
         texts = number_texts([*ranges], [[row[key] for key in keys[:-1]] for row in ranges.values()], digits=5)
         rows = [("", "unit", *keys[:-1], f"max |.| at {at}", *["by noise"] * bool(self.noise))]
+        plain = plain_magnitudes(ranges, [name for name, own in zip(ranges, texts, strict=True) if {*own} == {"0"}])
         for (name, row), numbers in zip(ranges.items(), texts, strict=True):
-            noise = [f"{row['noise']:.2g}"] if self.noise else []
-            rows.append((name, shown.unit(name), *numbers, instant_text(row["t_of_largest_size"] - offset), *noise))
+            if name not in plain:
+                at, noise = instant_text(row["t_of_largest_size"] - offset), f"{row.get('noise', 0.0):.2g}"
+                rows.append((name, shown.unit(name.strip("|")), *numbers, at, *[noise] * bool(self.noise)))
         return [_load_rows(self.loads, self.t, shown.units), rows] if self.loads else [rows]
 
     def facts(self, units: UnitsLike = None) -> dict[str, Any]:
@@ -319,8 +324,7 @@ def _force_noise(
     log = LogNoise(t[rows] - t[rows.start], derived_names, DIFFERENCE_ORDER)
     noisy = _required_forces(pair, log.with_noise_added(motion.part(rows, ACCELERATION)).in_space(pair), gravity)
     inside, sizes = slice(DIFFERENCE_ORDER // 2, -(DIFFERENCE_ORDER // 2)), log.sizes
-    changes = {name: (own - force_arrays[name][rows])[inside] for name, own in noisy.items()}
-    noise = {name: finite_rms(change) for name, change in changes.items()}
+    noise = _rms_of_changes(force_arrays, noisy, rows, inside)
     torque, rms = float(noise["hinge_torque"]), float(finite_rms(force_arrays["hinge_torque"]))
     psidd = _two_digits(sizes.pop("psidd", 0.0))
     columns = [
@@ -350,13 +354,22 @@ def _smoothed_force_noise(
     random = np.random.default_rng(0)
     errors = {name: own[rows] * random.standard_normal(own[rows].shape) for name, own in deviations.items()}
     noisy = _required_forces(pair, motion_with_errors(motion.part(rows, ACCELERATION), errors), gravity)
-    noise = {name: finite_rms(own - force_arrays[name][rows]) for name, own in noisy.items()}
+    noise = _rms_of_changes(force_arrays, noisy, rows, slice(None))
     psidd, torque = float(finite_rms(deviations["psidd"][rows])), float(noise["hinge_torque"])
     rms = _two_digits(float(finite_rms(force_arrays["hinge_torque"])))
     return noise, (
         f"noise of the log, after smoothing: {_two_digits(psidd)} rad/s^2 of psi'' and {_two_digits(torque)} N m of "
         f"hinge_torque, whose rms is {rms} (standard deviations over the whole log; largest near its ends)"
     )
+
+
+def _rms_of_changes(
+    forces: Mapping[str, NDArray[Any]], noisy: Mapping[str, NDArray[Any]], rows: slice, inside: slice
+) -> dict[str, Float64Array]:
+    """Return the root mean squares of what noise changes in `rows` of forces and of their magnitudes, by name."""
+    exact = with_magnitudes({name: forces[name][rows] for name in noisy}, unit_of)
+    changed = with_magnitudes(noisy, unit_of)
+    return {name: finite_rms((changed[name] - own)[inside]) for name, own in exact.items()}
 
 
 def _two_digits(number: float) -> str:

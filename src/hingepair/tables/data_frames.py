@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,33 @@ def split_columns(arrays: Mapping[str, NDArray[Any]]) -> list[NDArray[Any]]:
     """Return all components of arrays of shape (N, ...), one array of shape (N,) for each column."""
     matrices = (array.reshape(len(array), math.prod(array.shape[1:])) for array in arrays.values())
     return [column for matrix in matrices for column in matrix.T]
+
+
+_SIZED: Final = frozenset({"m/s", "m/s^2", "rad/s", "rad/s^2", "N", "N m"})  # vectors whose magnitude is shown
+
+
+def with_magnitudes(arrays: Mapping[str, NDArray[Any]], si_unit: Callable[[str], str]) -> dict[str, NDArray[Any]]:
+    """Return arrays of shape (N, ...), and behind each velocity, acceleration, force and torque its magnitude.
+
+    >>> list(with_magnitudes({"R2": np.zeros((1, 3)), "v2": np.zeros((1, 3))}, lambda name: QUANTITIES[name].unit))
+    ['R2', 'v2', '|v2|']
+    """
+    found: dict[str, NDArray[Any]] = {}
+    for name, array in arrays.items():
+        found[name] = array
+        if array.shape[1:] in {(2,), (3,)} and si_unit(name) in _SIZED:
+            found[f"|{name}|"] = np.hypot.reduce(array, axis=1)
+    return found
+
+
+def plain_magnitudes(components: Iterable[str], zeros: Collection[str]) -> set[str]:
+    """Return the magnitudes, such as |v2|, of vectors of which fewer than two components are not in `zeros`.
+
+    >>> sorted(plain_magnitudes(["v_x", "v_y", "v_z", "|v|", "a_x", "a_y", "a_z", "|a|"], {"v_y", "v_z", "a_x"}))
+    ['|v|']
+    """
+    shown = [name.rpartition("_")[0] for name in components if name not in zeros]
+    return {name for name in components if name.startswith("|") and shown.count(name.strip("|")) < 2}
 
 
 def sample_rows(arrays: Mapping[str, Any], axes: int) -> dict[str, NDArray[Any]]:
