@@ -80,3 +80,39 @@ def test_what_is_missing_is_named(files: tuple[Path, Path], tmp_path: Path) -> N
     assert refusal("masses", urdf, log, "--test", 2).startswith("--test: ")
     assert refusal("masses", MODELS / "logged_arm.toml", log).startswith("ROBOT: ")
     assert refusal("masses", urdf, log, "--urdf", "robot.xml").startswith("--urdf: ")
+
+
+@pytest.mark.slow
+def test_a_recording_in_other_units_has_the_same_masses(files: tuple[Path, Path], tmp_path: Path) -> None:
+    urdf, log = files
+    _, *rows = log.read_text().splitlines()
+    values = np.array([row.split(",") for row in rows], float) * (1e3, *[180 / np.pi] * 2, *[1e3] * 2)
+    german = tmp_path / "german.csv"
+    heading = "Zeit;q_post [deg];Winkel;tau_post [N mm];Moment;Wetter"
+    lines = [";".join([*(f"{v!r}".replace(".", ",") for v in row), "1"]) for row in values.tolist()]
+    german.write_text("\n".join([heading, *lines]) + "\n")
+    columns = ("t=Zeit:ms", "q_elbow=Winkel:deg", "tau_elbow=Moment:N mm")
+    named = [part for column in columns for part in ("--column", column)]
+    expected = json.loads(run_command("masses", urdf, log, "--json").stdout)
+    found = json.loads(run_command("masses", urdf, german, *named, "--json").stdout)
+    for name, own in expected["parameters"].items():
+        assert found["parameters"][name]["value"] == pytest.approx(own["value"], rel=1e-6, abs=1e-9)
+    message = refusal("masses", urdf, german, *named[:2])
+    assert message.startswith(f"{german}: expected a column q_elbow")
+    assert "columns.q_elbow.unit: expected one of rad, mrad, deg" in refusal(
+        "masses", urdf, log, "--column", "q_elbow=q:mm"
+    )
+    lines = run_command("masses", urdf, log, "--units", "N mm, deg, mm").stdout.splitlines()
+    shown = {line.split("  ")[0]: line.split("  ") for line in lines}
+    for name, unit, factor in (
+        ("elbow hx", "kg mm", 1e3),
+        ("elbow Jyy", "kg mm^2", 1e6),
+        ("post viscous", "N mm s/deg", 1e3 * np.pi / 180),
+        ("post coulomb", "N mm", 1e3),
+    ):
+        _, its, value, *_ = filter(None, shown[name])
+        assert its.strip() == unit
+        assert float(value) == pytest.approx(factor * expected["parameters"][name]["value"], rel=1e-5)
+    *_, noise = (float(line.split()[3]) for line in lines if line.startswith(("elbow  N mm ", "post   N mm ")))
+    assert noise == pytest.approx(1e3 * expected["joints"]["elbow"]["noise"], rel=5e-3)
+    assert refusal("masses", urdf, log, "--units", "furlong").startswith("--units: ")

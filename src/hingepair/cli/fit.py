@@ -21,6 +21,7 @@ from hingepair.cli.output import (
     out_option,
     save_figure,
 )
+from hingepair.cli.sources import ColumnOption, parse_columns
 from hingepair.errors import ArgumentError, FitError, quoted
 from hingepair.formats.recordings import ColumnAdvice, no_body_error, read_poses
 from hingepair.measured.hinge import GAUGES
@@ -57,14 +58,7 @@ def fit_command(
     ignore: Annotated[
         list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
     ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=COLUMN[:UNIT]",
-            help="Column of another program, such as t=Zeit or x1=Ost:mm; may be repeated. Unknown columns are then "
-            "not read.",
-        ),
-    ] = None,
+    column: ColumnOption = None,
     gaps: Annotated[
         float,
         typer.Option(
@@ -134,7 +128,7 @@ def fit_command(
     outputs = _Outputs(files, out, plot, scene, report, units)
     outputs.check()
     along = None if n_along is None else _parse_direction(n_along)
-    columns = _parse_columns(column or ())
+    columns = parse_columns(column or ())
     recording = read_poses(files, columns, ignore or (), gaps, encoder, _COLUMN_OPTIONS)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
@@ -159,17 +153,6 @@ def fit_command(
 _COLUMN_OPTIONS = ColumnAdvice(
     "--column '{ours}={name}'", "--column '{ours}={name}:{unit}'", "--encoder {name!r}", "--ignore {name!r}"
 )
-
-
-def _parse_columns(options: Sequence[str]) -> dict[str, dict[str, str]]:
-    columns = {}
-    for option in options:
-        name, equals, rest = option.partition("=")
-        column, colon, unit = rest.rpartition(":") if ":" in rest else (rest, "", "")
-        if not (name.strip() and equals and column.strip()):
-            raise ArgumentError("column", "such as t=Zeit or x1=Ost:mm", quoted(option))
-        columns[name.strip()] = {"name": column.strip()} | ({"unit": unit.strip()} if colon else {})
-    return columns
 
 
 def _parse_direction(text: str) -> list[float]:

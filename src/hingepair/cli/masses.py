@@ -18,12 +18,14 @@ from hingepair.cli.output import (
     split_names,
 )
 from hingepair.cli.pairs import GravityOption, parse_gravity
-from hingepair.cli.sources import Source
+from hingepair.cli.sources import ColumnOption, Source, parse_columns
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.model_writers import to_urdf
 from hingepair.formats.robot_recordings import read_robot_recording
 from hingepair.identification.mass_fit import JOINT_TERMS, fit_masses
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
+from hingepair.tables.instants import increasing_seconds
+from hingepair.tables.units import Units
 from hingepair.tables.whole_file import whole_file
 
 
@@ -57,15 +59,25 @@ def masses_command(
         Path | None,
         typer.Option(metavar="FILE", help=f"Draw measured and fitted torques ({', '.join(PICTURE_SUFFIXES)})."),
     ] = None,
+    column: ColumnOption = None,
+    units: Annotated[
+        str | None,
+        typer.Option(
+            metavar="UNITS",
+            help='Units of what is printed and drawn in place of SI units, such as "N mm, mm"; JSON is in SI units.',
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit the masses of a robot, and the friction of its joints, to a recorded motion and its torques.
 
-    Columns are read by name: t, q_JOINT and tau_JOINT of all joints, and where recorded qd_JOINT and qdd_JOINT. The
+    Columns are read by name: t, q_JOINT and tau_JOINT of all joints, and where recorded qd_JOINT and qdd_JOINT, in SI
+    units or with their unit, such as "q_JOINT [deg]". The
     results are the base parameters, combinations of masses on which torques depend, with standard deviations, what
     is left of the torques, and a verdict. The exit code is 1 if the recording does not determine them, or if they do
     not explain the torques.
     """
+    Units.of(units)  # refuses unknown ones before anything is computed
     if plot is not None:
         check_picture_suffix("plot", plot)
     if urdf is not None and urdf.suffix.lower() != ".urdf":
@@ -76,7 +88,7 @@ def masses_command(
     if robot is None:
         raise ArgumentError("ROBOT", "a URDF file, the name of a robot, or a scene of a robot", quoted(source))
     robot = robot.with_locked(dict(map(_locked, lock))) if lock else robot
-    t, recorded = read_robot_recording(file, robot.names, bandwidth)
+    t, recorded = read_robot_recording(file, robot, bandwidth, parse_columns(column or ()))
     fit = fit_masses(
         robot,
         **recorded,
@@ -91,10 +103,10 @@ def masses_command(
             stream.write(to_urdf(fit.robot).encode())
         written.append(urdf)
     if plot is not None:
-        instants = np.arange(len(recorded["q"])) if t is None else t - t[0]
-        save_figure("plot", fit.plot(**recorded, t=instants), plot, [file])
+        instants = np.arange(len(recorded["q"])) if t is None else increasing_seconds("t", t)[0]
+        save_figure("plot", fit.plot(**recorded, t=instants, units=units), plot, [file])
         written.append(plot)
-    print(fit.to_json() if as_json else fit)
+    print(fit.to_json() if as_json else fit.text(units))
     for path in () if as_json else written:
         print(f"written: {path}")
     raise typer.Exit(0 if fit.ok else 1)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices, printable
+from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices, printable, quoted
 from hingepair.formats.robots import load_robot, robot_names, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.mechanism.mechanism import Mechanism
@@ -33,6 +34,14 @@ SourceArgument = Annotated[
         help="Scene file (TOML), which needs no motion; or, with JOINT, a robot's name or a URDF file.",
     ),
 ]
+ColumnOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=COLUMN[:UNIT]",
+        help="Column of another program, such as t=Zeit or x1=Ost:mm; may be repeated. Unknown columns are then "
+        "not read.",
+    ),
+]
 JointArgument = Annotated[
     str | None,
     typer.Argument(metavar="JOINT", help="Name of a hinge of the robot; hingepair robots NAME lists them."),
@@ -49,6 +58,22 @@ Body2FrameOption = Annotated[
         "--body2-frame", metavar="LINK", help="Link whose frame is that of body 2; default: JOINT's child link."
     ),
 ]
+
+
+def parse_columns(options: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Return names and units of columns by the names that they have here, from the values of the option --column.
+
+    >>> parse_columns(["t=Zeit", "x1=Ost:mm"])
+    {'t': {'name': 'Zeit'}, 'x1': {'name': 'Ost', 'unit': 'mm'}}
+    """
+    columns = {}
+    for option in options:
+        name, equals, rest = option.partition("=")
+        column, colon, unit = rest.rpartition(":") if ":" in rest else (rest, "", "")
+        if not (name.strip() and equals and column.strip()):
+            raise ArgumentError("column", "such as t=Zeit or x1=Ost:mm", quoted(option))
+        columns[name.strip()] = {"name": column.strip()} | ({"unit": unit.strip()} if colon else {})
+    return columns
 
 
 @dataclass(frozen=True)

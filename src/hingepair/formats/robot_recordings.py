@@ -1,50 +1,77 @@
 """Recordings of robots in files: instants, and for each joint its position and torque, columns by name.
 
 The columns are those that scenes of robots write: `t`, `q_JOINT`, `tau_JOINT`, and where recorded `qd_JOINT` and
-`qdd_JOINT`, in a .csv, .npz or .parquet file. Empty cells are missing samples; other columns are passed over.
+`qdd_JOINT`, in a .csv, .npz or .parquet file, in SI units or with their unit, such as `q_JOINT [deg]`. Empty cells
+are missing samples; other columns are passed over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
 from hingepair.errors import ArgumentError, nearest
 from hingepair.measured.smoothing.smooth import smooth
+from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.tables.column_file import ColumnRequest, read_columns
+from hingepair.tables.column_sources import in_own_names, read_column_sources
+from hingepair.tables.units import read_heading
 
 _MOTION = ("q", "qd", "qdd")
 
 
 def read_robot_recording(
-    path: Path, joints: Sequence[str], bandwidth: float | None = None
+    path: Path,
+    robot: Mechanism,
+    bandwidth: float | None = None,
+    columns: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
 ) -> tuple[Float64Array | None, dict[str, Float64Array]]:
     """Return the instants t [s], None where there are none, and q, qd, qdd and tau of the joints, (N, dof) each.
-    Missing qd and qdd are derived from q by `smooth` with `bandwidth` [Hz].
+    Missing qd and qdd are derived from q by `smooth` with `bandwidth` [Hz]. `columns` has names and units of columns
+    that have others, as for `read_recording`.
     """
     present: list[str] = []
-    wanted = ["t", *(f"{name}_{joint}" for name in (*_MOTION, "tau") for joint in joints)]
+    joints = robot.names
+    units = {"t": "s"}
+    for joint in robot.tree.coordinates:
+        per = (joint.unit, f"{joint.unit}/s", f"{joint.unit}/s^2", joint.effort_unit)
+        units |= {f"{name}_{joint.name}": unit for name, unit in zip((*_MOTION, "tau"), per, strict=True)}
+
+    def unit_of(name: str) -> str:
+        return units.get(name, "1")
+
+    sources = read_column_sources(columns, tuple(units), unit_of, {})
+    taken = {source.column for source in sources.values()}
 
     def choose(names: list[str]) -> list[str]:
         present.extend(names)
-        return [name for name in wanted if name in names]
+        for name in sources:
+            if name in names and name not in taken:
+                raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
+        return [name for name in names if name in taken or name in units]
 
+    def read_own_heading(heading: str) -> tuple[str, float]:
+        return (heading, 1.0) if heading in taken else read_heading(heading, unit_of)
+
+    exact = sources["t"].column if "t" in sources else "t"
     try:
-        columns = read_columns(path, ColumnRequest(choose, lambda name, _: name, exact="t"))
+        read = read_columns(path, ColumnRequest(choose, lambda name, _: name, exact, read_own_heading))
+        found = in_own_names(read, sources, present)
     except ArgumentError as error:
         raise ArgumentError(": ".join(filter(None, (str(path), error.name))), error.expected, error.got) from None
-    derived = [name for name in _MOTION[1:] if not all(f"{name}_{joint}" in columns for joint in joints)]
-    for name in wanted:
+    derived = [name for name in _MOTION[1:] if not all(f"{name}_{joint}" in found for joint in joints)]
+    for name in units:
         needed = bool(derived) if name == "t" else name.partition("_")[0] not in _MOTION[1:]
-        if needed and name not in columns:
+        if needed and name not in found:
             why = f", or hold the joint by --lock {name.partition('_')[2]}=POSITION" if name != "t" else ""
             raise ArgumentError(str(path), f"a column {name}{nearest(name, present)}{why}", "none")
-    t = columns.get("t")
+    t = found.get("t")
     recorded = {
-        name: np.stack([columns[f"{name}_{joint}"] for joint in joints], axis=-1)
+        name: np.stack([found[f"{name}_{joint}"] for joint in joints], axis=-1)
         for name in (*_MOTION, "tau")
         if name not in derived
     }

@@ -21,6 +21,7 @@ from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.plans.arguments import Coordinates, read_arguments
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text, percent
 from hingepair.tables.suspicions import suspicions
+from hingepair.tables.units import SI, Units, UnitsLike
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,49 +101,95 @@ class MassFit(Frozen, Shown):
         recording = _Recording(self.robot, self.base, self.joint_terms, self.gravity, flat, self.values)
         return -recording.left(self.values).reshape(shape)
 
-    def plot(self, q: Coordinates, qd: Coordinates, qdd: Coordinates, tau: Coordinates, t: ArrayLike) -> Figure:
+    def plot(
+        self,
+        q: Coordinates,
+        qd: Coordinates,
+        qdd: Coordinates,
+        tau: Coordinates,
+        t: ArrayLike,
+        units: UnitsLike = None,
+    ) -> Figure:
         """Return a Matplotlib figure of measured and fitted torques over time, a row for each joint.
+
+        Args:
+            q: recorded coordinates, as for `fit_masses`.
+            qd: their first time derivatives.
+            qdd: their second time derivatives.
+            tau: recorded torques and forces.
+            t: instants [s]; shape (N,).
+            units: units in place of SI units, such as "N mm, ms".
 
         Raises:
             MissingDependencyError: Matplotlib is not installed.
         """
         measured, fitted = _arrays(self.robot, {"tau": tau})["tau"], self.torques(q, qd, qdd)
-        names = self.robot.names
-        figure = new_figure(9, 1 + 1.3 * len(names))
-        rows = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
-        for k, axes in enumerate(rows):
-            axes.plot(t, measured[:, k], linewidth=0.8, color="0.6", label="measured")
-            axes.plot(t, fitted[:, k], linewidth=0.8, label="fitted")
-            axes.set_ylabel(names[k], fontsize=8)
+        joints, shown = self.robot.tree.coordinates, Units.of(units)
+        instants = shown.factor("s") * np.asarray(t, np.float64)
+        figure = new_figure(9, 1 + 1.3 * len(joints))
+        rows = figure.subplots(len(joints), sharex=True, squeeze=False)[:, 0]
+        for k, (axes, joint) in enumerate(zip(rows, joints, strict=True)):
+            factor = shown.factor(joint.effort_unit)
+            axes.plot(instants, factor * measured[:, k], linewidth=0.8, color="0.6", label="measured")
+            axes.plot(instants, factor * fitted[:, k], linewidth=0.8, label="fitted")
+            axes.set_ylabel(joint.name, fontsize=8)
             axes.grid(alpha=0.3)
         rows[0].legend(loc="upper right", ncols=2)
-        rows[-1].set_xlabel("t [s]")
-        figure.supylabel("torque [N m]")
+        rows[-1].set_xlabel(f"t [{shown.unit('s')}]")
+        efforts = dict.fromkeys(joint.effort_unit for joint in joints)
+        figure.supylabel(", ".join(f"{'force' if si == 'N' else 'torque'} [{shown.unit(si)}]" for si in efforts))
         return figure
 
     def __repr__(self) -> str:
         return f"MassFit({len(self.names)} parameters, {self.samples} samples, {'ok' if self.ok else 'not ok'})"
 
     def __str__(self) -> str:
-        title, rows, _ = self._sheet()
-        joints: list[tuple[str, ...]] = [("joint", "noise", "left", "left in test", "left as described")]
-        for k, name in enumerate(self.robot.names):
+        return self.text()
+
+    def text(self, units: UnitsLike = None) -> str:
+        """Return the report that `print` shows.
+
+        Args:
+            units: units in place of SI units, such as "mm, N mm"; of the findings they stay.
+        """
+        shown = Units.of(units)
+        title, rows, _ = self._sheet(shown)
+        joints: list[tuple[str, ...]] = [("joint", "unit", "noise", "left", "left in test", "left as described")]
+        for k, joint in enumerate(self.robot.tree.coordinates):
             cells = (self.noise[k], self.rms[k], self.rms_test[k], self.rms_described[k])
-            joints.append((name, *(f"{cell:.3g}" for cell in cells)))
+            factor = shown.factor(joint.effort_unit)
+            joints.append((joint.name, shown.unit(joint.effort_unit), *(f"{factor * cell:.3g}" for cell in cells)))
         return "\n".join(
             (
-                title, *align_columns(rows, {1, 2, 3}),
-                "torques [N m], root mean squares", *align_columns(joints, {1, 2, 3, 4}),
+                title, *align_columns(rows, {2, 3, 4}),
+                "torques, root mean squares", *align_columns(joints, {2, 3, 4, 5}),
                 *self.findings, "ok" if self.ok else "NOT RELIABLE",
             )
         )  # fmt: skip
 
-    def _sheet(self) -> Sheet:
-        rows = [("parameter", "value", "standard deviation", "as described")]
-        for k, name in enumerate(self.names):
-            rows.append((name, cell_text(self.values[k]), f"{self.std[k]:.2g}", cell_text(self.described[k])))
-        title = f"{self.robot.name}: {len(self.names)} parameters of {self.samples} samples, SI units"
+    def _sheet(self, units: Units = SI) -> Sheet:
+        rows = [("parameter", "unit", "value", "standard deviation", "as described")]
+        for k, (name, (unit, factor)) in enumerate(zip(self.names, self._units(units), strict=True)):
+            value, std, described = (factor * float(own[k]) for own in (self.values, self.std, self.described))
+            rows.append((name, unit, cell_text(value), f"{std:.2g}", cell_text(described)))
+        title = f"{self.robot.name}: {len(self.names)} parameters of {self.samples} samples"
         return Sheet(title, rows, self.findings)
+
+    def _units(self, units: Units) -> Iterator[tuple[str, float]]:
+        """Yield the unit of each parameter, and the factor from its SI unit."""
+        metre, length = units.unit("m"), units.factor("m")
+        moments = (("kg", 1.0), (f"kg {metre}", length), (f"kg {metre}^2", length**2))
+        for column in (self.base.columns % 10).tolist():  # mass, first moments, inertias
+            yield moments[(column > 0) + (column > 3)]
+        for term in self.joint_terms:
+            for joint in self.robot.tree.coordinates:
+                effort, factor = units.unit(joint.effort_unit), units.factor(joint.effort_unit)
+                if term == "armature":
+                    yield moments[0 if joint.unit == "m" else 2]
+                elif term == "viscous":
+                    yield f"{effort} s/{units.unit(joint.unit)}", factor / units.factor(joint.unit)
+                else:
+                    yield effort, factor
 
     def to_json(self) -> str:
         """Return a report as JSON text, in SI units. Numbers that are not finite become null. `parameters` holds
