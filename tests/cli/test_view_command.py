@@ -39,6 +39,7 @@ def test_a_hinge_of_a_robot_is_viewed_as_a_pair(tmp_path: Path, monkeypatch: pyt
 def test_what_is_no_robot_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert refusal("view", "nobody").startswith("nobody: ")
+    assert refusal("view", "go1", "FL_calf_joint", "--units", "ell").startswith("--units: ")
     assert "--body1-frame" in refusal("view", "panda", "--body1-frame", "panda_hand")
     urdf = tmp_path / "robot.html.urdf"
     urdf.write_text('<robot name="x"><link name="a"/></robot>')

@@ -438,6 +438,31 @@ def test_the_page_shows_velocities_efforts_and_what_is_beyond_its_limits(tmp_pat
     np.testing.assert_allclose(float(found["bar"][:-1]), 100 * abs(state.tau[7, 0]) / 8, atol=0.01)
     assert found["ticks"] == ["0", "0.5", "1", "1.5", "2"]
     assert found["events"][0].startswith("turn beyond its limits from 1.2 s to 2 s")
+    other = asked(hp.view(scene, units="mm, rad, N mm, ms"), tmp_path, RATES)
+    shown = next(line for line in other["text"].splitlines() if line.startswith("v ")).split()
+    np.testing.assert_allclose([float(x) for x in shown[1:4]], 1e3 * state["hook"].v[7], atol=0.1)
+    assert shown[4] == "mm/s"
+    assert other["effort"] == f"{float(f'{1e3 * state.tau[7, 0]:.4g}'):g} of 8000 N mm"
+    assert other["bar"] == found["bar"]
+    assert other["ticks"] == ["0", "500", "1000", "1500", "2000"]
+    assert other["events"][0].startswith("turn beyond its limits from 1200 ms to 2000 ms")
+
+
+def test_a_page_has_the_units_of_the_scene_and_an_offset_of_late_instants(tmp_path):
+    (tmp_path / "swing.toml").write_text(
+        "[pair]\nu1 = [0, 0, 0]\nu2 = [1, 0, 0]\nn = [0, 0, 1]\n[motion]\nx = 0\ny = 0\nz = 0\nphi_x = 0\nphi_y = 0\n"
+        "phi_z = 0\npsi = 't - 1718000000'\n[time]\nstart = 1718000000\nstop = 1718000010\nsamples = 11\n"
+        "[outputs]\nunits = 'mm, rad'\n"
+    )
+    scene = hp.load_scene(tmp_path / "swing.toml")
+    own, other = content_of(hp.view(scene)), content_of(hp.view(scene, units="km"))
+    assert own["units"]["m/s"] == ["mm/s", 1000]
+    assert own["angle"] == ["rad", 1]
+    assert other["units"]["m"] == ["km", 1e-3]
+    assert other["angle"] == ["deg", pytest.approx(180 / np.pi)]
+    assert own["since"] == {"offset": 1718000000, "name": "t - 1718000000 s"}
+    with pytest.raises(hp.ArgumentError, match="units: expected one of"):
+        hp.view(PAIR, units="furlong")
 
 
 MOVED = """

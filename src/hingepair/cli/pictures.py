@@ -65,12 +65,14 @@ def view_command(
         float,
         typer.Option(metavar="MB", help="Size of the meshes of a robot on the page; 0 draws simple shapes instead."),
     ] = 4.0,
+    units: UnitsOption = None,
 ) -> None:
     """Write a web page that shows a pair or a robot in motion.
 
     The page is one HTML file for any browser. It needs no network and has a slider for each joint. A scene shows its
     motion. A scene without a motion, and the JOINT of a robot or URDF file, shows the hinge turning within its
-    limits. A whole robot, given by its name or URDF file, is shown in its neutral pose.
+    limits. A whole robot, given by its name or URDF file, is shown in its neutral pose. Angles of hinges are in
+    degrees unless --units names another unit.
     """
     name = Path(source).stem if joint is None else f"{Path(source).stem}_{Path(joint).name}"
     out = out or _check_new_file(f"{name}.html")
@@ -78,11 +80,11 @@ def view_command(
     named = Source(source, joint, body1_frame, body2_frame)
     robot = named.robot() if named.is_whole else None
     if robot is not None:
-        page = make_page(robot, meshes=meshes)
+        page = make_page(robot, meshes=meshes, units=units)
     elif named.has_motion:
-        page = make_page(load_scene(source), meshes=meshes)
+        page = make_page(load_scene(source), meshes=meshes, units=units)
     else:
-        page = make_page(named.spatial_pair())
+        page = make_page(named.spatial_pair(), units=units)
     path = page.save(out, named.files)
     content = page.shown if page.frames else page.joints
     unit = "instants" if page.frames else "joint" if page.joints == 1 else "joints"

@@ -243,17 +243,26 @@ paths.push(selectedPath);
 
 // ---- readings
 
-function formatNumber(x) {  // a number in at most eight characters, padded to nine
+const inUnit = (si) => content.units[si] ?? [si, 1];  // name of the unit on the page, and the factor to it
+const timeSince = (k) => content.t[k] * inUnit("s")[1] - content.since.offset;  // an instant as the page counts it
+function formatNumber(x) {  // a number in at most eight characters, padded to nine; coordinates on maps have ten
   if (x === null || !Number.isFinite(x)) return "-".padStart(9);
-  const size = Math.abs(x), small = size !== 0 && size < 1e-3, large = size >= 1e5;
+  const size = Math.abs(x), small = size !== 0 && size < 1e-3, large = size >= 1e8;
+  if (size >= 1e5 && !large) return ` ${x.toFixed(size < 1e6 ? 2 : 1)}`.padStart(9);
   return (small || large ? x.toExponential(1) : size < 1 ? (x + 0).toFixed(5) : x.toPrecision(5)).padStart(9);
 }
+function formatRows(rows, width) {  // lines of names, numbers in SI units, and their units
+  return rows.map(([name, values, si]) => {
+    const [unit, factor] = inUnit(si);
+    return name.padEnd(width) + values.map((x) => formatNumber(x === null ? x : factor * x)).join("") + " " + unit;
+  }).join("\n");
+}
 function formatReadings() {
-  const rows = count ? [["t", content.t[frame], "s"]] : [];
-  for (const { name, unit, values } of content.readings)
-    rows.push([name, isManual ? null : values[frame], unit]);
-  return rows.map(([name, values, unit]) =>
-    name.padEnd(7) + [values].flat().map((x) => formatNumber(x)).join("") + " " + unit).join("\n");
+  const rows = content.readings.map(({ name, unit, values }) => [name, isManual ? [null] : [values[frame]].flat(), unit]);
+  if (!count) return formatRows(rows, 7);
+  const time = content.since.name ? `${content.since.name}${formatNumber(timeSince(frame))}`
+    : formatRows([["t", [content.t[frame]], "s"]], 7);
+  return [time, ...(rows.length ? [formatRows(rows, 7)] : [])].join("\n");
 }
 function formatFrame(poses, shown) {  // pose and, of an instant of the motion, velocity of the selected frame
   const rows = [["R", shown.R.map((x, i) => x + content.origin[i]), "m"]];
@@ -264,21 +273,24 @@ function formatFrame(poses, shown) {  // pose and, of an instant of the motion, 
     rows.push(["v", isManual ? [null, null, null] : add(v, cross(omega, arm)), "m/s"]);
     rows.push(["omega", isManual ? [null, null, null] : omega, "rad/s"]);
   }
-  return rows.map(([name, values, unit]) => name.padEnd(5) + values.map(formatNumber).join("") + " " + unit).join("\n");
+  return formatRows(rows, 5);
 }
 function showEffort(i) {  // a bar of the torque or force of a joint against its limit
   if (!content.tau) return;
-  const { bar, effort } = sliders[i], { effort_unit: unit, effort_limit: limit } = content.coordinates[i];
+  const { bar, effort } = sliders[i], { effort_unit: si, effort_limit: limit } = content.coordinates[i];
   const value = isManual ? null : content.tau[frame][i], share = value === null || !limit ? 0 : Math.abs(value) / limit;
-  effort.textContent = `${value === null ? "-" : Number(value.toPrecision(4))}${limit === null ? "" : ` of ${Number(limit.toPrecision(4))}`} ${unit}`;
+  const [unit, factor] = inUnit(si), text = (x) => Number((factor * x).toPrecision(4));
+  effort.textContent = `${value === null ? "-" : text(value)}${limit === null ? "" : ` of ${text(limit)}`} ${unit}`;
   bar.firstChild.style.width = `${100 * Math.min(1, share)}%`;
   bar.className = share > 1 ? "bar beyond" : "bar";
   bar.hidden = limit === null;
 }
 function formatPosition(unit, x) {
   if (x === null) return "-";
-  const [scale, places, sign] = unit === "rad" ? [180 / Math.PI, 1, "\u00b0"] : [1, 4, " m"];
-  return (Number((scale * x).toFixed(places)) + 0).toFixed(places) + sign;  // + 0 removes the sign of a zero
+  const [name, factor] = unit === "rad" ? content.angle : inUnit(unit);
+  const places = Math.max(0, (unit === "rad" ? 3 : 4) - Math.round(Math.log10(factor)));  // 0.1 degrees, 0.1 mm
+  const sign = name === "deg" ? "\u00b0" : ` ${name}`;
+  return (Number((factor * x).toFixed(places)) + 0).toFixed(places) + sign;  // + 0 removes the sign of a zero
 }
 
 // ---- the displayed pose: that of an instant of the motion, or that of the sliders
@@ -398,11 +410,11 @@ function frameAt(time) {
   return low;
 }
 function markTime() {  // ticks under the time line, and marks where a coordinate or a torque is beyond its limits
-  const first = content.t[0], span = content.t[count - 1] - first;
+  const first = timeSince(0), last = timeSince(count - 1), span = last - first;
   if (!(span > 0)) return;
   const wanted = span / 8, unit = 10 ** Math.floor(Math.log10(wanted));
   const step = unit * [1, 2, 5, 10].find((factor) => factor * unit >= wanted);
-  const shortTime = (k) => `${Number(content.t[k].toPrecision(6))} s`;
+  const [second, factor] = inUnit("s"), shortTime = (k) => `${Number(timeSince(k).toPrecision(6))} ${second}`;
   const mark = (kind, k, width, text) => {
     const made = document.createElement("span");
     made.className = kind;
@@ -411,8 +423,8 @@ function markTime() {  // ticks under the time line, and marks where a coordinat
     if (kind === "tick") made.textContent = text; else made.title = text;
     byId("ticks").append(made);
   };
-  for (let n = Math.ceil(first / step); n * step <= content.t[count - 1]; n++)
-    mark("tick", frameAt(n * step), null, `${Number((n * step).toPrecision(12))}`);
+  for (let n = Math.ceil(first / step); n * step <= last; n++)
+    mark("tick", frameAt((n * step + content.since.offset) / factor), null, `${Number((n * step).toPrecision(12))}`);
   content.coordinates.forEach(({ name, limits: [lower, upper], effort_limit: most }, i) => {
     const beyond = {
       "its limits": (k) => (lower !== null && content.q[k][i] < lower) || (upper !== null && content.q[k][i] > upper),
@@ -527,8 +539,9 @@ for (const [colour, name] of content.legend) {
   swatch.style.background = colour;
   byId("head").append(swatch, `${name} \u00a0`);
 }
+const gridText = Number((inUnit("m")[1] * cell).toPrecision(inUnit("m")[1] === 1 ? 1 : 3));
 byId("hint").textContent = [
-  "drag: turn, wheel: zoom, right button: move", `grid ${Number(cell.toPrecision(1))} m`,
+  "drag: turn, wheel: zoom, right button: move", `grid ${gridText} ${inUnit("m")[0]}`,
   ...(content.shown.includes("of") ? [instantsText] : []),
 ].join(" \u00b7 ");
 byId("following").hidden = baseRests;

@@ -37,6 +37,7 @@ from hingepair.pictures.motion_samples import (
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
 from hingepair.scenes.pair_scene import PairResult, PairScene
 from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
+from hingepair.tables.units import SCALES, Units, UnitsLike
 from hingepair.tables.whole_file import whole_file
 
 
@@ -48,6 +49,7 @@ def view(
     base_motion: BodyMotion | None = None,
     meshes: float = 4.0,
     tau: ArrayLike | None = None,
+    units: UnitsLike = None,
 ) -> Page:
     """Return an HTML page on which a pair, a robot, a scene or a trajectory moves, with a slider for each joint.
 
@@ -72,6 +74,8 @@ def view(
             They need trimesh, which the extra `robots` installs; what is not drawn is in `page.notes`.
         tau: torques and forces of the joints at the instants of q [N m or N], in the forms of q; the page shows them
             against the limits.
+        units: units of the numbers on the page in place of SI units and of degrees for hinges, such as "deg, mm"; by
+            default those of the scene.
 
     Returns:
         A Page. Its attribute `html` is the text of the page, and its method `save(path)` writes it. A notebook
@@ -79,8 +83,8 @@ def view(
         the number of sliders as `joints`.
 
     Raises:
-        ArgumentError: the source is of another kind, or is a trajectory that holds many motions; q, t, base_motion or
-            tau cannot be used; or the file cannot be written. The error names the argument.
+        ArgumentError: the source is of another kind, or is a trajectory that holds many motions; q, t, base_motion,
+            tau or units cannot be used; or the file cannot be written. The error names the argument.
 
     >>> import hingepair as hp
     >>> hp.view(hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1)))
@@ -102,7 +106,8 @@ def view(
             model, motion = _robot_content(source, number_not_below_0("meshes", meshes))
         else:
             model, motion = _pair_content(source)
-    html = _page_html(model, motion)
+    shown = source.in_units(units).units if isinstance(source, PairScene | RobotScene) else Units.of(units)
+    html = _page_html(model, motion, shown)
     page = Page(model.title, len(motion.t), motion.samples, motion.q.shape[1], html, tuple(model.notes))
     if path is not None:
         page.save(path, source.files if isinstance(source, PairScene | RobotScene) else ())
@@ -268,7 +273,7 @@ def _base_rates(base: BodyMotion | None, count: int) -> dict[str, Array] | None:
     return {name: np.broadcast_to(getattr(base, name), (count, 3)) for name in ("v", "omega")}
 
 
-def _page_html(model: PageModel, motion: _PageMotion) -> str:
+def _page_html(model: PageModel, motion: _PageMotion, units: Units) -> str:
     """Return the HTML of a page: the viewer's code, the model and its motion as JSON, and the page's script."""
     check_drawable("R", motion.R)
     known = np.isfinite(motion.R).all(axis=1)
@@ -276,7 +281,11 @@ def _page_html(model: PageModel, motion: _PageMotion) -> str:
     origin = motion.R[known][0] if known.any() else np.zeros(3)
     stands = all(np.equal(places, places[:1]).all() for places in (motion.R, motion.S))
     places = slice(1) if stands else slice(None)
+    offset, since = units.offset_of_instants(motion.t[0], motion.t[-1]) if len(motion.t) else (0.0, "")
     content = model_json(model, motion.q) | {
+        "units": {si: [units.unit(si), units.factor(si)] for si in SCALES},
+        "angle": [units.over(Units("deg")).unit("rad"), units.over(Units("deg")).factor("rad")],
+        "since": {"offset": offset, "name": since},
         "shown": _shown_count(len(motion.t), motion.samples),
         "t": motion.t.tolist(),
         "q": _finite_numbers_json(motion.q),
