@@ -378,3 +378,84 @@ def test_columns_of_a_data_frame_that_cannot_be_used_are_named(columns: dict[str
 def test_what_is_no_table_is_refused(source: object) -> None:
     with pytest.raises(hp.ArgumentError, match="sources: expected the path of a file, a pandas DataFrame"):
         hp.read_recording(source)
+
+
+@pytest.mark.parametrize(("digits", "sequence"), [(("phi_{}1", "phi_{}2"), "XYZ"), (("phi1_{}", "phi2_{}"), "ZYX")])
+def test_euler_angles_are_attitudes(digits: tuple[str, str], sequence: str) -> None:
+    columns = {name: column for name, column in both().items() if not name.startswith("q")}
+    for S, form in zip((MADE.S1, MADE.S2), digits, strict=True):
+        phi = hp.matrix_to_euler(S, sequence)
+        columns |= {form.format(c): phi[:, i] for i, c in enumerate("xyz")}
+    columns[digits[0].format("y")][5] = np.nan
+    found = hp.read_recording(columns, sequence=None if sequence == "XYZ" else sequence)
+    assert np.isnan(found.body1.S[5]).all()
+    assert np.abs(np.delete(found.body1.S - MADE.S1, 5, axis=0)).max() < 12 * 2.0**-53
+    assert np.abs(found.body2.S - MADE.S2).max() < 12 * 2.0**-53
+
+
+def test_headings_are_read_as_in_scenes(tmp_path: Path) -> None:
+    """A truck and its trailer, by compass; beside them the scene that has the same columns."""
+    t = np.arange(40) / 10
+    course, pitch = 350 + 3 * t + np.sin(t), 2 * np.sin(t)  # deg
+    log = {"t": t, "Ost": 4 * t, "Nord": t, "Kurs": course, "Nick": pitch, "psi": 0 * t}
+    compass = {"name": "Kurs", "unit": "compass"}
+    path = table(tmp_path / "fahrt.csv", **log)
+    scene = "[pair]\nu1 = [0, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\n[motion]\nfile = 'fahrt.csv'\n"
+    places = "[motion.columns]\nx = 'Ost'\ny = 'Nord'\n"
+    (tmp_path / "flat.toml").write_text(scene + places + "phi_z = { name = 'Kurs', unit = 'compass' }\n")
+    flat = hp.read_recording(path, columns={"x": "Ost", "y": "Nord", "phi_z": compass})
+    expected = hp.load_scene(tmp_path / "flat.toml").evaluate(("R1", "S1"))
+    assert np.array_equal(flat.body1.R, expected.R1)
+    assert np.array_equal(flat.body1.S, expected.S1)
+    forward = flat.body1.S[:, :, 0]
+    assert np.abs(forward[:, 0] - np.sin(np.radians(course))).max() < 4 * 2.0**-53
+    # As yaw, with a pitch that is positive upwards, and no roll.
+    columns = {"x": "Ost", "y": "Nord", "z": "psi", "phi_x": compass, "phi_z": "psi"}
+    columns |= {"phi_y": {"name": "Nick", "unit": "-deg"}}
+    whole = hp.read_recording(log | {"Null": 0 * t}, columns=columns | {"z": "Null"}, sequence="ZYX")
+    assert np.abs(whole.body1.S[:, 2, 0] - np.sin(np.radians(pitch))).max() < 4 * 2.0**-53
+    assert np.abs(whole.body1.S[:, 0, 0] - np.cos(np.radians(pitch)) * forward[:, 0]).max() < 8 * 2.0**-53
+    with pytest.raises(hp.ArgumentError, match=r"sequence: expected a sequence that ends in Z.*no z, phi_x, phi_y"):
+        hp.read_recording(path, columns={"x": "Ost", "y": "Nord", "phi_z": compass}, sequence="ZYX")
+    (tmp_path / "flat.toml").write_text(
+        (tmp_path / "flat.toml").read_text().replace("file", "sequence = 'ZYX'\nfile", 1)
+    )
+    with pytest.raises(hp.SceneError, match="sequence: expected a sequence that ends in Z"):
+        hp.load_scene(tmp_path / "flat.toml")
+
+
+def test_angles_in_degrees_are_noticed() -> None:
+    t = np.arange(40) / 10
+    log = {"t": t, "x1": t, "y1": t, "phi_z1": 20 * t, "x2": t, "y2": t, "phi_z2 [deg]": 20 * t}
+    with pytest.warns(hp.MeasurementWarning, match=r"phi_z1 .*'unit': 'deg'") as said:
+        found = hp.read_recording(log)
+    assert len(said) == 1
+    assert said[0].filename == __file__
+    assert np.abs(found.body2.S[:, 0, 0] - np.cos(np.radians(20 * t))).max() < 4 * 2.0**-53
+    with pytest.raises(hp.ArgumentError, match=r"phi_z1: expected angles in radians, .*, got jumps by nearly 360"):
+        hp.read_recording(log | {"phi_z1": 150 * t % 360})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hp.read_recording(both() | {"phi_x1": 100 * MADE.t})  # coordinates beside the quaternion
+
+
+@pytest.mark.parametrize(
+    ("changes", "sequence", "words"),
+    [
+        ({"phi_y1": None}, None, "phi_y1: expected a column, since the file has phi_x1, phi_z1"),
+        ({}, "ZZZ", "sequence: expected one of"),
+        (dict.fromkeys(("phi_x1", "phi_y1", "phi_z1")), None, "or qx1, qy1, qz1, qw1, or phi_x1, phi_y1, phi_z1"),
+    ],
+    ids=["a part", "a wrong sequence", "none"],
+)
+def test_euler_angles_that_cannot_be_used_are_named(changes: dict, sequence: str | None, words: str) -> None:
+    t = np.arange(9.0)
+    log = {"t": t, **dict.fromkeys((*("x1", "y1", "z1", "x2", "y2", "z2"), "phi_x1", "phi_y1", "phi_z1"), 0.1 * t)}
+    log = {name: column for name, column in (log | changes).items() if column is not None}
+    with pytest.raises(hp.ArgumentError, match=words):
+        hp.read_recording(log, sequence=sequence)
+
+
+def test_a_sequence_without_euler_angles_is_refused() -> None:
+    with pytest.raises(hp.ArgumentError, match="sequence: expected None, since no attitude is in Euler angles"):
+        hp.read_recording(both(), sequence="ZYX")

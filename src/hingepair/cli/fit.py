@@ -59,6 +59,12 @@ def fit_command(
         list[str] | None, typer.Option(metavar="COLUMN", help="Column that is not read; * matches any text.")
     ] = None,
     column: ColumnOption = None,
+    sequence: Annotated[
+        str | None,
+        typer.Option(
+            help="Axes of the Euler angles phi_x, phi_y, phi_z, such as ZYX of yaw, pitch, roll; default: XYZ."
+        ),
+    ] = None,
     gaps: Annotated[
         float,
         typer.Option(
@@ -119,9 +125,11 @@ def fit_command(
     """Fit a hinge to the recorded motion of two bodies.
 
     The results are n, home, u1, u2 and psi with their standard deviations, and a verdict on whether the motion is
-    that of a hinge. Columns are read by name: t; R1_x, R1_y, R1_z or x1, y1, z1; S1_xx, ..., S1_zz or qx1, qy1,
-    qz1, qw1; for body 2 these names with 2, or only the position of a point whose attitude was not measured. If each
-    body has a file of its own, the first file is that of body 1, and names need no digit. The exit code is 1 if the
+    that of a hinge. Columns are read by name: t; R1_x, R1_y, R1_z or x1, y1, z1; S1_xx, ..., S1_zz, or qx1, qy1,
+    qz1, qw1, or Euler angles phi_x1, phi_y1, phi_z1; in the plane x1, y1, phi_z1 alone. For body 2 they are these
+    names with 2, or only the position of a point whose attitude was not measured. If each body has a file of its own,
+    the first file is that of body 1, and names need no digit. Units other than SI units stand behind a name, such as
+    "phi_z1 [deg]", or in --column phi_z1=Kurs:compass: degrees, clockwise from north. The exit code is 1 if the
     recordings do not determine a hinge.
     """
     Units.of(units)  # refuses unknown ones before anything is computed
@@ -129,7 +137,7 @@ def fit_command(
     outputs.check()
     along = None if n_along is None else _parse_direction(n_along)
     columns = parse_columns(column or ())
-    recording = read_poses(files, columns, ignore or (), gaps, encoder, _COLUMN_OPTIONS)
+    recording = read_poses(files, columns, ignore or (), gaps, encoder, sequence, _COLUMN_OPTIONS)
     if scene is not None and recording.t is None:
         raise ArgumentError("scene", "a recording with a column t", "none")
     if recording.body2 is None:

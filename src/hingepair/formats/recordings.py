@@ -19,15 +19,18 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError, RotationError, nearest, nearest_name
 from hingepair.measured.smoothing.resample import resample
-from hingepair.numeric.arrays import Float64Array
+from hingepair.numeric.arrays import Float64Array, check_choice
 from hingepair.numeric.wrapped_angles import unwrap_if_wrapped
 from hingepair.pair.body_motion import BodyMotion
+from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import project_to_rotation
+from hingepair.rotations.sequences import SEQUENCE_NAMES
+from hingepair.tables.angle_columns import doubts_about_angles, planar_zeros
 from hingepair.tables.column_file import ColumnRequest, Columns, read_columns
 from hingepair.tables.column_sources import in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable, column_table
 from hingepair.tables.data_frames import column_names
-from hingepair.tables.instants import checked_gaps, increasing_seconds
+from hingepair.tables.instants import checked_gaps, increasing_seconds, warn_of_measurements
 from hingepair.tables.units import SCALES, read_heading
 
 # Columns that results have and a recording of poses does not need.
@@ -69,6 +72,11 @@ class ColumnAdvice(NamedTuple):
     encoder: str
     ignore: str
 
+    def degrees(self, name: str) -> str:
+        """Return how a caller states that the angle `name` is in degrees, and a heading one of a compass."""
+        stated = self.columns_with_unit.format(ours=name, name="COLUMN", unit="deg")
+        return f'{stated} ("compass" in place of "deg" for headings clockwise from north)'
+
 
 _IN_PYTHON: Final = ColumnAdvice(
     "columns={{{ours!r}: {name!r}}}",
@@ -93,20 +101,25 @@ def read_recording(
     ignore: Sequence[str] = (),
     gaps: float = 0.05,
     encoder: str | None = None,
+    sequence: str | None = None,
 ) -> Recording:
     """Read the recorded poses of one body or of two, for `fit`, `smooth` and `resample`.
 
     Args:
         *sources: one recording, or one of each body: path of a .csv, .npz or .parquet file, pandas DataFrame, xarray
             Dataset or dict of arrays. Columns of body 1 are `R1_x, R1_y, R1_z` or `x1, y1, z1` [m], and `S1_xx,
-            S1_xy, ..., S1_zz` or `qx1, qy1, qz1, qw1` (qw1 the scalar); those of body 2 have a 2. A recording of one
-            body may leave the digit away. `t` are seconds, nanoseconds since 1970 (integers) or dates; the index of
-            a DataFrame may have it. Vectors may be whole arrays, such as `R1` of shape (N, 3).
+            S1_xy, ..., S1_zz`, `qx1, qy1, qz1, qw1` (qw1 the scalar) or Euler angles `phi_x1, phi_y1, phi_z1` [rad];
+            those of body 2 have a 2. A recording of one body may leave the digit away, and one of a motion in the
+            plane has `x1, y1, phi_z1` alone. `t` are seconds, nanoseconds since 1970 (integers) or dates; the index
+            of a DataFrame may have it. Vectors may be whole arrays, such as `R1` of shape (N, 3).
         columns: names and units of columns that have others: {"t": "Zeit", "x1": {"name": "Ost", "unit": "mm"}}.
-            Columns of names that are unknown are then not read.
+            The unit "compass" is that of headings: degrees, clockwise from north (y). Columns of names that are
+            unknown are then not read.
         ignore: names of columns that are not read; `*` stands for any text.
         gaps: longest time between samples over which one body is interpolated to the instants of the other [s].
         encoder: name of the column with readings of the hinge angle, on the clock of body 1.
+        sequence: axes about which phi_x, phi_y, phi_z turn, such as "ZYX" of yaw, pitch and roll, in capitals about
+            the body's own axes; by default "XYZ".
 
     Returns:
         The Recording: body1, body2, t and encoder. The bodies have the instants of the one with the longer time
@@ -115,6 +128,7 @@ def read_recording(
 
     Raises:
         ArgumentError: a file or a column cannot be used.
+        MeasurementWarning: angles are probably in degrees.
         MissingDependencyError: a source is a .parquet file and PyArrow is not installed.
 
     >>> import numpy as np
@@ -125,7 +139,7 @@ def read_recording(
     >>> recording.t, recording.body1.R[2]
     (array([0., 1., 2.]), array([3., 0., 0.]))
     """
-    return read_poses(sources, columns, ignore, gaps, encoder, _IN_PYTHON)
+    return read_poses(sources, columns, ignore, gaps, encoder, sequence, _IN_PYTHON)
 
 
 def read_poses(
@@ -134,6 +148,7 @@ def read_poses(
     ignore: Sequence[str],
     gaps: float,
     encoder: str | None,
+    sequence: str | None,
     advice: ColumnAdvice,
 ) -> Recording:
     """Read recorded poses as `read_recording` does; messages on unknown columns take their words from `advice`."""
@@ -143,7 +158,9 @@ def read_poses(
         Path(source) if isinstance(source, str | os.PathLike) else column_table("sources", source)
         for source in sources
     ]
-    return _read_recording(tables, columns or {}, ignore, checked_gaps(gaps), encoder, advice)
+    if sequence is not None:
+        check_choice("sequence", sequence, SEQUENCE_NAMES)
+    return _read_recording(tables, columns or {}, ignore, checked_gaps(gaps), encoder, sequence, advice)
 
 
 def _read_recording(
@@ -152,15 +169,17 @@ def _read_recording(
     ignored_columns: Sequence[str],
     max_gap: float,
     encoder_column: str | None,
+    sequence: str | None,
     advice: ColumnAdvice,
 ) -> Recording:
     if encoder_column in _POSE_COLUMNS:
         raise ArgumentError("encoder", "a column that is not t and not of a pose", repr(encoder_column))
     bodies: dict[str, _RecordedBody] = {}
     present_names: list[str] = []
+    has_angles = False
     for place, path in enumerate(paths, start=1):
         is_alone = len(paths) == 1
-        columns = _read_columns(
+        columns, stated = _read_columns(
             path, columns_by_name, ignored_columns, encoder_column, advice, present_names, is_alone=is_alone
         )
         digits = [
@@ -176,11 +195,16 @@ def _read_recording(
                 raise ArgumentError(f"{path}", f"body {name} once", "a second time")
             reading = None if encoder_column is None else columns.get(encoder_column)
             may_be_point = name == "2" or (is_alone and len(digits) == 1)
-            motion = _body_motion(path, columns, digit, may_be_point=may_be_point)
+            angles = _angles_of(columns, digit)
+            has_angles |= bool(angles)
+            _judge_angles(path, {angle: columns[angle] for angle in angles if angle not in stated}, advice)
+            motion = _body_motion(path, columns, digit, sequence or "XYZ", may_be_point=may_be_point)
             bodies[name] = _RecordedBody(motion, columns.get("t"), path, reading)
     for name in ("1", "2")[: 1 + (len(paths) == 2 or "2" in bodies)]:
         if name not in bodies:
             raise no_body_error(name, paths)
+    if sequence is not None and not has_angles:
+        raise ArgumentError("sequence", "None, since no attitude is in Euler angles phi_x, phi_y, phi_z", sequence)
     first, second = bodies["1"], bodies.get("2")
     if encoder_column is not None and first.encoder is None:
         expected = f"a column of {first.path}, the file of body 1, whose clock the encoder has"
@@ -235,7 +259,20 @@ def _position_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
 
 
 def _attitude_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
-    return tuple(f"S{digit}_{r}{c}" for r in "xyz" for c in "xyz"), tuple(f"q{c}{digit}" for c in "xyzw")
+    rotation, quaternion = (f"S{digit}_{r}{c}" for r in "xyz" for c in "xyz"), (f"q{c}{digit}" for c in "xyzw")
+    return tuple(rotation), tuple(quaternion), *_angle_column_names(digit)
+
+
+def _angle_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
+    return tuple(f"phi_{c}{digit}" for c in "xyz"), tuple(f"phi{digit}_{c}" for c in "xyz")
+
+
+def _angles_of(columns: Columns, digit: str) -> tuple[str, ...]:
+    """Return the columns with Euler angles of a body; none if others have its attitude, as those of results may."""
+    rotation, quaternion, *angles = _attitude_column_names(digit)
+    if not columns.keys().isdisjoint((*rotation, *quaternion)):
+        return ()
+    return tuple(name for names in angles for name in names if name in columns)
 
 
 def _pose_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
@@ -248,21 +285,45 @@ _POSE_COLUMNS: Final = (  # all names that columns of instants and of poses can 
 )
 
 
-def _body_motion(path: Path | ColumnTable, columns: Columns, column_digit: str, *, may_be_point: bool) -> BodyMotion:
+def _judge_angles(path: Path | ColumnTable, angles: Mapping[str, Float64Array], advice: ColumnAdvice) -> None:
+    """Warn of angles that are probably in degrees, or refuse them."""
+    try:
+        doubts = doubts_about_angles(angles, advice.degrees)
+    except ArgumentError as error:
+        raise error.renamed(f"{path}: {error.name}") from None
+    warn_of_measurements([f"{path}: {doubt}" for doubt in doubts], stacklevel=6)
+
+
+def _body_motion(
+    path: Path | ColumnTable, columns: Columns, column_digit: str, sequence: str, *, may_be_point: bool
+) -> BodyMotion:
     """Return the poses of the body whose columns end in a digit or in ""; an attitude of which a part is missing, or
     all is 0, is NaN.
     """
+    planar = {
+        (z, *tilts): (x, y, turn)
+        for x, y, z in _position_column_names(column_digit)
+        for *tilts, turn in _angle_column_names(column_digit)
+    }
+    try:
+        zeros = planar_zeros(columns, planar, sequence)
+    except ArgumentError as error:
+        raise error.renamed(f"{path}: {error.name}") from None
+    columns = columns | {name: np.zeros(len(next(iter(columns.values())))) for name in zeros}
     R = _stack_columns(path, columns, _position_column_names(column_digit))
     if all(columns.keys().isdisjoint(names) for names in _attitude_column_names(column_digit)):
         if may_be_point:
             return BodyMotion(R=R)
+        _, quaternion, angles, _ = map(", ".join, _attitude_column_names(column_digit))
         expected = (
-            f"columns of the attitude of body 1: S{column_digit}_xx, ..., S{column_digit}_zz or qx{column_digit}, "
-            f"qy{column_digit}, qz{column_digit}, qw{column_digit} (a body that is known by its position alone must "
-            "be body 2)"
+            f"columns of the attitude of body 1: S{column_digit}_xx, ..., S{column_digit}_zz, or {quaternion}, or "
+            f"{angles} (a body that is known by its position alone must be body 2)"
         )
         raise ArgumentError(f"{path}", expected, "none")
     attitude = _stack_columns(path, columns, _attitude_column_names(column_digit))
+    if attitude.shape[1] == 3:
+        attitude[~np.isfinite(attitude).all(axis=-1)] = np.nan
+        return BodyMotion(R=R, S=np.asarray(euler_to_matrix(attitude, sequence)))
     attitude[~np.isfinite(attitude).all(axis=-1) | (attitude == 0).all(axis=-1)] = np.nan
     if attitude.shape[1] == 9:
         S = attitude.reshape(-1, 3, 3)
@@ -294,8 +355,10 @@ def _read_columns(
     present_names: list[str],
     *,
     is_alone: bool,
-) -> Columns:
-    """Return the columns that a recording needs; the names of all are added to `present_names`."""
+) -> tuple[Columns, set[str]]:
+    """Return the columns that a recording needs, and the names of those whose unit is stated; the names of all are
+    added to `present_names`.
+    """
     stated = path.units if isinstance(path, ColumnTable) else {}
     sources = read_column_sources(columns_by_name, _POSE_COLUMNS, unit_of, stated)
     taken = {source.column for source in sources.values()}
@@ -314,8 +377,13 @@ def _read_columns(
             [name for name in names if name in known], ignored_columns, encoder_column, advice, taken
         )
 
+    stated_names: set[str] = set()  # columns whose heading has their unit
+
     def read_own_heading(heading: str) -> tuple[str, float]:
-        return (heading, 1.0) if heading in taken else read_heading(heading, unit_of)
+        name, factor = (heading, 1.0) if heading in taken else read_heading(heading, unit_of)
+        if name != heading:
+            stated_names.add(name)
+        return name, factor
 
     exact = sources["t"].column if "t" in sources else "t"
     try:
@@ -326,7 +394,7 @@ def _read_columns(
     except ArgumentError as error:
         name = ": ".join(filter(None, (str(path), error.name)))
         raise ArgumentError(name, error.expected, error.got) from None
-    return columns
+    return columns, stated_names | {name for name, own in sources.items() if own.compass or own.scale != 1.0}
 
 
 def _component_names(name: str, sample_shape: tuple[int, ...]) -> ArrayLike:

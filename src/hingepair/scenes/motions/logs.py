@@ -42,6 +42,7 @@ from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
 from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.motions.noise import derivative_noise
 from hingepair.scenes.tables import NamedSource, Table
+from hingepair.tables.angle_columns import PlanarColumns, doubts_about_angles, planar_zeros
 from hingepair.tables.column_file import ColumnRequest, csv_column, read_columns
 from hingepair.tables.column_sources import ColumnSource, in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable
@@ -86,7 +87,7 @@ class LogLayout(NamedTuple):
     #: unit of each column that has none of the registry
     units: Mapping[str, str] = MappingProxyType({})
     #: columns that a log in the plane leaves out together, and those that it then has
-    planar: Mapping[tuple[str, ...], tuple[str, ...]] = MappingProxyType({})
+    planar: PlanarColumns = MappingProxyType({})
 
     def unit_of(self, column: str) -> str:
         """Return the SI unit of a column."""
@@ -236,7 +237,7 @@ class Log(NamedSource):
         derived: names of the derivatives that were computed by finite differences.
         noise_shares: noise of each of these derivatives, by name, as a fraction of its rms.
         notes: sentences on instants, on angles that were unwrapped or may have to be, and on units.
-        angle_doubts: those of them on angles that are probably in degrees.
+        angle_doubts: those of them on angles that are, or may be, in degrees.
     """
 
     def __init__(
@@ -249,6 +250,7 @@ class Log(NamedSource):
         self.layout = layout
         self.completed = completed
         self.unwrap = unwrap
+        self._sequence = table.values.get("sequence", "XYZ")
         self._ignored = frozenset(column for name in ignored for column in layout.columns_of(name))
         self.hint = "" if completed else "; motion.differentiate = true gives the others"
         self.derived: list[str] = []
@@ -305,29 +307,22 @@ class Log(NamedSource):
     def _judge_units(self, sources: Mapping[str, ColumnSource], stated: Set[str]) -> None:
         """Note which columns are probably not in SI units, of those that are neither converted nor `stated` to be."""
         converted = stated | {name for name, source in sources.items() if source.compass or source.scale != 1.0}
-        large, small = [], []  # angles
+        angles: dict[str, Float64Array] = {}
+        others: list[str] = []
         for name, quantity in self.layout.judged.items():
             names = self.layout.columns_of(name)
             if not converted.isdisjoint(names) or not all(column in self.columns for column in names):
                 continue
             values = np.stack([self.columns[column] for column in names], axis=-1)
-            if quantity != "angle":
-                self.notes += suspicions(quantity, name, values if len(names) > 1 else values[:, 0])
-                continue
-            angles = values[:, 0]
-            conversion = _HEADINGS if name == "phi_z" else _DEGREES
-            if is_wrapped(angles, 360.0):
-                expected = f"angles in radians, or {conversion.format(name)}"
-                self.refuse(name, expected, "jumps by nearly 360, as of degrees")
-            doubts = suspicions("angle", name, angles, radians=conversion)
-            self.angle_doubts += doubts
-            self.notes += doubts
-            if doubts:
-                large.append(name)
-            elif (angles != angles[0]).any():
-                small.append(name)
-        if large and small:  # a few degrees are not suspicious by themselves
-            self.notes.append(f"{', '.join(small)} may be in the same unit as {large[0]}")
+            if quantity == "angle":
+                angles[name] = values[:, 0]
+            else:
+                others += suspicions(quantity, name, values if len(names) > 1 else values[:, 0])
+        with self.naming():
+            self.angle_doubts = doubts_about_angles(
+                angles, lambda name: (_HEADINGS if name == "phi_z" else _DEGREES).format(name)
+            )
+        self.notes += [*self.angle_doubts, *others]
 
     def _without_repeated_stamps(self) -> NDArray[np.bool_]:
         """Leave out the rows whose stamp is that of the row before, and return which rows are kept."""
@@ -344,12 +339,8 @@ class Log(NamedSource):
 
     def _complete_planar_columns(self, absence: str) -> None:
         """Add what a log of a motion in the plane leaves out, as zeros; a note on them starts with `absence`."""
-        added: list[str] = []
-        for flat, whole in self.layout.planar.items():
-            beside = [name for name in whole if name in self.columns]
-            if len(beside) == len(whole) and not any(name in self.columns for name in flat):
-                self.columns |= dict.fromkeys(flat, np.zeros(len(self.columns["t"])))
-                added += flat
+        added = planar_zeros(self.columns, self.layout.planar, self._sequence)
+        self.columns |= dict.fromkeys(added, np.zeros(len(self.columns["t"])))
         if added:
             self.notes.append(f"{absence} {', '.join(added)}: they were taken as 0, as of a motion in the plane")
 
