@@ -143,7 +143,7 @@ def test_shapes_of_pairs_and_payloads_are_drawn():
     ball = hp.Body(mass=1, shapes=[hp.Sphere(0.1, (0, 0, 0.2))])
     arm = hp.HingePair(u1=(0, 0, 1), u2=(-1, 0, 0), n=(0, 1, 0), name="arm", body2=ball)
     robot = hp.Mechanism([arm])
-    (sphere,), complete, _ = robot.tree.drawings[1]
+    (sphere,), complete, *_ = robot.tree.drawings[1]
     np.testing.assert_array_equal(sphere.center, (1, 0, 0.2))  # from the joint
     assert complete
     loaded = robot_of(MESH.format(tag="visual")).with_payload("arm", ball)

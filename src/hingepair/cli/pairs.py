@@ -35,6 +35,9 @@ ExportedArgument = Annotated[
     ),
 ]
 TextFileOption = Annotated[Path | None, out_option("Write to FILE instead of standard output.")]
+MeshesOption = Annotated[
+    bool, typer.Option("--meshes/--no-meshes", help="Whether the meshes of a whole robot are written.")
+]
 FixedBaseOption = Annotated[bool, typer.Option("--fixed-base", help="Fix body 1 in the world.")]
 GravityOption = Annotated[
     str | None,
@@ -56,6 +59,7 @@ def urdf_command(
     floating_base: Annotated[
         bool, typer.Option("--floating-base", help="Connect body 1 to a link `world` by a floating joint.")
     ] = False,
+    meshes: MeshesOption = True,
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a URDF file.
 
@@ -70,7 +74,7 @@ def urdf_command(
     requested_base = "fixed" if fixed_base else "floating" if floating_base else None
     robot = _whole_robot(named)
     if robot is not None:
-        return write_text(to_urdf(robot, base=requested_base or "free"), out, named.files)
+        return write_text(to_urdf(robot, base=requested_base or "free", meshes=meshes), out, named.files)
     pair = named.spatial_pair()
     setup = named.dynamics()
     if setup is None:
@@ -92,6 +96,7 @@ def mjcf_command(
     fixed_base: FixedBaseOption = False,
     free_base: Annotated[bool, typer.Option("--free-base", help="Give body 1 a free joint.")] = False,
     gravity: GravityOption = None,
+    meshes: MeshesOption = True,
 ) -> None:
     """Write a pair, or the mechanism of a scene, as a MuJoCo model (MJCF).
 
@@ -107,7 +112,7 @@ def mjcf_command(
     if robot is not None:
         chosen = "fixed" if fixed_base else "free" if free_base else None
         fall = DEFAULT_GRAVITY if gravity is None else parse_gravity(gravity, 3)
-        return write_text(to_mjcf(robot, base=chosen, gravity=fall), out, named.files)
+        return write_text(to_mjcf(robot, base=chosen, gravity=fall, meshes=meshes), out, named.files)
     pair, setup = named.pair(), named.dynamics()
     assumed = []
     if setup is None:

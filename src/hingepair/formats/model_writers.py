@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, quoted
 from hingepair.formats.robot_mjcf import MJCF_COMPILER, insert_mjcf_joint, robot_to_mjcf
 from hingepair.formats.robot_writer import add_moving_joint, robot_to_urdf
-from hingepair.formats.shape_writers import add_geom, add_visual
+from hingepair.formats.shape_writers import add_geom, add_shape
 from hingepair.formats.xml_text import (
     add_element,
     add_inertial,
@@ -64,6 +64,7 @@ def to_urdf(
     base: str = "free",
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
+    meshes: bool = True,
 ) -> str:
     """Return a HingePair or a Mechanism as URDF text; equal pairs give equal texts.
 
@@ -86,8 +87,8 @@ def to_urdf(
 
     For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
     Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
-    the mass of all links that they join is written to one of these links. Boxes, cylinders and spheres are
-    written, meshes are not. Rotor inertias are not written either. A `DynamicsWarning` says what is not written.
+    the mass, the shapes and the meshes of all links that they join are written to one of these links. Meshes keep
+    the file names and scales of the URDF that was read. Rotor inertias are not written; a `DynamicsWarning` says so.
 
     Args:
         pair: a `HingePair`, whose limits, torque_limit, rate_limit and mass properties (pair.body1 and pair.body2)
@@ -100,6 +101,7 @@ def to_urdf(
             cannot hold.
         body1: pose of body 1 of a pair in `world` (R and S of a `BodyMotion`), only if `base` is "fixed". By default,
             R is the origin and S is the identity.
+        meshes: False: the meshes of a robot are left out, for programs that cannot find or load their files.
 
     Raises:
         ArgumentError: `base` is unknown; a name holds a character that XML does not allow; the argument body1 is
@@ -116,7 +118,7 @@ def to_urdf(
     check_choice("base", base, ("free", "floating", "fixed"))
     if isinstance(pair, Mechanism):
         _refuse_for_robots(hinge_torque=hinge_torque, body1=body1)
-        return robot_to_urdf(pair, base)
+        return robot_to_urdf(pair, base, meshes=meshes)
     if body1 is not None and base != "fixed":
         raise ArgumentError(
             "body1", f'None, since a model with base="{base}" does not hold the pose of body 1', quoted(body1)
@@ -157,6 +159,7 @@ def to_mjcf(
     hinge_torque: HingeLoad | None = None,
     body1: BodyMotion | None = None,
     gravity: ArrayLike = DEFAULT_GRAVITY,
+    meshes: bool = True,
 ) -> str:
     """Return a HingePair or a Mechanism as text in MJCF, the model format of MuJoCo; equal pairs give equal texts.
 
@@ -173,7 +176,13 @@ def to_mjcf(
 
     For a `Mechanism`, the model has all links as bodies, added frames as sites, and joints in the order of q with
     limits of position and effort, loads (`joint_loads`) and armatures; mimic joints are joint equalities. Limits of
-    rates and meshes are not written, boxes, cylinders and spheres are. `Mechanism.from_mjcf` reads the text back.
+    rates are not written. `Mechanism.from_mjcf` reads the text back.
+
+    Shapes and meshes of a robot are written as geoms that do not collide: what is drawn in group 1, and shapes for
+    collisions in group 3, or in group 1 where a body has nothing else. The latter have the class "collision": set
+    its contype and conaffinity to 1, and these bodies collide. Files of meshes are named by their paths below
+    `meshdir` of the compiler. MuJoCo loads STL (binary) and OBJ; a `DynamicsWarning` names meshes in other formats,
+    such as DAE, and files that were not found, which are not written.
 
     Args:
         pair: a `Mechanism`; or a `HingePair`, whose limits, torque_limit and mass properties (pair.body1 and
@@ -189,6 +198,7 @@ def to_mjcf(
         body1: pose of body 1 at the start (R and S of a `BodyMotion`). By default, R is the origin and S is the
             identity.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,). By default (0, 0, -9.81).
+        meshes: False: the meshes of a robot are left out, so that the text needs no other file.
 
     Raises:
         ArgumentError: `base` is unknown, another argument cannot be used, or the name of the pair holds a character
@@ -207,7 +217,7 @@ def to_mjcf(
         _refuse_for_robots(hinge_torque=hinge_torque, body1=body1)
         chosen = pair.base if base is None else base
         check_choice("base", chosen, ("free", "fixed"))
-        return robot_to_mjcf(pair, chosen, gravity)
+        return robot_to_mjcf(pair, chosen, gravity, meshes=meshes)
     base = "free" if base is None else base
     check_choice("base", base, ("free", "pinned", "fixed"))
     hinge_load = _checked_load("MJCF", hinge_torque, ("stiffness", "rest", "damping", "friction", "stops"))
@@ -356,7 +366,7 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
         place = part.body.centre_of_mass - part.origin
         add_inertial(link, part.body.mass, place, _raise_flat_inertia(part.body.inertia))
     for shape in part.shapes:
-        add_element(add_visual(link, shape), "material", name=f"{part.link}_paint")
+        add_element(add_shape(link, shape), "material", name=f"{part.link}_paint")
 
 
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError
+from hingepair.formats.mjcf_meshes import MjcfMeshes
 from hingepair.formats.robot_writer import is_here
-from hingepair.formats.shape_writers import add_geom, mesh_sentences, shapes_of_body
+from hingepair.formats.shape_writers import unread_sentences
 from hingepair.formats.xml_text import add_element, check_xml_text, document
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
@@ -29,24 +30,25 @@ MJCF_COMPILER: Final = {
     "fusestatic": "false",
 }
 _TYPES: Final = {"hinge": "hinge", "slider": "slide"}
-_GREY: Final = "0.6 0.6 0.6 1"
 _FARTHEST = 1e9  # rad or m; a limit that is none beside one that is
 
 
-def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike) -> str:
-    """Return a Mechanism as MJCF text; `base` is "free" or "fixed"."""
+def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bool) -> str:
+    """Return a Mechanism as MJCF text, with its meshes or without; `base` is "free" or "fixed"."""
     tree = robot.tree.single()
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
     root = ET.Element("mujoco", {"model": tree.name})
     add_element(root, "compiler", **MJCF_COMPILER)
     add_element(root, "option", gravity=one_constant("gravity", gravity, 3))
+    drawn = MjcfMeshes(tree, wanted=meshes)
+    drawn.add_assets(root)
     world = add_element(root, "worldbody")
-    bodies = [_add_body(world, tree, 0, tree.base if base == "free" else None, base == "fixed")]
+    bodies = [_add_body(world, tree, 0, tree.base if base == "free" else None, drawn, is_world=base == "fixed")]
     if base == "free":
         bodies[0].insert(0, ET.Element("freejoint"))
     for number, joint in enumerate(tree.joints, 1):
-        bodies.append(_add_body(bodies[joint.parent], tree, number, joint.body))
+        bodies.append(_add_body(bodies[joint.parent], tree, number, joint.body, drawn))
         insert_mjcf_joint(bodies[number], joint, f"joint {joint.name!r}")
     followers = [joint for joint in tree.joints if joint.mimic is not None]
     equality = add_element(root, "equality") if followers else root
@@ -54,13 +56,19 @@ def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike) -> str:
         if (rule := joint.mimic) is not None:
             leader, curve = tree.joints[rule.leader - 1].name, (rule.offset, rule.multiplier, 0, 0, 0)
             add_element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=curve)
-    return document(root, mesh_sentences(tree))
+    return document(root, [*drawn.sentences, *unread_sentences(tree)])
 
 
 def _add_body(
-    parent: ET.Element, tree: Tree, number: int, masses: MassProperties | None, is_world: bool = False
+    parent: ET.Element,
+    tree: Tree,
+    number: int,
+    masses: MassProperties | None,
+    drawn: MjcfMeshes,
+    *,
+    is_world: bool = False,
 ) -> ET.Element:
-    """Add the body of a joint with its links and frames. A fixed base called "world" is the world."""
+    """Add the body of a joint with its links, frames and geoms. A fixed base called "world" is the world."""
     links = {name: frame for name, frame in tree.links.items() if frame.body == number}
     seat = next((name for name, frame in links.items() if is_here(frame)), None)
     joint = tree.joints[number - 1] if number else None
@@ -71,8 +79,7 @@ def _add_body(
         J = masses.inertia
         moments = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
         add_element(body, "inertial", pos=masses.centre_of_mass, mass=masses.mass, fullinertia=moments)
-    for shape in shapes_of_body(tree, number):
-        add_geom(body, shape, _GREY)
+    drawn.add_geoms(body, number)
     for name, frame in links.items():
         if name != seat:
             add_element(body, "body", name=_body_name(name), **_pose_of(frame))

@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from hingepair.errors import URDFError
-from hingepair.formats.shape_writers import add_visual, mesh_sentences, shapes_of_body
+from hingepair.formats.shape_writers import add_shape, drawing_of_body, unread_sentences
 from hingepair.formats.xml_text import (
     add_element,
     add_inertial,
@@ -26,13 +26,14 @@ from hingepair.formats.xml_text import (
 )
 from hingepair.mechanism.joints import KINDS
 from hingepair.mechanism.mechanism import Mechanism
+from hingepair.mechanism.shapes import Mesh
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.pair.body import DynamicsWarning
 from hingepair.rotations.euler import matrix_to_euler
 
 
-def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
-    """Return a robot as URDF text; see `to_urdf`."""
+def robot_to_urdf(robot: Mechanism, base: str = "free", *, meshes: bool = True) -> str:
+    """Return a robot as URDF text, with its meshes or without; see `to_urdf`."""
     tree = robot.tree.single()
     for name in (tree.name, *tree.links, *tree.frames, *(joint.name for joint in tree.joints)):
         check_xml_text("name", name)
@@ -42,16 +43,17 @@ def robot_to_urdf(robot: Mechanism, base: str = "free") -> str:
         if joints:
             message = f"{tree.name}: URDF has no {part}; not written are the {written} of {', '.join(joints)}"
             warnings.warn(message, DynamicsWarning, stacklevel=3)
-    writer = _UrdfWriter(tree)
+    writer = _UrdfWriter(tree, meshes)
     root = writer.build(base)
-    return document(root, [*limits_sentences(writer.made_up_limits), *mesh_sentences(tree)])
+    return document(root, [*limits_sentences(writer.made_up_limits), *unread_sentences(tree)])
 
 
 class _UrdfWriter:
     """Builder of the URDF elements of a robot."""
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, meshes: bool) -> None:
         self._tree = tree
+        self._meshes = meshes  # whether they are written
         # Names that are made up differ from all that are there.
         self._links = {*tree.links, *tree.frames}
         self._joints = {*tree.frames, *(joint.name for joint in tree.joints)}
@@ -89,8 +91,11 @@ class _UrdfWriter:
         link = add_element(root, "link", name=seat)
         if masses.mass or masses.inertia.any():
             add_inertial(link, masses.mass, masses.centre_of_mass, masses.inertia)
-        for shape in shapes_of_body(tree, body_number):
-            add_visual(link, shape)
+        drawing = drawing_of_body(tree, body_number)
+        for tag, shapes in (("visual", drawing.visuals), ("collision", drawing.collisions)):
+            for shape in shapes:
+                if self._meshes or not isinstance(shape, Mesh):
+                    add_shape(link, shape, tag)
         for name, frame in links.items():
             if name == seat:
                 continue

@@ -1,54 +1,64 @@
-"""Boxes, cylinders and spheres as elements of URDF and MJCF."""
+"""Boxes, cylinders, spheres and meshes as elements of URDF and MJCF."""
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from hingepair.formats.xml_text import add_element
-from hingepair.mechanism.shapes import Mesh
+from hingepair.formats.xml_text import add_element, check_xml_text, first_few
+from hingepair.mechanism.shapes import BodyDrawing, Drawn, Mesh
 from hingepair.mechanism.tree import Tree
 from hingepair.pair.body import Box, Cylinder, Shape
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.matrices import matrix_to_quaternion
 
 _NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
+DRAWN_ONLY: Final = {"contype": "0", "conaffinity": "0", "group": "1"}  # attributes of a geom that does not collide
 
 
-def add_visual(link: ET.Element, shape: Shape) -> ET.Element:
-    """Add a shape, which stands in the axes of a link, to the link of a URDF; return its element."""
+def add_shape(link: ET.Element, shape: Drawn, tag: str = "visual") -> ET.Element:
+    """Add a shape or a mesh, which stands in the axes of a link, to the link of a URDF as an element "visual" or
+    "collision"; return the element.
+    """
     kind, sizes, rpy = _urdf_geometry(shape)
-    visual = add_element(link, "visual")
-    add_element(visual, "origin", xyz=shape.center, rpy=rpy)
-    add_element(add_element(visual, "geometry"), kind, **sizes)
-    return visual
+    element = add_element(link, tag)
+    add_element(element, "origin", xyz=_place(shape), rpy=rpy)
+    add_element(add_element(element, "geometry"), kind, **sizes)
+    if isinstance(shape, Mesh) and shape.colour is not None and tag == "visual":
+        name = "colour_" + "".join(f"{round(255 * part):02x}" for part in shape.colour)
+        add_element(add_element(element, "material", name=name), "color", rgba=shape.colour)
+    return element
 
 
 def add_geom(body: ET.Element, shape: Shape, colour: str) -> None:
     """Add a shape, which stands in the axes of a body and does not collide, to the body of an MJCF."""
-    drawn = {"contype": "0", "conaffinity": "0", "group": "1", "rgba": colour}
-    add_element(body, "geom", **_mjcf_geometry(shape), pos=shape.center, **drawn)
+    add_element(body, "geom", **mjcf_geometry(shape), pos=shape.center, **DRAWN_ONLY, rgba=colour)
 
 
-def shapes_of_body(tree: Tree, number: int) -> tuple[Shape, ...]:
-    """Return the shapes of a body of a robot without its meshes, in the axes of the body."""
-    if not tree.drawings:
-        return ()
-    drawing = tree.drawings[number]
-    return tuple(shape for shape in drawing.visuals if not isinstance(shape, Mesh)) or drawing.shapes
+def drawing_of_body(tree: Tree, number: int) -> BodyDrawing:
+    """Return the drawing of a body of a robot, in the axes of the body."""
+    return tree.drawings[number] if tree.drawings else BodyDrawing()
 
 
-def mesh_sentences(tree: Tree) -> list[str]:
-    """Return a sentence, if any, on meshes, which are not written."""
-    count = sum(isinstance(shape, Mesh) for drawing in tree.drawings for shape in drawing.visuals)
-    return [f"meshes are not written: {count} of {tree.name}"] if count else []
+def unread_sentences(tree: Tree) -> list[str]:
+    """Return a sentence, if any, on what draws the robot in its URDF and could not be read."""
+    unread = [name for drawing in tree.drawings for name in drawing.unread]
+    return [f"{tree.name}: what cannot be read is not written: {first_few(unread)}"] if unread else []
 
 
-def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
-    """Return kind, sizes, and roll, pitch and yaw [rad] of a shape in URDF."""
+def _place(shape: Drawn) -> Any:
+    return shape.pose.origin if isinstance(shape, Mesh) else shape.center
+
+
+def _urdf_geometry(shape: Drawn) -> tuple[str, dict[str, Any], Any]:
+    """Return kind, sizes, and roll, pitch and yaw [rad] of a shape or a mesh in URDF."""
+    if isinstance(shape, Mesh):
+        check_xml_text("the file of a mesh", shape.file)
+        scale = {"scale": shape.scale} if shape.scale != (1.0, 1.0, 1.0) else {}
+        return "mesh", {"filename": shape.file, **scale}, matrix_to_euler(shape.pose.rotation, "xyz")
     if isinstance(shape, Box):
         return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
     if isinstance(shape, Cylinder):
@@ -58,7 +68,7 @@ def _urdf_geometry(shape: Shape) -> tuple[str, dict[str, Any], Any]:
     return "sphere", {"radius": shape.radius}, _NO_TURN
 
 
-def _mjcf_geometry(shape: Shape) -> dict[str, Any]:
+def mjcf_geometry(shape: Shape) -> dict[str, Any]:
     """Return type, size (half lengths and radii) and direction of a shape as a geom of MuJoCo."""
     if isinstance(shape, Box):
         turn = {"quat": matrix_to_quaternion(shape.axes)} if (shape.axes != np.eye(3)).any() else {}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.errors import ArgumentError, URDFError, choices, quoted
-from hingepair.mechanism.shapes import body_drawing, link_shapes
+from hingepair.mechanism.shapes import LinkDrawing, body_drawing, link_shapes
 from hingepair.pair.body import Body, Shape, warn_of_dynamics
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.urdf.reader import read_urdf
@@ -165,6 +165,5 @@ def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: boo
 
 def _link_shapes(robot: RobotRecord, poses: Mapping[str, FramePose]) -> tuple[Shape, ...]:
     """Return the visual shapes of links with these poses; nothing if meshes draw a link."""
-    return body_drawing(
-        (link_shapes(robot.links[link][0], "visual"), (), pose) for link, pose in poses.items()
-    ).shapes
+    drawings = (LinkDrawing(link_shapes(robot.links[link][0], "visual")) for link in poses)
+    return body_drawing(zip(drawings, poses.values(), strict=True)).shapes

@@ -56,16 +56,18 @@ def urdf_limits(effort: float | None, velocity: float | None) -> tuple[dict[str,
     return attributes, " and ".join(made_up)
 
 
+def first_few(names: Sequence[str]) -> str:
+    """Return at most three names, and how many more there are."""
+    return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' * (len(names) > 3)}"
+
+
 def limits_sentences(made_up: Iterable[tuple[str, str]]) -> list[str]:
     """Return a sentence, if any, on pairs of the name of a joint and a phrase of `urdf_limits`."""
     joints: dict[str, list[str]] = {}
     for joint, phrase in made_up:
         if phrase:
             joints.setdefault(phrase, []).append(joint)
-    texts = [
-        f"{phrase} of {', '.join(names[:3])}{f' and {len(names) - 3} more' * (len(names) > 3)}"
-        for phrase, names in joints.items()
-    ]
+    texts = [f"{phrase} of {first_few(names)}" for phrase, names in joints.items()]
     return [f"limits that URDF demands and that are not given are made up: {'; '.join(texts)}"] if texts else []
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 from hingepair.urdf.records import DEFAULT_SIZES, LinkRecord, Visual
 from hingepair.urdf.rigid import FramePose
+
+_MESH_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf")
+_MAX_MESH_BYTES = 200_000_000  # a URDF of a stranger may name any file
 
 
 class Mesh(NamedTuple):
@@ -25,6 +29,39 @@ class Mesh(NamedTuple):
         """Return the mesh rotated and then shifted by `pose`."""
         return self._replace(pose=pose.placed(self.pose))
 
+    def find(self) -> Path | None:
+        """Return the path of the file, or None if there is no such file, or one that is no mesh."""
+        scheme, colon, name = self.file.rpartition("://")
+        folder = self.folder or Path()
+        if scheme in {"package", "model"}:
+            # A package lies beside or above the URDF, or where ROS looks for it.
+            environment = os.environ.get("ROS_PACKAGE_PATH", ""), os.environ.get("AMENT_PREFIX_PATH", "")
+            prefixes = (Path(one) for paths in environment for one in paths.split(os.pathsep) if one)
+            roots = [folder, *folder.parents, *(place for one in prefixes for place in (one, one / "share"))]
+            inner = name.partition("/")[2]  # in a package whose folder has another name
+            candidates = [root / part for part in (name, inner) for root in roots]
+        else:
+            candidates = [Path(name) if colon else folder / name]
+        for path in candidates:
+            if path.suffix.lower() in _MESH_SUFFIXES and path.is_file() and path.stat().st_size <= _MAX_MESH_BYTES:
+                return path
+        return None
+
+
+Drawn: TypeAlias = Shape | Mesh
+
+
+class LinkDrawing(NamedTuple):
+    """What a URDF, or a pair, draws a link by, in the axes of the link."""
+
+    shapes: tuple[Shape, ...] | None = ()  # that show all of it; None if others do, such as meshes
+    visuals: tuple[Drawn, ...] = ()  # shapes and meshes, as written
+    collisions: tuple[Drawn, ...] = ()  # those for collisions, as written
+    unread: tuple[str, ...] = ()  # what was written and cannot be read, such as "visual of link 'hand'"
+
+
+NOT_DRAWN = LinkDrawing()
+
 
 class BodyDrawing(NamedTuple):
     """Drawing of a body of a robot, in the axes of the body, from its reference point."""
@@ -33,26 +70,40 @@ class BodyDrawing(NamedTuple):
     is_complete: bool = (
         False  # whether the shapes show all of the body; False if there are none, or if meshes draw it
     )
-    visuals: tuple[Shape | Mesh, ...] = ()  # shapes and meshes, as the URDF draws the body
+    visuals: tuple[Drawn, ...] = ()
+    collisions: tuple[Drawn, ...] = ()
+    unread: tuple[str, ...] = ()
+
+    def with_shapes(self, added: Iterable[Shape]) -> BodyDrawing:
+        """Return the drawing of the body with further shapes."""
+        more = tuple(added)
+        return self._replace(shapes=(*self.shapes, *more), visuals=(*self.visuals, *more))
+
+    def as_link(self) -> LinkDrawing:
+        """Return the drawing as that of a link in the frame of the body."""
+        shapes = self.shapes if self.is_complete or not self.visuals else None
+        return LinkDrawing(shapes, self.visuals, self.collisions, self.unread)
 
 
-def body_drawing(
-    parts: Iterable[tuple[tuple[Shape, ...] | None, tuple[Shape | Mesh, ...], FramePose]],
-) -> BodyDrawing:
-    """Return the drawing of a body from (shapes, visuals, pose) of its parts; shapes of None are drawn by meshes."""
-    placed: list[Shape] = []
-    visuals: list[Shape | Mesh] = []
+def body_drawing(parts: Iterable[tuple[LinkDrawing, FramePose]]) -> BodyDrawing:
+    """Return the drawing of a body from those of its links and their poses in it."""
+    shapes: list[Shape] = []
+    visuals: list[Drawn] = []
+    collisions: list[Drawn] = []
+    unread: list[str] = []
     is_complete = True
-    for shapes, drawn, pose in parts:
+    for part, pose in parts:
         try:
-            placed += placed_shapes(shapes or (), pose)
-            visuals += placed_shapes(drawn, pose)
+            shapes += placed_shapes(part.shapes or (), pose)
+            visuals += placed_shapes(part.visuals, pose)
+            collisions += placed_shapes(part.collisions, pose)
         except ArgumentError:  # a position overflows; the drawing does not matter to motion
             return BodyDrawing()
-        is_complete &= shapes is not None
+        unread += part.unread
+        is_complete &= part.shapes is not None
     if not is_complete:
-        placed = []
-    return BodyDrawing(tuple(placed), bool(placed), tuple(visuals))
+        shapes = []
+    return BodyDrawing(tuple(shapes), bool(shapes), tuple(visuals), tuple(collisions), tuple(unread))
 
 
 def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
@@ -71,18 +122,26 @@ def link_shapes(link: LinkRecord, *tags: str) -> tuple[Shape, ...] | None:
     return None if drawn else ()
 
 
-def link_visuals(link: LinkRecord, folder: Path | None) -> tuple[Shape | Mesh, ...]:
-    """Return what a URDF draws a link by, in the axes of the link; nothing where its elements cannot be read."""
-    try:
-        return tuple(
-            Mesh(visual.file, folder, visual.scale, visual.pose, visual.colour)
-            if visual.kind == "mesh"
-            else _shape_of_visual(visual)
-            for visual in link.visuals()
-            if visual.file or (visual.sizes and min(visual.sizes) > 0)
-        )
-    except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
-        return ()
+def link_drawing(link: LinkRecord, folder: Path | None) -> LinkDrawing:
+    """Return what a URDF draws a link by; `folder` is that of the file."""
+    unread = []
+    drawn: dict[str, tuple[Drawn, ...]] = {}
+    for tag in ("visual", "collision"):
+        try:
+            records = link.visuals(tag)
+            known = [one for one in records if one.kind in DEFAULT_SIZES or one.file]
+            drawn[tag] = tuple(
+                Mesh(one.file, folder, one.scale, one.pose, one.colour) if one.file else _shape_of_visual(one)
+                for one in known
+                if one.file or min(one.sizes) > 0
+            )
+        except (URDFError, ArgumentError):  # the drawing of a link does not matter to motion
+            records, known = [], []
+            drawn[tag] = ()
+            unread.append(f"{tag} of link {link.name!r}")
+        if len(known) < len(records):
+            unread.append(f"{tag} of link {link.name!r}")
+    return LinkDrawing(link_shapes(link, "visual", "collision"), drawn["visual"], drawn["collision"], tuple(unread))
 
 
 _S = TypeVar("_S", bound="Shape | Mesh")

@@ -1,11 +1,9 @@
-"""Meshes of robots on a page: found, read by trimesh, and simplified to the size that the page bears."""
+"""Meshes of robots on a page: read by trimesh, and simplified to the size that the page bears."""
 
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,8 +11,6 @@ import numpy as np
 from hingepair.mechanism.shapes import Mesh
 from hingepair.pictures.motion_samples import Array
 
-_SUFFIXES = (".stl", ".dae", ".obj", ".ply", ".glb", ".gltf")
-_MAX_FILE_BYTES = 200_000_000  # of a mesh; a URDF of a stranger may name any file
 _BYTES_PER_FACE = 26.0  # on the page: three indices of 4 bytes, about 0.6 vertices of 12, and base64's third
 _MIN_FACES = 200  # of a piece: what is smaller is not simplified
 
@@ -49,7 +45,7 @@ def read_meshes(meshes: Iterable[Mesh], megabytes: float) -> tuple[dict[int, lis
     scenes: dict[int, list[tuple[str | None, Any]]] = {}
     notes: dict[str, None] = {}
     for mesh in wanted:
-        path = _find_file(mesh)
+        path = mesh.find()
         if path is None:
             notes[f"mesh not found: {mesh.file}"] = None
             continue
@@ -66,25 +62,6 @@ def read_meshes(meshes: Iterable[Mesh], megabytes: float) -> tuple[dict[int, lis
     count = sum(len(geometry.faces) for pieces in scenes.values() for _, geometry in pieces)
     share = min(1.0, 1e6 * megabytes / _BYTES_PER_FACE / max(1, count))
     return {key: [_piece(*one, share) for one in pieces] for key, pieces in scenes.items()}, list(notes)
-
-
-def _find_file(mesh: Mesh) -> Path | None:
-    """Return the path of a mesh, or None if there is no such file, or one that is no mesh."""
-    scheme, colon, name = mesh.file.rpartition("://")
-    folder = mesh.folder or Path()
-    if scheme in {"package", "model"}:
-        # A package lies beside or above the URDF, or where ROS looks for it.
-        environment = os.environ.get("ROS_PACKAGE_PATH", ""), os.environ.get("AMENT_PREFIX_PATH", "")
-        prefixes = (Path(one) for paths in environment for one in paths.split(os.pathsep) if one)
-        roots = [folder, *folder.parents, *(place for one in prefixes for place in (one, one / "share"))]
-        inner = name.partition("/")[2]  # in a package whose folder has another name
-        candidates = [root / part for part in (name, inner) for root in roots]
-    else:
-        candidates = [Path(name) if colon else folder / name]
-    for path in candidates:
-        if path.suffix.lower() in _SUFFIXES and path.is_file() and path.stat().st_size <= _MAX_FILE_BYTES:
-            return path
-    return None
 
 
 def _placed(mesh: Mesh, geometry: Any) -> tuple[str | None, Any]:

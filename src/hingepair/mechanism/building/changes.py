@@ -71,9 +71,8 @@ def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
     drawings = list(tree.drawings)
-    shapes, is_complete, visuals = drawings[frame.body]
     added = placed_shapes(body.shapes, FramePose(frame.S, frame.R))
-    drawings[frame.body] = BodyDrawing((*shapes, *added), is_complete, (*visuals, *added))
+    drawings[frame.body] = drawings[frame.body].with_shapes(added)
     return replace(_with_mass(tree, frame.body, payload), notes=notes, drawings=tuple(drawings))
 
 
@@ -120,7 +119,7 @@ def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
 
 def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:
     """Return the arguments of JointPart that describe the body of this number."""
-    shapes, is_complete, visuals = tree.drawings[number] if tree.drawings else BodyDrawing()
+    drawing = (tree.drawings[number] if tree.drawings else BodyDrawing()).as_link()
     poses = {
         kind: {name: FramePose(frame.S, frame.R) for name, frame in group.items() if frame.body == number}
         for kind, group in (("links", tree.links), ("frames", tree.frames))
@@ -131,7 +130,7 @@ def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:
     leaves = [link for link in tree.leaves or tree.tips if link in poses["links"]]
     return {
         **poses, "leaves": leaves, "inertias": {name: inertia}, "without_mass": without_mass,
-        "shapes": shapes if is_complete or not visuals else None, "visuals": visuals,
+        "drawing": drawing,
     }  # fmt: skip
 
 

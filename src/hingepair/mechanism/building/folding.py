@@ -18,7 +18,7 @@ import numpy as np
 from hingepair.equations.spatial import hinge_rotation
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.mechanism.joints import KINDS, JointKind
-from hingepair.mechanism.shapes import Mesh, body_drawing
+from hingepair.mechanism.shapes import NOT_DRAWN, LinkDrawing, body_drawing
 from hingepair.mechanism.tree import (
     BASE_KINDS,
     NO_LOAD,
@@ -31,7 +31,7 @@ from hingepair.mechanism.tree import (
 )
 from hingepair.numeric.arrays import Float64Array, check_choice, finite_number, read_only
 from hingepair.numeric.blocks import versine
-from hingepair.pair.body import Body, Shape, warn_of_dynamics
+from hingepair.pair.body import Body, warn_of_dynamics
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.urdf import records
 from hingepair.urdf.records import sine_and_cosine
@@ -54,9 +54,7 @@ class JointPart:
     leaves: Sequence[str] = ()  # names of the links that carry no further link
     frames: Mapping[str, FramePose] = field(default_factory=dict)  # poses of further frames, by name
     inertias: Mapping[str, Inertia] = field(default_factory=dict)  # mass properties by the link that has them
-    # shapes by which the body is drawn; None where it is drawn by others, such as meshes
-    shapes: tuple[Shape, ...] | None = ()
-    visuals: tuple[Shape | Mesh, ...] = ()  # shapes and meshes, as a URDF draws the body
+    drawing: LinkDrawing = NOT_DRAWN  # what the body is drawn by
     limits: tuple[float, float] | None = None  # lower and upper position limit [rad or m]; None if there are none
     effort_limit: float | None = None  # largest torque [N m] or force [N]; None if there is none
     rate_limit: float | None = None  # largest rate [rad/s or m/s]; None if there is none
@@ -103,7 +101,7 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
         base_masses = mass_properties(inertias[0])
         drawings = tuple(
             body_drawing(
-                (part.shapes, part.visuals, pose)
+                (part.drawing, pose)
                 for part, (body_number, pose) in zip(parts, body_poses, strict=True)
                 if body_number == body
             )

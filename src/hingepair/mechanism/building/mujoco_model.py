@@ -15,6 +15,7 @@ import numpy as np
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.building.folding import JointPart, chosen_base, displaced, fold_parts
 from hingepair.mechanism.joints import JointKind
+from hingepair.mechanism.shapes import LinkDrawing
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.optional import require
@@ -200,7 +201,7 @@ class _Part:
         """Return the part with its links."""
         return replace(
             self._part, links=self._links, inertias=self._inertias, leaves=self._leaves, frames=self.frames,
-            shapes=None,
+            drawing=LinkDrawing(None),
         )  # fmt: skip
 
 

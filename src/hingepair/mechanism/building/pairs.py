@@ -14,7 +14,7 @@ from hingepair.mechanism.building.changes import add_frame
 from hingepair.mechanism.building.folding import JointPart, body_inertia, fold_parts
 from hingepair.mechanism.joints import DEFAULT_NAMES, JOINT_CLASSES, RobotJoint
 from hingepair.mechanism.samples import Payload, Samples
-from hingepair.mechanism.shapes import placed_shapes
+from hingepair.mechanism.shapes import LinkDrawing, placed_shapes
 from hingepair.mechanism.tree import BASE_KINDS, Tree
 from hingepair.numeric.arrays import check_choice, read_only
 from hingepair.numeric.unit_vectors import unit_axis
@@ -220,10 +220,11 @@ def _same_body(one: Body, other: Body) -> bool:
 
 
 def _body_content(link_name: str, body: Body | None, frame_pose: FramePose, is_leaf: bool) -> dict[str, Any]:
-    """Return what a `JointPart` takes of a Body in a frame: links, leaves, inertias, shapes and notes."""
+    """Return what a `JointPart` takes of a Body in a frame: links, leaves, inertias, drawing and notes."""
     content: dict[str, Any] = {"links": {link_name: frame_pose}, "leaves": (link_name,) if is_leaf else ()}
     if body is None:
         return content | {"without_mass": (link_name,)}
     content["inertias"] = {link_name: body_inertia(body).placed(frame_pose)}
-    content["shapes"] = content["visuals"] = tuple(placed_shapes(body.shapes, frame_pose))
+    shapes = tuple(placed_shapes(body.shapes, frame_pose))
+    content["drawing"] = LinkDrawing(shapes, shapes)
     return content | {"notes": tuple(f"{link_name}: {sentence}" for sentence in body.assumed)}

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from hingepair.errors import ArgumentError, URDFError, quoted
 from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts
 from hingepair.mechanism.joints import JointKind
-from hingepair.mechanism.shapes import link_shapes, link_visuals
+from hingepair.mechanism.shapes import link_drawing
 from hingepair.mechanism.tree import Source, Tree
 from hingepair.numeric.arrays import number_not_below_0
 from hingepair.numeric.unit_vectors import unit_axis
@@ -83,12 +83,9 @@ def _parts(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[J
 def _link_content(robot: records.RobotRecord, link_name: str, is_leaf: bool) -> dict[str, Any]:
     """Return what a `JointPart` takes of a link."""
     link = robot.links[link_name][0]
-    leaves, shapes = (link_name,) if is_leaf else (), link_shapes(link, "visual", "collision")
-    visuals = link_visuals(link, robot.folder)
     return {
         "links": {link_name: IDENTITY_POSE},
-        "leaves": leaves,
+        "leaves": (link_name,) if is_leaf else (),
         "inertias": {link_name: link.inertia()},
-        "shapes": shapes,
-        "visuals": visuals,
+        "drawing": link_drawing(link, robot.folder),
     }

@@ -1,0 +1,122 @@
+"""Meshes of a robot as assets of an MJCF, and the geoms that show them.
+
+MuJoCo knows no packages: a file is named by its path below `meshdir`, the folder that holds all of them.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final
+
+from hingepair.formats.shape_writers import DRAWN_ONLY, drawing_of_body, mjcf_geometry
+from hingepair.formats.xml_text import add_element, check_xml_text, first_few
+from hingepair.mechanism.shapes import Drawn, Mesh
+from hingepair.mechanism.tree import Tree
+from hingepair.rotations.matrices import matrix_to_quaternion
+
+_GREY: Final = (0.6, 0.6, 0.6, 1.0)
+_COLLISION: Final = "collision"  # name of the class of the geoms for collisions
+_STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes
+_MAX_STL_TRIANGLES = 200_000  # of MuJoCo's reader
+
+
+class MjcfMeshes:
+    """The meshes of a robot that MuJoCo can load, and sentences on the others."""
+
+    def __init__(self, tree: Tree, *, wanted: bool) -> None:
+        self.sentences: list[str] = []
+        self._tree = tree
+        self._assets: dict[tuple[Path, tuple[float, ...]], str] = {}  # names by file and scale
+        self._paths: dict[tuple[str, Path | None], Path | None] = {}  # of the files as written; None: not loaded
+        left: dict[str, dict[str, None]] = {}  # names of files that are not written, by the reason
+        numbers = range(len(tree.drawings)) if wanted else ()
+        meshes = (one for k in numbers for one in _drawn(tree, k) if isinstance(one, Mesh))
+        for mesh in meshes:
+            key = mesh.file, mesh.folder
+            if key not in self._paths:
+                path = mesh.find()
+                path = path and Path(os.path.abspath(path))
+                reason = "not found" if path is None else _refusal(path)
+                self._paths[key] = None if reason else path
+                if reason:
+                    left.setdefault(reason, {})[mesh.file.rpartition("/")[2] or mesh.file] = None
+            found = self._paths[key]
+            if found is not None and (found, mesh.scale) not in self._assets:
+                self._assets[found, mesh.scale] = self._unused_name(found.stem)
+        for reason, names in left.items():
+            self.sentences.append(f"{tree.name}: these meshes are not written, {reason}: {first_few(list(names))}")
+
+    def add_assets(self, root: ET.Element) -> None:
+        """Add the assets, the folder of their files to the compiler, and the class of geoms for collisions."""
+        if self._assets:
+            folders = [str(path.parent) for path, _ in self._assets]
+            top = os.path.commonpath(folders) if len({path.anchor for path, _ in self._assets}) == 1 else None
+            compiler, asset = root.find("compiler"), add_element(root, "asset")
+            if compiler is not None and top is not None:
+                check_xml_text("the folder of the meshes", top)
+                compiler.set("meshdir", top)
+            for (path, scale), name in self._assets.items():
+                file = str(path if top is None else path.relative_to(top))
+                check_xml_text("the file of a mesh", file)
+                scaled = {"scale": scale} if scale != (1.0, 1.0, 1.0) else {}
+                # A shell has an inertia also where the surface is open, which a volume has not.
+                add_element(asset, "mesh", name=name, file=file, **scaled, inertia="shell")
+        if any(drawing.collisions for drawing in self._tree.drawings):
+            group = add_element(add_element(root, "default"), "default", **{"class": _COLLISION})
+            add_element(group, "geom", **DRAWN_ONLY | {"group": "3"})
+
+    def add_geoms(self, body: ET.Element, number: int) -> None:
+        """Add what draws a body. Where MuJoCo can load none of it, the geoms for collisions are shown instead."""
+        drawing = drawing_of_body(self._tree, number)
+        visuals = [one for shape in drawing.visuals if (one := self._geom(shape))]
+        for visual in visuals:
+            colour = visual.pop("rgba", _GREY)
+            add_element(body, "geom", **visual, **DRAWN_ONLY, rgba=colour)
+        shown: dict[str, Any] = {} if visuals else {"group": DRAWN_ONLY["group"]}
+        for shape in drawing.collisions:
+            if geom := self._geom(shape):
+                geom.pop("rgba", None)
+                add_element(body, "geom", **{"class": _COLLISION}, **geom, **shown, rgba=_GREY)
+
+    def _geom(self, shape: Drawn) -> dict[str, Any] | None:
+        """Return the attributes of a geom; None for a mesh that is not written."""
+        if not isinstance(shape, Mesh):
+            return {**mjcf_geometry(shape), "pos": shape.center}
+        path = self._paths.get((shape.file, shape.folder))
+        if path is None:
+            return None
+        colour = {} if shape.colour is None else {"rgba": shape.colour}
+        quat = matrix_to_quaternion(shape.pose.rotation)
+        return {
+            **{"type": "mesh", "mesh": self._assets[path, shape.scale]},
+            **{"pos": shape.pose.origin, "quat": quat, **colour},
+        }
+
+    def _unused_name(self, stem: str) -> str:
+        used = set(self._assets.values())
+        numbered = (f"{stem}_{i}" for i in range(2, len(used) + 3))
+        return next(name for name in (stem, *numbered) if name not in used)
+
+
+def _drawn(tree: Tree, number: int) -> Iterable[Drawn]:
+    drawing = drawing_of_body(tree, number)
+    return (*drawing.visuals, *drawing.collisions)
+
+
+def _refusal(path: Path) -> str:
+    """Return why MuJoCo cannot load the file of a mesh; "" if it can."""
+    suffix = path.suffix.lower()
+    if suffix == ".obj":
+        return ""
+    if suffix != ".stl":
+        return f"since MuJoCo cannot load {suffix[1:].upper()}"
+    with path.open("rb") as file:
+        count = int.from_bytes(file.read(_STL_HEADER)[80:], "little")
+    if path.stat().st_size != _STL_HEADER + _STL_TRIANGLE * count:
+        return "since MuJoCo cannot load STL that is text"
+    if not 1 <= count <= _MAX_STL_TRIANGLES:
+        return f"since MuJoCo loads STL of 1 to {_MAX_STL_TRIANGLES:,} triangles"
+    return ""
