@@ -148,7 +148,8 @@ class Mechanism(MechanismMethods):
                 default, the base is free if the URDF has such a joint, whose origin and parent link are left out, and
                 otherwise fixed.
             locked: positions [rad or m] at which joints are held, by name, as in {"panda_finger_joint1": 0.02}. Mimic
-                joints that follow these joints are held too. A position beyond the joint's limits is used, with a
+                joints that follow these joints are held too; a mimic joint that is named holds the joint that it
+                follows, unless that is named as well. A position beyond the joint's limits is used, with a
                 DynamicsWarning.
             snap: tolerance [rad], such as 1e-5; at most 0.1. If an rpy angle of an <origin> differs from a multiple
                 of pi/2 by at most `snap`, it is replaced by that multiple, and its sine and cosine are exactly 0, 1

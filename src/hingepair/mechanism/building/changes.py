@@ -14,6 +14,7 @@ from hingepair.mechanism.building.folding import (
     JointPart,
     body_inertia,
     fold_parts,
+    locked_positions,
     mass_properties,
     unphysical_reason,
 )
@@ -110,10 +111,11 @@ def lock_joints(tree: Tree, base: str, positions: Mapping[str, float]) -> Tree:
             effort_limit=joint.effort_limit, rate_limit=joint.rate_limit, armature=joint.armature, load=joint.load,
             mimic=follows, pitch=joint.pitch,
         ))  # fmt: skip
-    locked = fold_parts(tree.name, parts, base, positions)
+    held = locked_positions(parts, positions)
+    locked = fold_parts(tree.name, parts, base, held)
     source = tree.source
     if source is not None:
-        source = source._replace(locked={**source.locked, **positions})
+        source = source._replace(locked={**source.locked, **held})
     return replace(locked, notes=tuple(dict.fromkeys((*tree.notes, *locked.notes))), source=source)
 
 

@@ -79,7 +79,7 @@ def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping
         base: "fixed" or "free".
         locked: positions [rad or m] of the joints to lock, by name.
     """
-    rules = _joint_rules(parts, _locked_positions(parts, locked))
+    rules = _joint_rules(parts, _checked_positions(parts, locked_positions(parts, locked)))
     moving = [part for part in parts if not isinstance(rules[part.name], float)]
     body_numbers = {part.name: number for number, part in enumerate(moving, 1)}
     with np.errstate(all="ignore"):  # numbers that overflow are refused below
@@ -129,17 +129,37 @@ def chosen_base(base: str | None, own: str) -> str:
     return own if base is None else base
 
 
-def _locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the argument `locked` as numbers, with a DynamicsWarning for those beyond limits."""
+def locked_positions(parts: Sequence[JointPart], locked: Mapping[str, float] | None) -> dict[str, float]:
+    """Return the argument `locked` as numbers, with the joints that locked mimic joints follow."""
     if not isinstance(locked, Mapping | None):
         raise ArgumentError("locked", "positions by the joint's name", quoted(locked))
-    joint_names = [part.name for part in parts if part.kind != "fixed"]
+    by_name = {part.name: part for part in parts if part.kind != "fixed"}
     for joint in locked or ():
-        if joint not in joint_names:
-            known = choices(joint_names) + nearest(str(joint), joint_names)
-            expected = known if joint_names else "no joint, since none moves"
+        if joint not in by_name:
+            known = choices(list(by_name)) + nearest(str(joint), by_name)
+            expected = known if by_name else "no joint, since none moves"
             raise ArgumentError("locked", expected, quoted(joint))
-    positions = {joint: finite_number(f"locked, {joint!r}", value) for joint, value in (locked or {}).items()}
+    given = {joint: finite_number(f"locked, {joint!r}", value) for joint, value in (locked or {}).items()}
+    positions = dict(given)
+    held_by: dict[str, str] = {}  # the mimic joint that a position is from
+    for joint, position in given.items():
+        at, rule = position, by_name[joint].mimic
+        # A leader that is given as well stands where it is told; a multiplier of 0 says nothing of it.
+        while rule is not None and rule.leader not in given and rule.multiplier and rule.leader in by_name:
+            at = (at - rule.offset) / rule.multiplier
+            if rule.leader in positions:
+                other = positions[rule.leader]
+                if not math.isclose(at, other, rel_tol=1e-9, abs_tol=1e-9):
+                    places = f"{other:g} for {held_by[rule.leader]!r} and {at:g} for {joint!r}"
+                    raise ArgumentError("locked", f"one position of {rule.leader!r}, which both follow", places)
+                break
+            positions[rule.leader], held_by[rule.leader] = at, joint
+            rule = by_name[rule.leader].mimic
+    return positions
+
+
+def _checked_positions(parts: Sequence[JointPart], positions: dict[str, float]) -> dict[str, float]:
+    """Return the positions, with a DynamicsWarning for those beyond limits."""
     for part in parts:
         least, most = part.limits or (-np.inf, np.inf)
         position = positions.get(part.name, least)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from hingepair.errors import ArgumentError, URDFError, quoted
-from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts
+from hingepair.mechanism.building.folding import JointPart, chosen_base, fold_parts, locked_positions
 from hingepair.mechanism.joints import JointKind
 from hingepair.mechanism.shapes import link_drawing
 from hingepair.mechanism.tree import Source, Tree
@@ -40,8 +40,9 @@ def tree_of_urdf(
     robot = read_urdf(path_or_text, tolerance)
     own, parts = _parts(robot)
     chosen = chosen_base(base, own)
-    tree = fold_parts(robot.name, parts, chosen, locked)
-    return replace(tree, source=Source(robot.text, dict(locked or {}), tolerance)), chosen
+    held = locked_positions(parts, locked)
+    tree = fold_parts(robot.name, parts, chosen, held)
+    return replace(tree, source=Source(robot.text, held, tolerance)), chosen
 
 
 def _parts(robot: records.RobotRecord) -> tuple[Literal["fixed", "free"], list[JointPart]]:
