@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -157,6 +158,77 @@ def test_uniform_tolerances_stay_within_their_limits_and_fill_them():
     geometry = pair.propagate_covariance(body1, psi, **limits).geometry
     expected = geometry[np.ix_([0, 1, 2, 9, 10, 11], [0, 1, 2, 9, 10, 11])]
     assert np.abs(scatter - expected).max() < 0.02 * expected.max()
+
+
+def with_points(seed):
+    """A pair with a point on either body, and five states."""
+    pair, body1, psi = pair_and_states(seed)
+    return dataclasses.replace(pair, points1={"mark": (1, 2, 3)}, points2={"handle": (0.5, -1, 2)}), body1, psi
+
+
+def test_a_point_moves_with_the_body_that_carries_it():
+    """P = R2 + S2 p: its deviation is that of R2, and the turn of body 2 times S2 p, and S2 times its own."""
+    pair, body1, psi = with_points(309)
+    found = pair.propagate_covariance(body1, psi, **STD, points={"handle": "+-0.3 mm, 0, 0", "mark": (0, 2e-3, 0)})
+    S2 = pair.forward_kinematics_from_body1(body1, psi).S2
+    pose, own = found.jacobian, found["handle"].jacobian
+    expected = pose[:, :3] - hp.skew(S2 @ pair.points2["handle"]) @ pose[:, 3:]
+    scale = np.abs(pair.points2["handle"]).sum() + np.abs(pair.u1).sum() + np.abs(pair.u2).sum()
+    assert np.abs(own[..., :12] - expected).max() < 32 * U * scale
+    assert np.abs(own[..., 12:] - S2).max() < 8 * U
+    assert np.abs(found["handle"].R - own @ found["handle"].geometry @ np.swapaxes(own, 1, 2)).max() < 64 * U * 1e-5
+    assert np.diagonal(found["handle"].geometry)[12:] == pytest.approx([1e-8, 0, 0], rel=8 * U, abs=0)
+    assert np.array_equal(found["mark"].jacobian[..., :12], np.zeros((5, 3, 12)))
+    assert found["mark"].R_std == pytest.approx(np.abs(2e-3 * body1.S[..., 1]), rel=8 * U)
+    parts = found["handle"].contributions()
+    assert list(parts)[-3:] == ["handle_x", "handle_y", "handle_z"]
+    assert np.allclose(sum(parts.values()), found["handle"].R_std ** 2, rtol=64 * U, atol=0)
+    with pytest.raises(KeyError):
+        found["other"]
+
+
+def test_points_of_samples_scatter_as_the_first_order_says():
+    pair, body1, psi = with_points(310)
+    scatter = STD | {"points": {"handle": ("+-3 mm uniform", "0", "+-6 mm"), "mark": 1e-3}}
+    expected = pair.propagate_covariance(body1, psi, **scatter)
+    made, plain = (hp.sample_pairs(pair, 20_000, **given, seed=3) for given in (scatter, STD))
+    assert np.array_equal(made.u1, plain.u1)  # a seed gives the same pairs with and without tolerances of points
+    off = made.points2["handle"] - pair.points2["handle"]
+    assert 0.999 * 3e-3 < np.abs(off[:, 0]).max() < (1 + 1e-9) * 3e-3
+    assert not off[:, 1].any()
+    one = hp.BodyMotion(R=body1.R[0], S=body1.S[0])
+    for name in ("handle", "mark"):
+        found = np.cov(made.forward_kinematics_from_body1(one, psi[0], outputs=(name,))[name].R.T)
+        variances = np.diagonal(expected[name].R[0])
+        error = np.sqrt((np.outer(variances, variances) + expected[name].R[0] ** 2) / 20_000)
+        assert (np.abs(found - expected[name].R[0]) < 5 * error).all()
+
+
+def test_points_may_be_all_that_scatters():
+    pair, body1, psi = with_points(311)
+    found = pair.propagate_covariance(body1, psi, points={"handle": 1e-3})
+    assert not found.covariance.any()
+    assert found["handle"].R_std == pytest.approx(np.full((5, 3), 1e-3), rel=8 * U)
+    assert pickle.loads(pickle.dumps(found))["handle"].name == "handle"
+    made = hp.sample_pairs(pair, 3, points={"handle": 1e-3}, seed=1)
+    assert (made.u1.shape, made.points2["handle"].shape, made.points1["mark"].shape) == ((3,), (3, 3), (3,))
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ({"hande": 1e-3}, r"points: expected one of mark, handle \(nearest: handle\), got 'hande'"),
+        ({"handle": "0.2 mm"}, r"points\['handle'\]: expected .*; a number is a standard deviation, got '0.2 mm'"),
+        ({"handle": -1}, r"points\['handle'\]: expected a number not below 0"),
+        (1e-3, r'points: expected tolerances by name, such as \{"handle": "\+-0.5 mm"\}, got 0.001'),
+    ],
+)
+def test_tolerances_of_points_that_cannot_be_used_are_named(points, message):
+    pair, body1, psi = with_points(312)
+    with pytest.raises(hp.ArgumentError, match=message):
+        pair.propagate_covariance(body1, psi, points=points)
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.sample_pairs(pair, 3, points=points)
 
 
 NEGATIVE = np.diag([1.0] * 11 + [-1.0])

@@ -108,6 +108,37 @@ def test_the_dimension_that_matters_most_is_named(scene_path):
     assert study.shares()["u1_y"] == pytest.approx((100 / 101, 0.0), rel=1e-4)
 
 
+POINTS = "[pair.points1]\nlatch = [1, 0, 0]\nmark = [0, 1, 0]\n[pair.points2]\nhandle = [0, 0, 2]\n"
+
+
+@pytest.mark.slow
+def test_points_have_bands_and_shares(scene_path):
+    scene_path.write_text(
+        SCENE.replace("[motion]", POINTS + "[motion]")
+        + "[tolerances]\nu1 = '+-3 mm'\n[tolerances.points]\nhandle = ['+-3 mm', '0', '0']\n"
+    )
+    scene = hp.load_scene(scene_path)
+    study = study_tolerances(scene, SAMPLES)
+    assert study.points == ("handle",)
+    assert study.std.shape == (31, 9)
+    assert np.abs(study.sampled_std / np.maximum(study.std, 1e-9) - 1)[:, 6:].max() < 5 / np.sqrt(2 * SAMPLES)
+    assert np.allclose(sum(study.contributions.values()), study.std**2, rtol=1e-12, atol=0)
+    assert study.shares()["handle_x"] == pytest.approx((0, 0, 0.25))
+    assert [band.component for band in study.bands()][6:] == ["handle_x", "handle_y", "handle_z"]
+    assert study.verdict.endswith("for handle (25 % of its variance), as a mean over the motion")
+    more = run_command("tolerance", scene_path, "--point", "latch=1e-3", "--units", "mm").stdout
+    assert "u1 = +-3 mm; handle = +-3 mm, 0, 0; latch = 0.001" in more
+    row = next(line.split() for line in more.splitlines() if line.startswith("latch_z  "))
+    assert row[:3] == ["latch_z", "mm", "1"]
+    told = json.loads(run_command("tolerance", scene_path, "--point", "handle=+-1 mm", "--json").stdout)
+    assert told["tolerances"]["points"] == {"handle": "+-1 mm"}
+    assert told["shares"]["u1_x"]["handle"] == pytest.approx(1 / (3 + 3 * (1 / 3) ** 2))
+    assert refusal("tolerance", scene_path, "--point", "hook=1").startswith("--point: expected one of latch, mark")
+    assert refusal("tolerance", scene_path, "--point", "hook").startswith("--point: expected NAME=LIMIT")
+    scene_path.write_text(scene_path.read_text().replace("handle = ['+-3 mm'", "grip = ['+-3 mm'"))
+    assert "tolerances.points: expected one of latch, mark, handle" in refusal("tolerance", scene_path)
+
+
 @pytest.mark.slow
 def test_an_instant_without_a_pose_is_left_out_and_said(scene_path):
     whole = study_tolerances(hp.load_scene(scene_path), SAMPLES)

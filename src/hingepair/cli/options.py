@@ -15,6 +15,7 @@ from hingepair.errors import ArgumentError
 # Parameters of commands whose values become arguments of the library, by the argument's name in errors.
 _PARAMETERS = {
     "path": ("out",),
+    "points": ("point",),
     "sources": ("files",),
     "path_or_text": ("source", "name_or_urdf_file"),
     "robot": ("source", "name_or_urdf_file", "names"),

@@ -1,4 +1,4 @@
-"""`hingepair tolerance`: the effect of manufacturing tolerances on the pose of body 2."""
+"""`hingepair tolerance`: the effect of manufacturing tolerances on the pose of body 2, and on points."""
 
 from __future__ import annotations
 
@@ -49,6 +49,14 @@ def tolerance_command(
     u2_std: Annotated[str | None, _std_option("u2", "m")] = None,
     axis_std: Annotated[str | None, _std_option("the tilt of the axis in each direction", "rad", "a number")] = None,
     home_std: Annotated[str | None, _std_option("the rotation vector of home", "rad")] = None,
+    point: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=LIMIT",
+            help='Tolerance of a point of a body, "handle=+-0.5 mm", as that of u1; a number is a standard deviation '
+            "[m]. May be repeated.",
+        ),
+    ] = None,
     samples: Annotated[int, typer.Option(min=2, max=10**6, help="Number of sampled pairs.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sampled pairs.")] = 0,
     plot: Annotated[
@@ -61,7 +69,7 @@ def tolerance_command(
     units: UnitsOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show how manufacturing tolerances affect the pose of body 2.
+    """Show how manufacturing tolerances affect the pose of body 2, and the points of the bodies.
 
     The tolerances come from the options or from the table [tolerances] of the scene. A tolerance +- is taken for
     three standard deviations of a normal distribution, unless it is uniform. The first table shows the tolerance
@@ -77,6 +85,8 @@ def tolerance_command(
     scene = load_named_scene(scene_file)
     scene.in_units(units)  # refuses unknown ones before anything is computed
     given = {name: value for name, value in tolerances.items() if value is not None}
+    if point:
+        given["points"] = dict(map(_parse_point, point))
     study = study_tolerances(scene, samples, seed, **given)
     if plot is not None:
         save_figure("--plot", study.plot(units), plot, scene.files, dpi=110)
@@ -84,9 +94,11 @@ def tolerance_command(
         print(study.to_json(units))
         return
     print_title(study.title)
+    shown = {**study.tolerances, **study.tolerances.get("points", {})}
+    shown.pop("points", None)
     sizes = "; ".join(
         f"{name} = {', '.join(map(str, value)) if isinstance(value, list) else value}"
-        for name, value in study.tolerances.items()
+        for name, value in shown.items()
     )
     print(f"{study.samples} pairs at {len(study.t)} instants; {sizes}")
     if {*DEVIATIONS} & {*study.tolerances}:
@@ -101,6 +113,17 @@ def tolerance_command(
     for note in study.notes:
         print(f"note: {note}")
     print(f"written: {plot}" if plot else "nothing drawn (--plot FILE draws the bands over time)")
+
+
+def _parse_point(text: str) -> tuple[str, Any]:
+    """Return the name of a point, and its limits as text or standard deviations as numbers."""
+    name, equals, value = text.partition("=")
+    if not (name.strip() and equals and value.strip()):
+        raise ArgumentError("point", 'NAME=LIMIT, such as "handle=+-0.5 mm"', repr(text))
+    try:
+        return name.strip(), _parse_numbers("point", value)
+    except ArgumentError:
+        return name.strip(), value.strip()
 
 
 def _parse_numbers(name: str, text: str) -> float | list[float]:

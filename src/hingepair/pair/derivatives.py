@@ -16,19 +16,25 @@ from hingepair.plans.derivatives import Derivative
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
 _GEOMETRY: Final = ("u1", "u2", "n", "home")
-_BY_GEOMETRY: Final = Derivative(
-    "jacobian", ("d", "S2"), tuple((name, CONSTANT_SHAPES[False][name]) for name in _GEOMETRY)
-)
+_POSE: Final = ("d", "S2")
 
 
-def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> Any:
-    """Compute the derivatives of R2 and of body 2's attitude (rows) by u1, u2, n and home (columns); shape
-    (..., 6, 12) (E5, E7), an array of the caller's library. Changes of the attitude are rotation vectors in world
-    axes; those of home, in body-1 axes.
+def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike, points: tuple[str, ...] = ()) -> Any:
+    """Compute the derivatives of R2, of body 2's attitude and of some points (rows) by u1, u2, n and home (columns);
+    shape (..., 6 + 3 k, 12) (E5, E7), an array of the caller's library. Changes of the attitude are rotation vectors
+    in world axes; those of home, in body-1 axes.
     """
-    given = body1_inputs(body1, psi)
-    computation = computation_of(SPATIAL_MOTION_KIND, pair, _BY_GEOMETRY.outputs, by_constants=True)
-    found = computation.compute(given, execution_of("auto", 1), labels=INPUT_LABELS, derivative=_BY_GEOMETRY)
-    rows = [[found[f"{output}_{name}"] for name in _GEOMETRY] for output in _BY_GEOMETRY.outputs]
+    given, outputs = body1_inputs(body1, psi), (*_POSE, *points)
+    arguments = tuple((name, CONSTANT_SHAPES[False][name]) for name in _GEOMETRY)
+    computation = computation_of(SPATIAL_MOTION_KIND, pair, outputs, by_constants=True)
+    derivative = Derivative("jacobian", outputs, arguments)
+    found = computation.compute(given, execution_of("auto", 1), labels=INPUT_LABELS, derivative=derivative)
+    rows = [[found[f"{output}_{name}"] for name in _GEOMETRY] for output in outputs]
     xp = namespace_of(rows[0][0])
     return xp.concat([xp.concat(row, axis=-1) for row in rows], axis=-2)
+
+
+def attitude_of_body2(pair: Constants, body1: BodyMotion, psi: ArrayLike) -> Any:
+    """Compute S2; shape (..., 3, 3), an array of the caller's library (E5)."""
+    computation = computation_of(SPATIAL_MOTION_KIND, pair, ("S2",))
+    return computation.compute(body1_inputs(body1, psi), execution_of("auto", 1), labels=INPUT_LABELS)["S2"]

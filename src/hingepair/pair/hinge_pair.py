@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Final
 
@@ -745,9 +745,10 @@ class HingePair(Frozen, Shown):
         axis_std: float = 0.0,
         home_std: ArrayLike = 0.0,
         covariance: ArrayLike | None = None,
+        points: tolerances.PointTolerances = None,
     ) -> PoseCovariance:
-        """Compute the covariance of R2 and of body 2's attitude that tolerances of the geometry cause, to first order
-        (E5, E7).
+        """Compute the covariance of R2, of body 2's attitude and of points that tolerances of the geometry cause, to
+        first order (E5, E7).
 
         `hingepair.sample_pairs` draws random pairs with the same tolerances, which show whether first order suffices.
 
@@ -768,9 +769,14 @@ class HingePair(Frozen, Shown):
             home_std: standard deviation of each component of r [rad]: a number, or shape (3,).
             covariance: in place of these, the covariance of the components of u1, u2, n and r, in this order; shape
                 (12, 12), such as `HingeFit.covariance`.
+            points: tolerances of points of the bodies by name, {"handle": "+-0.5 mm"}: limits in body axes as those
+                of u1, or standard deviations, a number or three [m].
+
+        Returns:
+            The PoseCovariance; of a point, `found["handle"]` is the PointCovariance of its position.
 
         Raises:
-            ArgumentError: no tolerance is given, or two for one dimension.
+            ArgumentError: no tolerance is given, two for one dimension, or one of a point for Dask arrays.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -784,10 +790,13 @@ class HingePair(Frozen, Shown):
         given: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
         given |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
         if holds_dask(body1, psi):
+            if points:
+                raise ArgumentError("points", "None for Dask arrays", quoted(points))
+            plain = replace(self, points1={}, points2={})
             return kinematics.lazily(
-                self, self.propagate_covariance, body1=body1, psi=psi, covariance=covariance, **given
+                plain, plain.propagate_covariance, body1=body1, psi=psi, covariance=covariance, **given
             )
-        return tolerances.propagate_covariance(self.constants, body1, psi, covariance, **given)
+        return tolerances.propagate_covariance(self.constants, body1, psi, covariance, points, **given)
 
     def constraint_jacobian(
         self,

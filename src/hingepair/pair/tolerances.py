@@ -10,12 +10,12 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hingepair.errors import ArgumentError, ShapeError, choices, quoted
+from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.numeric.array_libraries import namespace_of
 from hingepair.numeric.arrays import Float64Array, Frozen, number_not_below_0, one_constant, read_only
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.constants import Constants, check_pair, check_single_pair
-from hingepair.pair.derivatives import geometry_jacobian
+from hingepair.pair.derivatives import attitude_of_body2, geometry_jacobian
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.units import SCALES
 
@@ -34,6 +34,9 @@ LIMITS: Final = ("u1", "u2", "axis", "home")
 Limits: TypeAlias = str | Sequence[str] | None
 """Limits of a vector: one text for all components, three texts, or one text with three between commas."""
 
+PointTolerances: TypeAlias = Mapping[str, Any] | None
+"""Limits of points by name, or their standard deviations: a number or three [m]."""
+
 # A comma between two digits is a decimal comma.
 _SEPARATOR = re.compile(r"\s*(?:;|,(?=\s|[+±])|(?<!\d),)\s*")
 _LIMIT = re.compile(
@@ -42,11 +45,77 @@ _LIMIT = re.compile(
 _UNIT_ALIASES: Final = {"°": "deg", "µm": "um", "μm": "um"}
 
 
+_UNIFORM: Final = np.sqrt(3.0)  # end of a uniform distribution, in standard deviations
+
+
+class PointScatter(NamedTuple):
+    """How the components of a point scatter, in body axes."""
+
+    std: Float64Array  # [m]; (3,)
+    uniform: NDArray[np.bool_]  # components that are uniformly distributed, not normally; (3,)
+
+    def draws(self, rng: np.random.Generator, samples: int) -> Float64Array:
+        """Return random deviations (samples, 3)."""
+        normal, even = rng.standard_normal((samples, 3)), rng.uniform(-_UNIFORM, _UNIFORM, (samples, 3))
+        return np.where(self.uniform, even, normal) * self.std
+
+
 class Scatter(NamedTuple):
     """How the geometry of pairs scatters."""
 
     covariance: Float64Array  # in the order of `GEOMETRY_COMPONENT_NAMES`; (12, 12)
     uniform: NDArray[np.bool_]  # components that are uniformly distributed, not normally; (12,)
+
+
+def _std(covariance: Any) -> Any:
+    """Return standard deviations, the roots of the diagonal; shape (..., k)."""
+    xp = namespace_of(covariance)
+    variances = xp.linalg.diagonal(covariance)
+    return xp.sqrt(xp.where(variances < 0, 0 * variances, variances))
+
+
+def _contributions(jacobian: Any, geometry: Any, point: str = "") -> dict[str, Any]:
+    """Return the variances that each component of the geometry, and of a point, alone causes, by name."""
+    names = (*GEOMETRY_COMPONENT_NAMES, *(f"{point}_{letter}" for letter in "xyz"))[: geometry.shape[0]]
+    columns = {"axis" if k == 6 else names[k]: slice(k, k + 3 if k == 6 else k + 1)
+               for k in range(len(names)) if k not in {7, 8}}  # fmt: skip
+    variances = {}
+    for name, part in columns.items():
+        slopes = jacobian[..., part]
+        products = (slopes @ geometry[part, part]) * slopes
+        variances[name] = namespace_of(products).sum(products, axis=-1)
+    return variances
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PointCovariance(Frozen):
+    """Covariance of the position of a point that tolerances of the pair's geometry and of the point cause, to first
+    order, at every sample; read-only arrays, or arrays of the caller's library.
+
+    Attributes:
+        name: name of the point.
+        R: covariance of the position, world axes [m^2]; shape (..., 3, 3).
+        jacobian: derivatives of the position with respect to the geometry and to the point, body axes; shape
+            (..., 3, 15).
+        geometry: covariance of the geometry and of the point; shape (15, 15).
+    """
+
+    name: str
+    R: Float64Array
+    jacobian: Float64Array
+    geometry: Float64Array
+
+    @property
+    def R_std(self) -> Float64Array:
+        """Standard deviations of the components of the position [m]; shape (..., 3)."""
+        std: Float64Array = _std(self.R)
+        return std
+
+    def contributions(self) -> dict[str, Float64Array]:
+        """Return the variances of the position [m^2], (..., 3), that each component of the geometry alone causes, as
+        `PoseCovariance.contributions`, and each component of the point, such as handle_x.
+        """
+        return _contributions(self.jacobian, self.geometry, self.name)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -61,11 +130,16 @@ class PoseCovariance(Frozen):
         covariance: covariance of the pose [m, rad]; shape (..., 6, 6).
         jacobian: derivatives of the pose with respect to the geometry; shape (..., 6, 12).
         geometry: covariance of the geometry; shape (12, 12).
+        points: a PointCovariance for each point of the pair, or None; `found["handle"]` is that of the name handle.
     """
 
     covariance: Float64Array
     jacobian: Float64Array
     geometry: Float64Array
+    points: tuple[PointCovariance, ...] | None = None
+
+    def __getitem__(self, point: str) -> PointCovariance:
+        return {own.name: own for own in self.points or ()}[point]
 
     @property
     def R2(self) -> Float64Array:
@@ -80,18 +154,13 @@ class PoseCovariance(Frozen):
     @property
     def R2_std(self) -> Float64Array:
         """Standard deviations of the components of R2 [m]; shape (..., 3)."""
-        return self._std()[..., :3]
+        std: Float64Array = _std(self.covariance)[..., :3]
+        return std
 
     @property
     def attitude_std(self) -> Float64Array:
         """Standard deviations of the components of the attitude error [rad]; shape (..., 3)."""
-        return self._std()[..., 3:]
-
-    def _std(self) -> Float64Array:
-        """Return the standard deviations of the pose [m, rad]; shape (..., 6)."""
-        xp = namespace_of(self.covariance)
-        variances = xp.linalg.diagonal(self.covariance)
-        std: Float64Array = xp.sqrt(xp.where(variances < 0, 0 * variances, variances))
+        std: Float64Array = _std(self.covariance)[..., 3:]
         return std
 
     def contributions(self) -> dict[str, Float64Array]:
@@ -99,30 +168,46 @@ class PoseCovariance(Frozen):
         by name: u1_x to u2_z, "axis" for n as a whole, and home_x to home_z. They add up if the components are
         independent.
         """
-        columns = {"axis" if k == 6 else GEOMETRY_COMPONENT_NAMES[k]: slice(k, k + 3 if k == 6 else k + 1)
-                   for k in (*range(7), 9, 10, 11)}  # fmt: skip
-        variances = {}
-        for name, part in columns.items():
-            slopes = self.jacobian[..., part]
-            products = (slopes @ self.geometry[part, part]) * slopes
-            variances[name] = namespace_of(products).sum(products, axis=-1)
-        return variances
+        return _contributions(self.jacobian, self.geometry)
 
 
 def propagate_covariance(
-    pair: Constants, body1: BodyMotion, psi: ArrayLike, covariance: ArrayLike | None, **tolerances: Any
+    pair: Constants,
+    body1: BodyMotion,
+    psi: ArrayLike,
+    covariance: ArrayLike | None,
+    points: PointTolerances,
+    **tolerances: Any,
 ) -> PoseCovariance:
     """Compute what `HingePair.propagate_covariance` returns, from a covariance, or else from tolerances."""
     if not pair.single:
         raise ShapeError("pair", "one pair, such as HingePair(u1[i], ...)", f"pairs of shape {pair.shape}")
-    geometry, _ = geometry_scatter(pair.arrays["n"], covariance, tolerances)
-    slopes = geometry_jacobian(pair, body1, psi)
+    own = point_scatter([point.name for point in pair.points], points)
+    geometry, _ = geometry_scatter(pair.arrays["n"], covariance, tolerances, required=not own)
+    turned = tuple(point.name for point in pair.points if point.body == 2)
+    slopes = geometry_jacobian(pair, body1, psi, turned)
     xp = namespace_of(slopes)
-    if xp is not np:
-        geometry = xp.asarray(geometry, dtype=slopes.dtype)
-    arrays = (slopes @ geometry) @ xp.matrix_transpose(slopes), slopes, geometry
-    pose, slopes, geometry = map(read_only, arrays) if xp is np else arrays
-    return PoseCovariance(covariance=pose, jacobian=slopes, geometry=geometry)
+
+    def matrix(array: Float64Array) -> Any:
+        return array if xp is np else xp.asarray(array, dtype=slopes.dtype)
+
+    def scattered(jacobian: Any, variances: Float64Array) -> tuple[Any, ...]:
+        arrays = (jacobian @ matrix(variances)) @ xp.matrix_transpose(jacobian), jacobian, matrix(variances)
+        return tuple(map(read_only, arrays)) if xp is np else arrays
+
+    found = []
+    if pair.points:
+        attitudes = {1: body1.S + 0 * slopes[..., :3, :3], 2: attitude_of_body2(pair, body1, psi)}
+        for name, body in pair.points:
+            row = 6 + 3 * turned.index(name) if body == 2 else 0
+            by_geometry = slopes[..., row : row + 3, :] if body == 2 else 0 * slopes[..., :3, :]
+            both = np.zeros((15, 15))
+            both[:12, :12] = geometry
+            both[12:, 12:] = np.diag(own[name].std ** 2) if name in own else 0.0
+            R, jacobian, variances = scattered(xp.concat([by_geometry, attitudes[body]], axis=-1), both)
+            found.append(PointCovariance(name=name, R=R, jacobian=jacobian, geometry=variances))
+    pose, slopes, variances = scattered(slopes[..., :6, :], geometry)
+    return PoseCovariance(covariance=pose, jacobian=slopes, geometry=variances, points=tuple(found) or None)
 
 
 def sample_pairs(
@@ -138,6 +223,7 @@ def sample_pairs(
     axis_std: float = 0.0,
     home_std: ArrayLike = 0.0,
     covariance: ArrayLike | None = None,
+    points: PointTolerances = None,
     seed: int | np.random.Generator | None = None,
 ) -> Any:
     """Return a HingePair that holds random pairs about a pair, for one call of its methods: one state gives a result
@@ -159,6 +245,8 @@ def sample_pairs(
         home_std: standard deviation of each component of the rotation vector of home [rad]: a number, or shape (3,).
         covariance: in place of these, the covariance of the components of u1, u2, n and the rotation vector of home,
             in this order; shape (12, 12), such as `HingeFit.covariance`.
+        points: tolerances of points of the bodies by name, {"handle": "+-0.5 mm"}: limits in body axes as those of
+            u1, or standard deviations, a number or three [m].
         seed: an integer, for the same pairs in every call, or a numpy.random.Generator.
 
     Returns:
@@ -189,7 +277,8 @@ def sample_pairs(
     n = pair.n
     tolerances: dict[str, Any] = {"u1": u1, "u2": u2, "axis": axis, "home": home}
     tolerances |= {"u1_std": u1_std, "u2_std": u2_std, "axis_std": axis_std, "home_std": home_std}
-    geometry, uniform = geometry_scatter(n, covariance, tolerances)
+    own = point_scatter([*pair.points1, *pair.points2], points)
+    geometry, uniform = geometry_scatter(n, covariance, tolerances, required=not own)
     values, axes = np.linalg.eigh(geometry)
     # The symmetric square root does not depend on the order of the eigenvectors.
     root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
@@ -204,6 +293,10 @@ def sample_pairs(
         changed["n"] = (rotation_exp(np.cross(n, tilt)) @ n[:, None])[..., 0]
     if variances[9:].any():
         changed["home"] = rotation_exp(turn) @ pair.home
+    for key, positions in (("points1", pair.points1), ("points2", pair.points2)):
+        some = {name: positions[name] + own[name].draws(rng, samples) for name in positions if name in own}
+        if some:
+            changed[key] = {**positions, **some}
     return replace(pair, **changed)
 
 
@@ -215,11 +308,38 @@ def _unit_draws(rng: np.random.Generator, samples: int, n: Float64Array, uniform
         radii = 2.0 * np.sqrt(rng.random((samples, 1)))
         draws[:, 6:9] = radii * across / np.linalg.norm(across, axis=1, keepdims=True)
     others = [k for k in np.flatnonzero(uniform) if not 6 <= k < 9]
-    draws[:, others] = rng.uniform(-np.sqrt(3.0), np.sqrt(3.0), (samples, len(others)))
+    draws[:, others] = rng.uniform(-_UNIFORM, _UNIFORM, (samples, len(others)))
     return draws
 
 
-def geometry_scatter(n: Float64Array, covariance: ArrayLike | None, tolerances: Mapping[str, Any]) -> Scatter:
+def point_scatter(names: Sequence[str], tolerances: PointTolerances) -> dict[str, PointScatter]:
+    """Return how points scatter, by name.
+
+    Args:
+        names: names of the points of a pair.
+        tolerances: limits or standard deviations by name; None for none.
+
+    Raises:
+        ArgumentError: a point is unknown, or its tolerance cannot be used.
+    """
+    if not isinstance(tolerances, Mapping | None):
+        raise ArgumentError("points", 'tolerances by name, such as {"handle": "+-0.5 mm"}', quoted(tolerances))
+    found = {}
+    for name, value in (tolerances or {}).items():
+        if name not in names:
+            expected = f"{choices(tuple(names))}{nearest(str(name), tuple(names))}" if names else "a pair with points"
+            raise ArgumentError("points", expected, quoted(name))
+        label, parts = f"points[{name!r}]", value if isinstance(value, list | tuple) else (value,)
+        if any(isinstance(part, str) for part in parts):
+            found[name] = PointScatter(*read_limits(label, value))
+        else:
+            found[name] = PointScatter(_three_deviations(label, value), np.zeros(3, np.bool_))
+    return found
+
+
+def geometry_scatter(
+    n: Float64Array, covariance: ArrayLike | None, tolerances: Mapping[str, Any], *, required: bool = True
+) -> Scatter:
     """Return how u1, u2, n and the rotation vector of home scatter: as the checked `covariance` says, or
     independently within tolerances.
 
@@ -227,6 +347,7 @@ def geometry_scatter(n: Float64Array, covariance: ArrayLike | None, tolerances: 
         n: hinge axis, of unit length; shape (3,).
         covariance: the covariance, or None to use tolerances.
         tolerances: values by the names of `LIMITS` and `DEVIATIONS`.
+        required: whether at least one dimension must have a tolerance.
 
     Raises:
         ArgumentError: a dimension has two tolerances, or none has one.
@@ -247,7 +368,7 @@ def geometry_scatter(n: Float64Array, covariance: ArrayLike | None, tolerances: 
             expected = f"{'None' if names[0] in LIMITS else '0'}, since covariance gives all standard deviations"
             raise ArgumentError(names[0], expected, quoted(tolerances[names[0]]))
         return Scatter(_checked_covariance(covariance), uniform.ravel())
-    if not names:
+    if required and not names:
         expected = (
             f"a tolerance ({', '.join(LIMITS)}), a standard deviation ({', '.join(DEVIATIONS)}), or a covariance"
         )
@@ -264,7 +385,7 @@ def read_limits(name: str, value: Any) -> tuple[Float64Array, NDArray[np.bool_]]
     >>> read_limits("u1", "+-0.3 mm, +-0,6 mm normal, 0")[0].round(6).tolist()
     [0.0001, 0.0002, 0.0]
     """
-    si = "m" if name in {"u1", "u2"} else "rad"
+    si = "rad" if name in {"axis", "home"} else "m"
     parts = _SEPARATOR.split(value.strip()) if isinstance(value, str) else value
     if isinstance(parts, Sequence) and (len(parts) == 1 or (len(parts) == 3 and name != "axis")):
         found = [_read_limit(part, si, round_zone=name == "axis") for part in parts]
@@ -274,7 +395,8 @@ def read_limits(name: str, value: Any) -> tuple[Float64Array, NDArray[np.bool_]]
     example = {"m": "+-0.2 mm", "rad": "+-0.1 deg"}[si]
     many = "" if name == "axis" else ", or three of these"
     expected = f'"{example}" or "{example} uniform"{many}, in {choices([si, *SCALES[si]])}'
-    raise ArgumentError(name, f"{expected}; {name}_std takes a standard deviation", quoted(value))
+    number = f"{name}_std takes" if name in LIMITS else "a number is"
+    raise ArgumentError(name, f"{expected}; {number} a standard deviation", quoted(value))
 
 
 def _read_limit(part: Any, si: str, *, round_zone: bool) -> tuple[float, bool] | None:

@@ -1,4 +1,6 @@
-"""A tolerance study of a scene: the band of body 2's pose, to first order and by samples, and what causes it."""
+"""A tolerance study of a scene: the bands of body 2's pose and of points, to first order and by samples, and what
+causes them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from hingepair.errors import SceneError
 from hingepair.numeric.arrays import Float64Array, Frozen
 from hingepair.numeric.optional import new_figure
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.pair.tolerances import DEVIATIONS, LIMITS, read_limits, sample_pairs
+from hingepair.pair.tolerances import DEVIATIONS, LIMITS, point_scatter, read_limits, sample_pairs
 from hingepair.rotations.matrices import rotation_log
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.scene import Scene
@@ -27,8 +29,7 @@ if TYPE_CHECKING:
 
 
 POSE_COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "attitude_z")
-"""Columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
-_SI_UNITS: Final = (*["m"] * 3, *["rad"] * 3)
+"""First columns of a tolerance study: position [m] and rotation vector [rad] of body 2, world axes."""
 
 # States (sampled pairs times instants) that are computed at a time.
 _MAX_STATES: Final = 200_000
@@ -43,9 +44,9 @@ _LIMITS_NOTE: Final = (
 
 
 class Band(NamedTuple):
-    """Deviations of one component of the pose of body 2 at one instant."""
+    """Deviations of one component of the pose of body 2, or of the position of a point, at one instant."""
 
-    #: one of `POSE_COMPONENTS`
+    #: one of `POSE_COMPONENTS`, or such as handle_x
     component: str
     #: unit of the four numbers that follow: m or rad, or those that stand for them
     unit: str
@@ -67,19 +68,21 @@ class Band(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ToleranceStudy(Frozen, Shown):
-    """Deviations of the pose of body 2 along a scene under tolerances."""
+    """Deviations of the pose of body 2, and of points, along a scene under tolerances. The last axis of arrays has
+    six components of the pose, `POSE_COMPONENTS`, and three of each point: k numbers.
+    """
 
     #: title of the scene
     title: str
     #: instants [s]; (N,)
     t: Float64Array
-    #: standard deviations to first order; (N, 6)
+    #: standard deviations to first order; (N, k)
     std: Float64Array
-    #: standard deviations of the sampled pairs; (N, 6)
+    #: standard deviations of the sampled pairs; (N, k)
     sampled_std: Float64Array
-    #: the middle 95 % of the sampled pairs, as deviations from the pair as designed; (N, 2, 6)
+    #: the middle 95 % of the sampled pairs, as deviations from the pair as designed; (N, 2, k)
     band: Float64Array
-    #: variances that each dimension causes alone, to first order, by name of the dimension; (N, 6)
+    #: variances that each dimension causes alone, to first order, by name of the dimension; (N, k)
     contributions: Mapping[str, Float64Array]
     #: number of sampled pairs
     samples: int
@@ -89,32 +92,46 @@ class ToleranceStudy(Frozen, Shown):
     notes: tuple[str, ...] = ()
     #: units of tables and plots unless others are asked for
     units: Units = SI
+    #: names of the points
+    points: tuple[str, ...] = ()
 
-    def shares(self) -> dict[str, tuple[float, float]]:
-        """Return a dict from the name of each dimension to a tuple of two fractions (0 to 1): the fraction of the
-        variance of R2 and the fraction of the variance of the attitude that the dimension causes. The dimension with
-        the largest fraction comes first; dimensions without scatter are left out.
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What has three components each: R2, the attitude, and the points."""
+        return ("R2", "the attitude", *self.points)
+
+    def shares(self) -> dict[str, tuple[float, ...]]:
+        """Return the fractions (0 to 1) of the variances of R2, of the attitude and of each point that each dimension
+        causes, by its name. The dimension with the largest fraction comes first; dimensions without scatter are left
+        out.
 
         The variances are means over the instants.
         """
         variances = {
-            name: np.array((array[:, :3].sum(), array[:, 3:].sum())) for name, array in self.contributions.items()
+            name: array.reshape(len(array), -1, 3).sum(axis=(0, 2)) for name, array in self.contributions.items()
         }
         total = np.maximum(np.sum([*variances.values()], axis=0), np.finfo(np.float64).tiny)
-        fractions = {name: variance / total for name, variance in variances.items()}
-        shares = {name: (float(pair[0]), float(pair[1])) for name, pair in fractions.items() if pair.any()}
+        fractions = {name: tuple((variance / total).tolist()) for name, variance in variances.items()}
+        shares = {name: own for name, own in fractions.items() if any(own)}
         return dict(sorted(shares.items(), key=lambda item: -max(item[1])))
 
+    def _components(self) -> list[tuple[str, str]]:
+        """Return the names of the components and their SI units."""
+        points = [f"{name}_{letter}" for name in self.points for letter in "xyz"]
+        return [(name, "rad" if name.startswith("attitude_") else "m") for name in POSE_COMPONENTS] + [
+            (name, "m") for name in points
+        ]
+
     def bands(self, units: str | None = None) -> list[Band]:
-        """Return a list of six `Band` records, one for each pose component, at the instant of the component's largest
-        first-order standard deviation.
+        """Return a list of `Band` records, one for each component of the pose and of points, at the instant of the
+        component's largest first-order standard deviation.
 
         Args:
             units: units in place of SI units, such as "deg, mm"; by default those of the scene.
         """
         shown, rows = self._shown(units), []
-        for k, name in enumerate(POSE_COMPONENTS):
-            i, si = int(np.argmax(self.std[:, k])), _SI_UNITS[k]
+        for k, (name, si) in enumerate(self._components()):
+            i = int(np.argmax(self.std[:, k]))
             factor = shown.factor(si)
             sizes = (self.std[i, k], self.sampled_std[i, k], *self.band[i, :, k])
             first, sampled, low, high = (factor * float(size) for size in sizes)
@@ -127,14 +144,14 @@ class ToleranceStudy(Frozen, Shown):
 
     @property
     def verdict(self) -> str:
-        """Text that names the dimensions with the largest share in the variance of R2 and of the attitude, as means
-        over the instants. A dimension whose share is zero is not named.
+        """Text that names the dimensions with the largest share in the variance of R2, of the attitude and of points,
+        as means over the instants. A dimension whose share is zero is not named.
         """
         shares = self.shares()
-        leaders = [max(shares, key=lambda name: shares[name][k]) for k in (0, 1)]
+        leaders = [max(shares, key=lambda name: shares[name][k]) for k in range(len(self.parts))]
         texts = [
             f"{name} matters most for {what} ({100 * shares[name][k]:.0f} % of its variance)"
-            for k, (name, what) in enumerate(zip(leaders, ("R2", "the attitude"), strict=True))
+            for k, (name, what) in enumerate(zip(leaders, self.parts, strict=True))
             if shares[name][k]
         ]
         return "; ".join(texts) + ", as a mean over the motion" * bool(texts)
@@ -150,16 +167,22 @@ class ToleranceStudy(Frozen, Shown):
                 "title": self.title,
                 "samples": self.samples,
                 "instants": len(self.t),
-                "tolerances": {name: np.asarray(value).tolist() for name, value in self.tolerances.items()},
+                "tolerances": {
+                    name: dict(value) if name == "points" else np.asarray(value).tolist()
+                    for name, value in self.tolerances.items()
+                },
                 "bands": [band._asdict() for band in self.bands(units)],
-                "shares": {name: {"R2": a, "attitude": b} for name, (a, b) in self.shares().items()},
+                "shares": {
+                    name: dict(zip(("R2", "attitude", *self.points), own, strict=True))
+                    for name, own in self.shares().items()
+                },
                 "verdict": self.verdict,
                 "notes": self.notes,
             }
         )
 
     def plot(self, units: str | None = None) -> Figure:
-        """Return a Matplotlib figure with the 95 % bands of the pose components over time, to first order and of the
+        """Return a Matplotlib figure with the 95 % bands of all components over time, to first order and of the
         sampled pairs, and the shares of each dimension in the variance.
 
         Args:
@@ -167,11 +190,11 @@ class ToleranceStudy(Frozen, Shown):
         """
         shown = self._shown(units).over(Units("mm, mrad"))
         t = shown.factor("s") * self.t
-        figure = new_figure(10, 10)
-        grid = figure.add_gridspec(4, 2)
-        for k, name in enumerate(POSE_COMPONENTS):
+        figure = new_figure(5 * len(self.parts), 10)
+        grid = figure.add_gridspec(4, len(self.parts))
+        for k, (name, si) in enumerate(self._components()):
             axes = figure.add_subplot(grid[k % 3, k // 3])
-            unit, scale = shown.unit(_SI_UNITS[k]), shown.factor(_SI_UNITS[k])
+            unit, scale = shown.unit(si), shown.factor(si)
             low, high = scale * self.band[:, :, k].T
             axes.fill_between(t, low, high, alpha=0.3, linewidth=0, label=f"95 % of {self.samples} pairs")
             for sign in (-1, 1):
@@ -191,8 +214,10 @@ class ToleranceStudy(Frozen, Shown):
                 axes.legend(loc="upper right", fontsize="small")
         shares = self.shares()
         axes, places = figure.add_subplot(grid[3, :]), np.arange(len(shares))
-        for k, what in enumerate(("R2", "attitude")):
-            axes.bar(places + 0.4 * k - 0.2, [100 * fractions[k] for fractions in shares.values()], 0.4, label=what)
+        width = 0.8 / len(self.parts)
+        for k, what in enumerate(("R2", "attitude", *self.points)):
+            heights = [100 * fractions[k] for fractions in shares.values()]
+            axes.bar(places + width * (k + 0.5) - 0.4, heights, width, label=what)
         axes.set_xticks(places, [*shares])
         axes.set_ylabel("part of the variance [%]")
         axes.legend(fontsize="small")
@@ -214,18 +239,28 @@ class ToleranceStudy(Frozen, Shown):
         at = "at t" if t == "s" else f"at t [{t}]"
         heading = ("", "unit", "std, first order", "std, sampled", "2.5 %", "97.5 %", at)
         bands = [heading, *(band.cells() for band in self.bands(units))]
-        shares = [("dimension", "of R2's variance", "of the attitude's")]
-        shares += [(name, f"{100 * a:.1f} %", f"{100 * b:.1f} %") for name, (a, b) in self.shares().items()]
+        titles: tuple[str, ...] = (
+            "dimension",
+            "of R2's variance",
+            "of the attitude's",
+            *(f"of {name}'s" for name in self.points),
+        )
+        shares = [titles]
+        shares += [(name, *(f"{100 * part:.1f} %" for part in own)) for name, own in self.shares().items()]
         return bands, shares
 
 
 def read_tolerances(scene: PairScene) -> dict[str, Any]:
     """Return the table [tolerances] of a scene, by argument of `sample_pairs`; empty if there is none."""
     table = scene.tables.table("tolerances", required=False)
-    table.check_keys((*LIMITS, *DEVIATIONS))
+    table.check_keys((*LIMITS, *DEVIATIONS, "points"))
     tolerances: dict[str, Any] = {}
     for name, value in table.values.items():
-        if name in LIMITS:
+        if name == "points":
+            with table.naming():
+                point_scatter(_point_names(scene), value)
+            tolerances[name] = value
+        elif name in LIMITS:
             with table.naming(name):
                 read_limits(name, value)
             if f"{name}_std" in table.values:
@@ -237,21 +272,27 @@ def read_tolerances(scene: PairScene) -> dict[str, Any]:
     return tolerances
 
 
+def _point_names(scene: PairScene) -> list[str]:
+    return [point.name for point in scene.pair.constants.points]
+
+
 def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, **tolerances: Any) -> ToleranceStudy:
-    """Return a `ToleranceStudy` of the pose of body 2 at up to 101 instants of a Scene, to first order and with
-    `samples` random pairs that `seed` determines.
+    """Return a `ToleranceStudy` of the pose of body 2, and of points, at up to 101 instants of a Scene, to first
+    order and with `samples` random pairs that `seed` determines. Of points of body 1, those with a tolerance count.
 
     Args:
         scene: scene of a pair; the study takes at most 101 of its instants, evenly spread.
         samples: number of pairs that are sampled.
         seed: seed of the sampled pairs; None for other pairs at every call.
         **tolerances: limits such as u1="+-0.2 mm" and standard deviations such as u1_std=0.001, by argument name of
-            `sample_pairs`, in place of those of [tolerances].
+            `sample_pairs`, in place of those of [tolerances]; points={"handle": "+-0.5 mm"} beside those of others.
     """
     of_pair: PairScene = scene.require_pair()
+    of_scene = read_tolerances(of_pair)
+    of_points = {**of_scene.pop("points", {}), **tolerances.pop("points", {})}
     replaced = {other for name in tolerances for other in (f"{name}_std", name.removesuffix("_std"))}
-    of_scene = {name: value for name, value in read_tolerances(of_pair).items() if name not in replaced}
-    tolerances = {**of_scene, **tolerances}
+    of_scene = {name: value for name, value in of_scene.items() if name not in replaced}
+    tolerances = {**of_scene, **tolerances} | ({"points": of_points} if of_points else {})
     if not tolerances:
         expected = 'tolerances, such as [tolerances] u1 = "+-0.2 mm", or --u1 "+-0.2 mm"'
         raise SceneError(f"{of_pair.path}: tolerances", expected, "none")
@@ -275,32 +316,50 @@ def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, 
         if name in DEVIATIONS
     ]
     limits = [str(value) for name, value in tolerances.items() if name in LIMITS]
+    limits += [str(value) for value in of_points.values() if np.asarray(value).dtype.kind == "U"]
     assumed = [_LIMITS_NOTE] * any("normal" not in text and "uniform" not in text for text in limits)
     left_out = [f"{lost} of {len(t)} instants have no pose and are left out"] * bool(lost)
     notes = (*assumed, *itertools.chain(*doubts), *left_out)
     t, psi, body1 = t[known], psi[known], BodyMotion(R=R[known], S=S[known])
     linear = pair.propagate_covariance(body1, psi, **tolerances)
     sampled_pairs = sample_pairs(pair, samples, seed=seed, **tolerances)
-    mean = pair.forward_kinematics_from_body1(body1, psi, outputs=("d", "S2"))
-    sampled_std, band = np.empty((len(t), 6)), np.empty((len(t), 2, 6))
+    points = tuple(name for name in _point_names(of_pair) if name in pair.points2 or name in of_points)
+    outputs = ("d", "S2", *points)
+    # Positions are relative to R1, which may be large.
+    still = BodyMotion(R=np.zeros(3), S=body1.S)
+    mean = pair.forward_kinematics_from_body1(still, psi, outputs=outputs)
+    columns = 6 + 3 * len(points)
+    sampled_std, band = np.empty((len(t), columns)), np.empty((len(t), 2, columns))
     step = max(1, _MAX_STATES // samples)
     for start in range(0, len(t), step):
         part = slice(start, start + step)
-        some = BodyMotion(R=body1.R[part, None], S=body1.S[part, None])  # instants down, pairs across
-        sampled = sampled_pairs.forward_kinematics_from_body1(some, psi[part, None], outputs=("d", "S2"))
+        some = BodyMotion(R=np.zeros(3), S=body1.S[part, None])  # instants down, pairs across
+        sampled = sampled_pairs.forward_kinematics_from_body1(some, psi[part, None], outputs=outputs)
         turn = rotation_log(sampled.S2 @ np.swapaxes(mean.S2[part, None], -1, -2))
-        pose = np.concatenate((sampled.d - mean.d[part, None], turn), axis=-1)
+        moved_points = [sampled[name].R - mean[name].R[part, None] for name in points]
+        pose = np.concatenate((sampled.d - mean.d[part, None], turn, *moved_points), axis=-1)
         sampled_std[part] = pose.std(axis=1)
         band[part] = np.moveaxis(np.quantile(pose, _BAND, axis=1), 0, 1)
+    of_pose, own = linear.contributions(), [linear[name] for name in points]
+    by_point = [point.contributions() for point in own]
+    names = dict.fromkeys((*of_pose, *(name for found in by_point for name in found)))
+    none = np.zeros((len(t), 6))
+    contributions = {
+        name: np.concatenate(
+            (of_pose.get(name, none), *(found.get(name, none[:, :3]) for found in by_point)), axis=-1
+        )
+        for name in names
+    }
     return ToleranceStudy(
         title=of_pair.title,
         t=t,
-        std=np.concatenate((linear.R2_std, linear.attitude_std), axis=-1),
+        std=np.concatenate((linear.R2_std, linear.attitude_std, *(point.R_std for point in own)), axis=-1),
         sampled_std=sampled_std,
         band=band,
-        contributions=linear.contributions(),
+        contributions=contributions,
         samples=samples,
         tolerances=tolerances,
         notes=notes,
         units=of_pair.units,
+        points=points,
     )
