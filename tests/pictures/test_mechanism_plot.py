@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import hingepair as hp
@@ -115,3 +116,61 @@ def test_joints_and_their_limits_are_in_the_units_that_are_asked_for():
     angle, limit = (line.get_ydata() for line in figure.axes[3].get_lines()[:2])
     np.testing.assert_allclose(angle, np.degrees(scene.coordinates().q[:, 1]), rtol=1e-14)
     np.testing.assert_allclose(limit, 60.0, rtol=1e-14)
+
+
+# ---------------------------------------------------------------- a robot and its coordinates
+
+
+@pytest.fixture(scope="module")
+def arm():
+    link = hp.Body(mass=1, centre_of_mass=(0.5, 0, 0), inertia=(1, 1, 1))
+    turn = hp.HingePair((0, 0, 1), (0, 0, 0), (0, 1, 0), name="turn", limits=(-1, 1), torque_limit=5, body2=link)
+    return hp.Mechanism([turn, hp.Slider((1, 0, 0), (0, 0, 0), (1, 0, 0), name="reach", body2=link)], name="arm")
+
+
+Q = np.linspace((0.0, 0.1), (0.9, 0.3), 7)
+
+
+def test_coordinates_of_a_robot_are_drawn_with_limits_and_paths(arm):
+    t, tau = np.linspace(1, 2, 7), np.linspace((4.0, 1), (4.8, 2), 7)
+    figure = hp.plot(arm, q=Q, t=t, tau=tau, qd=2 * Q, base_motion=hp.BodyMotion(R=(0, 0, 5), S=np.eye(3)))
+    assert figure.get_suptitle() == "arm"
+    *panels, paths = figure.axes
+    assert [axes.get_title() for axes in panels[:3]] == ["position", "rate", "torque or force of the motor"]
+    for i, row in enumerate((panels[:3], panels[3:])):
+        for axes, array in zip(row, (Q, 2 * Q, tau), strict=True):
+            np.testing.assert_array_equal(axes.get_lines()[0].get_data(), (t, array[:, i]))
+    assert [curve_and_limits(axes)[1] for axes in panels] == [[1], [], [5], [], [], []]
+    assert [axes.get_ylabel() for axes in panels[3:]] == ["reach\n[m]", "m/s", "N"]
+    assert panels[3].get_xlabel() == "t [s]"
+    line, _ = paths.get_lines()
+    expected = arm.forward_kinematics(Q, frames="reach", backend="numpy")["reach"].R + np.array((0, 0, 5))
+    np.testing.assert_allclose(np.stack(line.get_data_3d(), axis=1), expected, rtol=1e-14)
+
+
+def test_a_table_of_coordinates_is_drawn_over_samples_and_in_units(arm):
+    moving = hp.BodyMotion(R=np.linspace((0, 0, 0), (0, 0, 6), 7), S=np.eye(3))
+    figure = hp.plot(arm, q=pd.DataFrame({"reach": Q[:, 1], "turn": Q[:, 0]}), base_motion=moving, units="deg, mm")
+    turn, reach, paths = figure.axes
+    assert reach.get_xlabel() == "sample"
+    np.testing.assert_allclose(turn.get_lines()[0].get_data(), (np.arange(7), np.degrees(Q[:, 0])), rtol=1e-14)
+    np.testing.assert_allclose(reach.get_lines()[0].get_ydata(), 1000 * Q[:, 1], rtol=1e-14)
+    assert paths.get_lines()[0].get_data_3d()[2][-1] == pytest.approx(1000 * (7 - 1.3 * np.sin(0.9)), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "q: expected coordinates of the robot, as in hp.plot"),
+        ({"q": Q[0]}, r"q: expected shape \(T, 2\)"),
+        ({"q": Q, "tau": Q[:2]}, r"tau: expected shape \(7, 2\), that of q"),
+        ({"q": Q, "t": [1, 2]}, r"t: expected shape \(7,\)"),
+        ({"q": Q, "outputs": "q"}, "outputs: expected None"),
+    ],
+)
+def test_coordinates_that_cannot_be_drawn_are_named(arm, options, message):
+    with pytest.raises(hp.ArgumentError, match=message):
+        hp.plot(arm, **options)
+    if options:
+        with pytest.raises(hp.ArgumentError, match="None, since only a robot"):
+            hp.plot(arm["turn"], q=Q)

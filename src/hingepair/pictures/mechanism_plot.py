@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import (
     PATHS,
     XYZ_COLOURS,
@@ -20,8 +22,9 @@ from hingepair.pictures.curves import (
     finish_figure,
 )
 from hingepair.pictures.motion_samples import Array
+from hingepair.pictures.robot_motion import RobotMotion
 from hingepair.scenes.robot_scene import RobotResult, RobotScene
-from hingepair.tables.units import Columns, UnitsLike
+from hingepair.tables.units import Columns, Units, UnitsLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,6 +36,7 @@ if TYPE_CHECKING:
 _QUANTITIES: Final = ("q", "qd", "tau")
 # Titles of the columns of panels.
 _TITLES: Final = {"q": "position", "qd": "rate", "tau": "torque or force of the motor"}
+_BLOCK: Final = 65_536  # instants of which the paths are computed in one call
 # Colours of joints that share a panel, and of the paths of frames; they repeat.
 _COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa00")
 
@@ -74,8 +78,46 @@ def plot_mechanism(
         collector.add_piece(part.t, scene.samples, by_joint | paths)
     drawn = columns._replace(si_unit=lambda name: "m" if name == PATHS else _joint_unit(scene, *_joint_curve(name)))
     curves = collector.curves(drawn, lambda _: False)  # limits are drawn beside the values
-    figure = _draw_joint_panels(figure_class(), scene, quantities, curves, drawn)
+    joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.motion.moving]
+    figure = _draw_joint_panels(figure_class(), joints, scene.frames, quantities, curves, drawn)
     return finish_figure(figure, scene.title)
+
+
+def plot_robot(robot: Mechanism, given: RobotMotion, *, has_instants: bool, units: UnitsLike = None) -> Figure:
+    """Draw coordinates of a robot, and the rates and efforts that are given, over time, and the paths of its last
+    links; over the number of the sample unless t was given (`has_instants`).
+    """
+    joints = robot.tree.coordinates
+    si_units = {"t": "s" if has_instants else "1", PATHS: "m"}
+    si_units |= {f"{name}_{joint.name}": _unit_of(joint, name) for joint in joints for name in _QUANTITIES}
+    columns = Columns(Units.of(units), si_units.__getitem__)
+    by_joint = {
+        f"{name}_{joint.name}": values[:, i]
+        for name, values in {"q": given.q, **given.others}.items()
+        for i, joint in enumerate(joints)
+    }
+    collector = CurveCollector()
+    count = len(given.t)
+    for start in range(0, count, _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        R, S = (part[rows] if len(part) > 1 else part[0] for part in (given.R, given.S))
+        state = robot.forward_kinematics(
+            given.q[rows], frames=robot.tips, outputs=("R",), base_motion=BodyMotion(R=R, S=S)
+        )
+        paths = {PATHS: state.R.reshape(-1, 3 * len(robot.tips))}
+        block = {name: values[rows] for name, values in by_joint.items()}
+        collector.add_piece(given.t[rows], count, block | paths)
+    curves = collector.curves(columns, lambda _: False)
+    if not has_instants:
+        curves = {name: curve._replace(t_label="sample") for name, curve in curves.items()}
+    quantities = tuple(name for name in _QUANTITIES if name == "q" or name in given.others)
+    figure = _draw_joint_panels(figure_class(), joints, robot.tips, quantities, curves, columns)
+    return finish_figure(figure, robot.name)
+
+
+def _unit_of(joint: Joint, quantity: str) -> str:
+    """Return the SI unit of q, qd or tau of a joint."""
+    return {"q": joint.unit, "qd": f"{joint.unit}/s", "tau": joint.effort_unit}[quantity]
 
 
 def _columns_by_joint(piece: RobotResult, quantity: str) -> dict[str, Array]:
@@ -107,7 +149,8 @@ def _joint_unit(scene: RobotScene, quantity: str, joint: str) -> str:
 
 def _draw_joint_panels(
     figure_type: type[Figure],
-    scene: RobotScene,
+    joints: Sequence[Joint],
+    frames: Sequence[str],
     quantities: tuple[str, ...],
     curves: dict[str, Curve],
     shown: Columns,
@@ -115,8 +158,7 @@ def _draw_joint_panels(
     """Draw a row of panels for each joint or group of joints, with a column for each of `quantities` (q, qd, tau),
     and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure.
     """
-    joints = [joint for joint in scene.mechanism.tree.coordinates if joint.name in scene.motion.moving]
-    groups = _panel_groups(scene, joints)
+    groups = _panel_groups(joints)
     rows, columns = max(1, len(groups)), len(quantities)
     width, height, paths_width = 3.5, 1.5, 5.0  # inches
     size = width * columns + paths_width, max(paths_width, height * rows + 0.9)
@@ -140,12 +182,12 @@ def _draw_joint_panels(
                 if len(group) > 1:
                     axes.legend(fontsize=6, loc="best")
     if PATHS in curves:
-        points = np.split(curves[PATHS].values, len(scene.frames), axis=1)
+        points = np.split(curves[PATHS].values, len(frames), axis=1)
         colours = [_COLOURS[i % len(_COLOURS)] for i in range(len(points))]
         draw_paths(
             figure,
             grid[:6, columns],
-            dict(zip(scene.frames, points, strict=True)),
+            dict(zip(frames, points, strict=True)),
             colours,
             shown.unit(PATHS),
             zoom=0.75,
@@ -153,12 +195,12 @@ def _draw_joint_panels(
     return figure
 
 
-def _panel_groups(scene: RobotScene, joints: Sequence[Joint]) -> list[list[Joint]]:
+def _panel_groups(joints: Sequence[Joint]) -> list[list[Joint]]:
     """Return a list of lists of joints; each list holds the joints of one row of panels."""
     size = -(-len(joints) // 12)  # joints in a row
     if size <= 1:
         return [[joint] for joint in joints]
-    hinges = [joint for joint in joints if scene.unit(joint.name) == "rad"]
+    hinges = [joint for joint in joints if joint.unit == "rad"]
     sliders = [joint for joint in joints if joint not in hinges]
     return [alike[start : start + size] for alike in (hinges, sliders) for start in range(0, len(alike), size)]
 

@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike
 
 from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import ACCELERATION, VELOCITY, unit_of
-from hingepair.errors import ArgumentError, ShapeError, quoted
+from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
-from hingepair.numeric.arrays import is_table, number_not_below_0, real_array
+from hingepair.numeric.arrays import number_not_below_0
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pictures.curves import check_drawable
 from hingepair.pictures.motion_samples import (
@@ -35,6 +35,7 @@ from hingepair.pictures.motion_samples import (
     spread_samples,
 )
 from hingepair.pictures.page_model import PageModel, model_json, pair_model, placements, robot_model
+from hingepair.pictures.robot_motion import RobotMotion, base_poses, read_robot_motion
 from hingepair.scenes.pair_scene import PairResult, PairScene
 from hingepair.scenes.robot_scene import RobotResult, RobotScene, scene_of_simulation
 from hingepair.tables.units import SCALES, Units, UnitsLike
@@ -94,7 +95,7 @@ def view(
     """
     if isinstance(source, Mechanism):
         megabytes = number_not_below_0("meshes", meshes)
-        motion = _read_robot_motion(source, q, t, base_motion, tau)
+        motion = _shown_robot_motion(read_robot_motion(source, q, t, base_motion, tau=tau))
         model = robot_model(source, source.name, megabytes=megabytes)
     else:
         for name, value in (("q", q), ("t", t), ("base_motion", base_motion), ("tau", tau)):
@@ -203,7 +204,7 @@ def _robot_content(scene: RobotScene, megabytes: float) -> tuple[PageModel, _Pag
     part = scene.sampled(MAX_SHOWN, ("q", "qd", "tau")[: scene.motion.level + 1])
     base, t = part.known.base, part.t
     motion = _PageMotion(
-        *(t, scene.samples, *_base_poses(base, len(t)), part.q, {}),
+        *(t, scene.samples, *base_poses(base, len(t)), part.q, {}),
         qd=part.qd if scene.motion.level >= VELOCITY else None,
         base_rates=_base_rates(base, len(t)),
         tau=part.tau if scene.motion.level >= ACCELERATION else None,
@@ -212,56 +213,12 @@ def _robot_content(scene: RobotScene, megabytes: float) -> tuple[PageModel, _Pag
     return robot_model(robot, scene.title, frame, megabytes), motion
 
 
-def _read_robot_motion(
-    robot: Mechanism,
-    q: ArrayLike | None,
-    t: ArrayLike | None,
-    base_motion: BodyMotion | None,
-    tau: ArrayLike | None,
-) -> _PageMotion:
-    """Check the arguments q, t, base_motion and tau of `view`, each of which may be None."""
-    positions = np.zeros((0, robot.dof)) if q is None else _joint_rows(robot, "q", q)
-    if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
-        raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)
-    instants = np.arange(len(positions)) / 30 if t is None else real_array("t", t).astype(np.float64)
-    if instants.shape != positions.shape[:1]:
-        raise ShapeError("t", f"shape {positions.shape[:1]}, as many instants as q has", instants.shape)
-    if not np.isfinite(instants).all() or (np.diff(instants) < 0).any():
-        raise ArgumentError("t", "finite instants that do not decrease", quoted(t))
-    rows = spread_rows(len(instants))
-    R, S = _base_poses(base_motion, len(instants))
-    if len(R) > 1:
-        R, S = R[rows], S[rows]
-    efforts = None
-    if tau is not None:
-        efforts = _joint_rows(robot, "tau", tau)
-        if efforts.shape != positions.shape:
-            raise ShapeError("tau", f"shape {positions.shape}, that of q", efforts.shape)
-        efforts = efforts[rows]
-    return _PageMotion(instants[rows], len(instants), R, S, positions[rows], {}, tau=efforts)
-
-
-def _joint_rows(robot: Mechanism, name: str, value: ArrayLike) -> Array:
-    """Return numbers of the joints as float64; of a table the columns that have the joints' names."""
-    if is_table(value):
-        value = np.stack(tuple(robot.tree.coordinate_names.of_table(name, value).values()), axis=-1)
-    return real_array(name, value).astype(np.float64)
-
-
-def _base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array]:
-    """Check the motion of a base, a BodyMotion or None for rest at the origin, at one or `count` instants."""
-    if base_motion is None:
-        return np.zeros((1, 3)), np.eye(3)[None]
-    if not isinstance(base_motion, BodyMotion):
-        raise ArgumentError("base_motion", "a BodyMotion", quoted(base_motion))
-    if base_motion.S is None:
-        raise ArgumentError("base_motion.S", "a value, as in BodyMotion(..., S=...)", None)
-    R, S = np.asarray(base_motion.R, np.float64), np.asarray(base_motion.S, np.float64)
-    shape = np.broadcast_shapes(R.shape[:-1], S.shape[:-2])
-    if shape not in {(), (1,), (count or 1,)}:
-        raise ShapeError("base_motion", f"one instant, or the {count} instants of q", shape)
-    places = shape[0] if shape else 1
-    return np.broadcast_to(R, (places, 3)), np.broadcast_to(S, (places, 3, 3))
+def _shown_robot_motion(given: RobotMotion) -> _PageMotion:
+    """Return the instants of a motion that the page shows."""
+    rows = spread_rows(len(given.t))
+    R, S = (part[rows] if len(part) > 1 else part for part in (given.R, given.S))
+    tau = given.others.get("tau")
+    return _PageMotion(given.t[rows], len(given.t), R, S, given.q[rows], {}, tau=None if tau is None else tau[rows])
 
 
 def _base_rates(base: BodyMotion | None, count: int) -> dict[str, Array] | None:

@@ -6,12 +6,15 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.dynamics.simulate_robot import SimulatedRobotMotion
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.measured.smoothing.smooth import SmoothedAngle, SmoothedMotion
+from hingepair.mechanism.mechanism import Mechanism
+from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.results import MAX_HELD_INSTANTS, Record, Result
 from hingepair.pictures.curves import (
@@ -25,8 +28,9 @@ from hingepair.pictures.curves import (
     figure_class,
     finish_figure,
 )
-from hingepair.pictures.mechanism_plot import plot_mechanism
+from hingepair.pictures.mechanism_plot import plot_mechanism, plot_robot
 from hingepair.pictures.motion_samples import Array, MotionSource, ShownMotion, sample_pieces
+from hingepair.pictures.robot_motion import read_robot_motion
 from hingepair.pictures.smoothed_plot import plot_smoothed
 from hingepair.plans.points import point_outputs, unit_among
 from hingepair.scenes.pair_scene import PAIR_FORCES, PairResult, PairScene
@@ -62,26 +66,40 @@ _TITLES: Final = {
 
 
 def plot(
-    source: MotionSource | RobotScene | RobotResult | SimulatedRobotMotion | SmoothedMotion | SmoothedAngle | Record,
+    source: MotionSource
+    | Mechanism
+    | RobotScene
+    | RobotResult
+    | SimulatedRobotMotion
+    | SmoothedMotion
+    | SmoothedAngle
+    | Record,
     outputs: Iterable[str] | None = None,
     units: str | None = None,
+    *,
+    q: ArrayLike | None = None,
+    t: ArrayLike | None = None,
+    base_motion: BodyMotion | None = None,
+    qd: ArrayLike | None = None,
+    tau: ArrayLike | None = None,
 ) -> Figure:
-    """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair or the result of `smooth`)
-    or of the forces of a scene. For the motion of a pair, the figure shows position, attitude, velocities and
-    accelerations of body 2 and the hinge angle psi over time, the torque and the force of the hinge if body 2 has
-    masses, the paths of R1, R2 and the hinge point, and the residual of equation E1. No file is written.
+    """Return a Matplotlib figure of a motion (a scene or its result, a trajectory, a pair, a robot with coordinates,
+    or the result of `smooth`) or of the forces of a scene. For the motion of a pair, the figure shows position,
+    attitude, velocities and accelerations of body 2 and the hinge angle psi over time, the torque and the force of
+    the hinge if body 2 has masses, the paths of R1, R2 and the hinge point, and the residual of equation E1. No file
+    is written.
 
     Equation E1 says that R1 + S1 u1 and R2 + S2 u2 are the same point, the hinge point. The residual is the largest
-    component of the difference between the two [m]. For a scene of a robot, the figure shows position, rate and
-    torque of each joint that moves, the limits of these quantities, and the paths of the frames of the scene. For the
-    result of `smooth`, the figure shows each smoothed quantity and its derivatives over time, with a band from two
-    standard deviations below the curve to two above it. Limits far from the curve are given as text. No extreme value
-    is lost: for more than 4,000 samples, the curves go through the smallest and the largest value of each of 2,000
-    intervals.
+    component of the difference between the two [m]. For a robot or a scene of one, the figure shows position, rate
+    and torque of each joint that moves, the limits of these quantities, and the paths of the frames of the scene, or
+    else of the last links. For the result of `smooth`, the figure shows each smoothed quantity and its derivatives
+    over time, with a band from two standard deviations below the curve to two above it. Limits far from the curve are
+    given as text. No extreme value is lost: for more than 4,000 samples, the curves go through the smallest and the
+    largest value of each of 2,000 intervals.
 
     Args:
-        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; the result of `smooth`; or
-            the forces of a scene, `scene.forces()`.
+        source: a scene or its result; a trajectory of `integrate` or `simulate`; a pair; a robot, with q; the result
+            of `smooth`; or the forces of a scene, `scene.forces()`.
             For a pair, the hinge angle moves from its lower to its upper limit and back, or through a whole turn if
             the pair has no limits. For a PlanarPair, give `pair.to_spatial()`. The result of
             `simulate` for a PlanarPair can be drawn, but the result of `integrate` for it cannot.
@@ -90,6 +108,13 @@ def plot(
             torque1; for a trajectory or the result of `smooth`, outputs that it holds; for a pair, R1,
             S1, R2, S2, psi and its points. Attitudes are drawn as XYZ Euler angles.
         units: units in place of SI units, such as "deg, mm"; by default those of the scene.
+        q: coordinates of a robot at T instants [rad or m]; shape (T, dof), in the order of `robot.names`, or a table
+            with a column for each of these names.
+        t: instants of q [s]; shape (T,), not decreasing; by default the curves are drawn over the number of the
+            sample.
+        base_motion: as for `view`: position and attitude of a robot's base, which the paths in space show.
+        qd: rates of the coordinates [rad/s or m/s], in the forms of q; drawn if they are given.
+        tau: torques and forces of the joints [N m or N], in the forms of q; drawn if they are given.
 
     Returns:
         A matplotlib Figure; `.savefig(path)` writes it. Vectors are in world axes. Quantities that the motion does
@@ -105,6 +130,14 @@ def plot(
     >>> [axes.get_title() for axes in figure.axes][:2]
     ['position of body 2, R2', 'attitude of body 2, Euler angles XYZ']
     """
+    given: dict[str, Any] = {"q": q, "t": t, "base_motion": base_motion, "qd": qd, "tau": tau}
+    if isinstance(source, Mechanism):
+        if outputs is not None:
+            raise ArgumentError("outputs", "None, since q, qd and tau of a robot are drawn as given", quoted(outputs))
+        return _plot_given(source, units, **given)
+    for name, value in given.items():
+        if value is not None:
+            raise ArgumentError(name, "None, since only a robot (a Mechanism) takes a motion", quoted(value))
     if isinstance(source, SmoothedMotion | SmoothedAngle):
         return plot_smoothed(source, outputs, units)
     if isinstance(source, SimulatedRobotMotion):
@@ -128,6 +161,16 @@ def plot(
     if outputs is None and not isinstance(source, Record):
         return finish_figure(_draw_motion(figure_type, curves, columns), title)
     return finish_figure(draw_side_by_side(figure_type, curves, lambda name: _title_and_unit(name, columns)), title)
+
+
+def _plot_given(
+    robot: Mechanism, units: str | None, *, q: Any, t: Any, base_motion: BodyMotion | None, **others: Any
+) -> Figure:
+    """Draw the motion of a robot that is given as arrays."""
+    if q is None:
+        raise ArgumentError("q", "coordinates of the robot, as in hp.plot(robot, q=q)", None)
+    motion = read_robot_motion(robot, q, t, base_motion, rate=1.0, **others)
+    return plot_robot(robot, motion, has_instants=t is not None, units=units)
 
 
 def _drawn_unit(unit: Callable[[str], str]) -> Callable[[str], str]:
