@@ -133,7 +133,7 @@ def derive_any_motion(file: SceneFile, symbolic: Iterable[str] = ()) -> Derivati
 
 
 def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: Collection[str]) -> tuple[str, ...]:
-    """Return the argument `symbolic` as a tuple of names."""
+    """Return the argument `symbolic` as a tuple; refuse names of neither the pair's geometry nor `constants`."""
     allowed_names = (*(key for key in SYMBOLIC_CONSTANTS if hasattr(pair, key)), *constants)
     expected = f"names out of {', '.join(allowed_names)}"
     if isinstance(symbolic, str) or not isinstance(symbolic, Iterable):
@@ -148,9 +148,7 @@ def _symbolic_names(symbolic: object, pair: HingePair | PlanarPair, constants: C
 def _exact_pair_values(
     pair: HingePair | PlanarPair, tables: Table, symbolic_constants: tuple[str, ...]
 ) -> dict[str, tuple[Expr, ...]]:
-    """Return the exact u1, u2, n and home that the table [pair] of a scene file has, as a dict of flat tuples of
-    SymPy expressions by key; home has nine entries, row by row.
-    """
+    """Return u1, u2, n and home (row by row) as [pair] writes them, by key, where the pair has the same values."""
     table, planar = tables.table("pair"), isinstance(pair, PlanarPair)
     numbers = pair.constants.values  # of a scene whose pair was replaced, not those of the file
     same = {
@@ -164,8 +162,8 @@ def _exact_pair_values(
 def _pair_expressions(
     table: Table, planar: bool, symbolic_constants: Collection[str] = ()
 ) -> dict[str, tuple[Expr, ...]]:
-    """Return u1, u2, n (scaled to length 1) and home of the table [pair], as far as it has them; not an axis n in
-    plain numbers, nor what a robot's hinge says.
+    """Return u1, u2, n (scaled to length 1) and home (row by row) of the table [pair], as far as it has them; not an
+    axis n in plain numbers.
     """
 
     def exact(key: str, *shape: int) -> tuple[Expr, ...]:

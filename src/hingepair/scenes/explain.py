@@ -1,4 +1,4 @@
-"""Description in words of the outputs that a scene computes and leaves out."""
+"""What a scene computes and what it leaves out, in words."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hingepair.plans.points import result_of
 from hingepair.plans.steps import SPATIAL_PARTS, WITHOUT_HOME
 from hingepair.scenes.motions.known import KnownMotion
 
-# What each step of a plan computes, by the name of the step; the explanation of a scene shows it.
+# What a step of a plan computes, by its name.
 _STEPS = {
     "hinge": "sine, versine and cosine of psi",
     "cosine": "cosine of psi, out of hinge",
@@ -86,9 +86,8 @@ class ScenePlan:
 def explain(
     pair: HingePair | PlanarPair, motion: KnownMotion, outputs: tuple[str, ...] | None, motion_level: int
 ) -> ScenePlan:
-    """Return the ScenePlan for outputs of a pair's motion, without computing the outputs. `motion` is a KnownMotion
-    with the derivatives that the outputs need. `outputs` are names that exist for the pair; None means all outputs of
-    body 2. `motion_level` is the highest derivative order (0 to 2) that the scene's motion has.
+    """Return the ScenePlan of outputs (None: all of body 2) without computing them. `motion` has the derivatives that
+    they need, `motion_level` is the highest derivative order (0 to 2) that the scene's motion has.
     """
     kind = PLANAR_MOTION_KIND if isinstance(pair, PlanarPair) else SPATIAL_MOTION_KIND
     names, constant = default_outputs(motion.level, kind) if outputs is None else outputs, motion.constant_names()

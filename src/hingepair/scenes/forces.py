@@ -32,7 +32,7 @@ from hingepair.tables.units import Columns, Units, UnitsLike
 
 _NOISY = 0.01  # noise of a torque or force to its rms; above, a note recommends smoothing
 
-# Torques or forces against their limits, then positions and rates.
+# Headings of the table of joints: the effort against its limit, then position and rate.
 _HEADINGS = (
     *("joint", "unit", "rms", "max |tau|", "at t", "limit", "of limit"),
     *("min q", "limit", "max q", "limit", "max |q'|", "limit"),
@@ -49,8 +49,7 @@ class JointLoad:
     joint: str
     #: kind of the joint
     kind: JointKind
-    #: root mean square of the joint's effort: torque of a hinge [N m], force of a slider [N]; NaN if no value is
-    #: finite
+    #: root mean square of the effort; NaN if no value is finite
     rms: float
     #: largest absolute value of the effort
     largest: float
@@ -249,7 +248,9 @@ def pair_forces(
 def _required_forces(
     pair: HingePair | PlanarPair, body1_motion: MotionByBody1, gravity: tuple[float, ...]
 ) -> dict[str, NDArray[Any]]:
-    """Return the forces and torques that a pair's motion requires, a dict of arrays by name, in world axes."""
+    """Return the forces and torques that a pair's motion requires, by name, in world axes; force1 and torque1 only if
+    body 1 has mass properties.
+    """
     space = massive(pair)
     psi, psid, psidd = body1_motion.hinge
     wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity=gravity)
@@ -264,9 +265,7 @@ def _required_forces(
 def _forces_from_body2_loads(
     pair: HingePair, motion: SimulatedMotion | SimulatedPlanarMotion
 ) -> dict[str, NDArray[Any]]:
-    """Return the part of each required force that the applied loads on body 2 of a simulated motion supply, a dict of
-    arrays by name, in world axes.
-    """
+    """Return the part of each required force, by name, that the loads on body 2 of a simulated motion supply."""
     state = pair.forward_kinematics_from_body1(motion.body1, motion.psi, outputs=("S2", "d"))
     force, torque = motion.loads["force2"], motion.loads["torque2"]
     hinge_point_torque = torque - np.cross(state.S2 @ pair.u2, force)
@@ -282,9 +281,7 @@ def _forces_from_body2_loads(
 
 
 def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return a copy of a dict of arrays by name with the components in the plane only: x and y of hinge_force and
-    force1, z of torque1.
-    """
+    """Return the forces by name in the plane: x and y of hinge_force and force1, z of torque1, no bearing_torque."""
     components: dict[str, slice | int] = {"hinge_force": slice(2), "force1": slice(2), "torque1": 2}
     return {
         name: array[..., components[name]] if name in components else array
@@ -317,8 +314,8 @@ def _force_noise(
     gravity: tuple[float, ...],
     force_arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
-    """Return (deviations, note): the standard deviation that noise of the log causes in each force, a dict of arrays
-    by name, and a sentence on that noise.
+    """Return (deviations, note): the standard deviations by name that noise of the log causes in the forces and their
+    magnitudes, and a sentence on that noise.
     """
     rows = noise_rows(len(t))
     log = LogNoise(t[rows] - t[rows.start], derived_names, DIFFERENCE_ORDER)
@@ -347,9 +344,7 @@ def _smoothed_force_noise(
     gravity: tuple[float, ...],
     force_arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, Float64Array], str]:
-    """Return (force_deviations, note): the standard deviation that the errors of a smoothed motion cause in each
-    force, a dict of arrays by name, and a sentence on these errors.
-    """
+    """Return what `_force_noise` does, for the standard `deviations` of a smoothed motion."""
     rows = noise_rows(len(deviations["psi"]))
     random = np.random.default_rng(0)
     errors = {name: own[rows] * random.standard_normal(own[rows].shape) for name, own in deviations.items()}
@@ -366,7 +361,9 @@ def _smoothed_force_noise(
 def _rms_of_changes(
     forces: Mapping[str, NDArray[Any]], noisy: Mapping[str, NDArray[Any]], rows: slice, inside: slice
 ) -> dict[str, Float64Array]:
-    """Return the root mean squares of what noise changes in `rows` of forces and of their magnitudes, by name."""
+    """Return the rms by name of noisy minus exact forces and magnitudes; `noisy` has the instants `rows`, of which
+    `inside` count.
+    """
     exact = with_magnitudes({name: forces[name][rows] for name in noisy}, unit_of)
     changed = with_magnitudes(noisy, unit_of)
     return {name: finite_rms((changed[name] - own)[inside]) for name, own in exact.items()}
@@ -417,9 +414,7 @@ def robot_forces(
 def _effort_noise(
     robot: Mechanism, motion: JointMotion, t: Float64Array, tau: Float64Array, options: Mapping[str, Any]
 ) -> tuple[Float64Array, str]:
-    """Return the standard deviation that noise of the log causes in each joint effort, shape (dof,) [N m or N], and a
-    sentence on the noise.
-    """
+    """Return the standard deviations (dof,) that noise of the log causes in the efforts, and a sentence on it."""
     rows = noise_rows(len(t))
     middle = motion.part(rows, ACCELERATION)
     units: dict[str, str] = {}
@@ -459,7 +454,7 @@ def _converted_load(load: JointLoad, units: Units) -> JointLoad:
 
 
 def _load_rows(loads: tuple[JointLoad, ...], t: Float64Array, units: Units) -> list[tuple[str, ...]]:
-    """Return the rows of a table of loads in units; an infinite limit is an empty cell."""
+    """Return the table of joints in units, headings first; an infinite limit is an empty cell."""
     logged = any(math.isfinite(load.noise) for load in loads)
     offset, name = units.offset_of_instants(t[0], t[-1])
     at = name or _time_name(units)
@@ -484,7 +479,7 @@ def _load_rows(loads: tuple[JointLoad, ...], t: Float64Array, units: Units) -> l
 
 
 def _time_name(units: Units) -> str:
-    """Return the name of instants that need no offset, with a unit other than seconds."""
+    """Return t, with its unit unless that is the second: t [ms]."""
     unit = units.unit("s")
     return "t" if unit == "s" else f"t [{unit}]"
 
@@ -496,9 +491,7 @@ def _limit_text(value: float) -> str:
 def _summarize_joint(
     joint: Joint, joint_index: int, t: Float64Array, known_motion: KnownJointMotion, tau: Float64Array, noise: float
 ) -> JointLoad:
-    """Return the JointLoad of the joint with the index `joint_index`: the extremes of its effort `tau` (N,), of its
-    position and of its rate at the instants t, and their limits.
-    """
+    """Return the JointLoad of a joint from its effort `tau` (N,), its motion and its noise at the instants t."""
     finite = np.isfinite(tau)
     largest, when = (math.nan, math.nan)
     if finite.any():

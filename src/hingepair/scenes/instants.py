@@ -14,7 +14,7 @@ from hingepair.pair.results import MAX_HELD_INSTANTS
 from hingepair.scenes.tables import Key, Table
 
 Rows: TypeAlias = slice | NDArray[np.intp]
-"""Some of the instants, by their numbers."""
+"""Indices of some of the instants."""
 
 MAX_SAMPLES: Final = 1_000_000_000
 """Largest number of instants of a scene; results of many go into a file block by block."""
@@ -70,7 +70,7 @@ def read_instants(time: Table) -> UniformInstants:
 
 
 def read_instants_array(time: Table) -> Float64Array:
-    """Return the instants of the Table [time] as a read-only array; shape (samples,) s."""
+    """Return the instants of the Table [time] as a read-only array (samples,) s; refuse more than memory holds."""
     t = read_instants(time)
     if len(t) > MAX_HELD_INSTANTS:
         time.fail(
@@ -81,7 +81,7 @@ def read_instants_array(time: Table) -> Float64Array:
 
 
 def _read_sample_count(time: Table, key: str) -> int:
-    """Return the number of samples under a key of [time] as an int."""
+    """Return the integer from 1 to MAX_SAMPLES under a key of [time]; 1e6 is one, too."""
     value: Any = time.values.get(key)
     if type(value) is float and value.is_integer():
         value = int(value)

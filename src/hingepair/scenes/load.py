@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from hingepair.scenes.motions.simulated import DynamicsSetup
     from hingepair.scenes.robot_scene import RobotScene
 
+# Top-level keys of scene files.
 _COMMON_TABLES = ("title", "constants", "motion", "dynamics", "time", "outputs")
 _PAIR_TABLES = (*_COMMON_TABLES, "planar", "pair", "tolerances")
 _ROBOT_TABLES = (*_COMMON_TABLES, "mechanism", "joint", "base")
@@ -54,7 +55,7 @@ def load_scene(path: str | os.PathLike[str], log: Any = None) -> PairScene | Rob
 
 
 def scene_from_tables(tables: Table, path: str | os.PathLike[str]) -> PairScene | RobotScene:
-    """Return the scene that the top-level table of the file at `path` defines."""
+    """Return the scene of a top-level table with evaluated constants, from the file at `path`."""
     place = Path(path)
     common: dict[str, Any] = {
         "path": place,
@@ -87,6 +88,7 @@ def _pair_scene(tables: Table, common: dict[str, Any]) -> PairScene:
 
 
 def _robot_scene(tables: Table, common: dict[str, Any]) -> RobotScene:
+    """Return the scene of a robot with the fields that it has in `common` with that of a pair."""
     from hingepair.scenes.motions.joints import read_joint_motion
     from hingepair.scenes.robot_scene import RobotScene
     from hingepair.scenes.robot_table import is_stray_joint, read_gravity, read_joint_loads, read_mechanism
@@ -117,8 +119,8 @@ def _robot_scene(tables: Table, common: dict[str, Any]) -> RobotScene:
     )
 
 
-def moved_again(scene: Scene, tables: Table) -> Scene:
-    """Return the scene with the pair or robot of other tables and the same motion."""
+def with_same_motion(scene: Scene, tables: Table) -> Scene:
+    """Return the scene with its motion, but with the pair or robot of other tables."""
     if _is_of_robot(tables):
         from hingepair.scenes.robot_table import read_mechanism
 
@@ -155,7 +157,7 @@ class SceneFile:
 
     @property
     def has_motion(self) -> bool:
-        """Whether there is a table [dynamics], or a table [motion] with more than constants."""
+        """Whether there is [dynamics], [motion] with more than constants, or [motion] together with [time]."""
         tables = self.tables
         keys = tables.table("motion", required=False).values.keys() - {"constants"}
         return bool(keys) or "dynamics" in tables.values or {"motion", "time"} <= tables.values.keys()
@@ -203,7 +205,7 @@ class SceneFile:
 
 
 def with_constants_evaluated(tables: Table) -> Table:
-    """Return a copy of a scene's top-level table with its evaluated constants."""
+    """Return a scene's top-level table with its constants evaluated; refuse a sweep and unknown tables."""
     if {"scene", "vary"} <= tables.values.keys():
         raise SceneError(tables.file, "a scene", f"a sweep (hingepair sweep {tables.file} computes it)")
     if _is_of_robot(tables):

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
-_ATTITUDES: Final = {"quat1": "S1", "quat2": "S2"}  # by the output that gives one as a quaternion (x, y, z, w)
+_ATTITUDES: Final = {"quat1": "S1", "quat2": "S2"}  # rotation matrix by the output with its quaternion (x, y, z, w)
 FURTHER_OUTPUTS: Final = (*COORDINATE_OUTPUTS, *_ATTITUDES)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
 PAIR_FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
@@ -99,7 +99,7 @@ class PairResult(SceneResult):
         return self.known.log_columns(order) if name[0] == "q" else {name: self.known.hinge_angle(order)}
 
     def residual_sizes(self) -> NDArray[np.float64]:
-        """Return the largest residuals of E1 and, of a motion with rates, of E2, and their ratios to u * scale."""
+        """Return rows (largest residual, its ratio to u * scale) of E1 and, of a motion with rates, of E2."""
         pair, a = self.scene.space, self.known.body_arrays(self.scene.pair)
         W1, psid = a.pop("W1", None), a.pop("psid", None)
         scales = output_scales(u1=pair.u1, u2=pair.u2, R1=a["R1"], W1=W1, psid=psid)
@@ -219,7 +219,7 @@ class PairScene(Scene):
         return self.functions().derivatives(t, ACCELERATION)
 
     def request(self, outputs: Iterable[str] | None) -> tuple[str, ...] | None:
-        """Return the names of the outputs; None for all of body 2."""
+        """Return the names of the outputs, by default those that the scene names; None for all of body 2."""
         if outputs is None:
             return self.outputs
         level = self.motion.level
@@ -353,7 +353,7 @@ class PairScene(Scene):
         return both[: self.motion.level + 1]
 
     def is_moved_by(self, keys: Sequence[Sequence[str | int]]) -> bool:
-        """Return whether the motion may depend on numbers of the file: all of [pair] do not move it."""
+        """Return whether the motion may depend on numbers of the file: only a simulated one depends on [pair]."""
         return self.motion.simulated is not None or any(steps[0] != "pair" for steps in keys)
 
     def by_body1(self, outputs: Sequence[str] | None) -> PairScene:

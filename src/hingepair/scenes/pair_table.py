@@ -19,9 +19,7 @@ Made = TypeVar("Made")
 
 
 def _read_inertia(table: Table, key: str) -> Any:
-    """Return the inertia under a key of a Table as a 3 x 3 array or nested list of numbers; the value is three
-    principal moments or a matrix.
-    """
+    """Return the 3 x 3 inertia under a key of a Table, given as three principal moments or as a matrix."""
     entries = table.values[key]
     diagonal = isinstance(entries, list) and not any(isinstance(row, list) for row in entries)
     return np.diag(table.numbers(key, 3)) if diagonal else table.numbers(key, 3, 3)
@@ -69,7 +67,7 @@ def points_key(size: int) -> Key:
     return read
 
 
-# Class of each shape, the attribute that its first key becomes, and its keys with their readers.
+# By the key that names a shape: its class, the attribute that this key becomes, and its keys with their readers.
 _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]] = {
     "box": (Box, "size", {"box": numbers_key(3), "center": numbers_key(3), "axes": Table.rotation}),
     "cylinder": (
@@ -80,7 +78,7 @@ _SHAPES: Final[Mapping[str, tuple[Callable[..., Shape], str, Mapping[str, Key]]]
     "sphere": (Sphere, "radius", {"sphere": Table.number, "center": numbers_key(3)}),
 }
 CENTRES: Final = ("centre_of_mass", "center_of_mass")
-"""Both spellings of the key."""
+"""Both spellings of a key of a body."""
 BODY_KEYS: Final[Mapping[str, Key]] = {
     "mass": Table.number,
     **dict.fromkeys(CENTRES, numbers_key(3)),
@@ -150,8 +148,6 @@ def read_pair(table: Table, planar: bool) -> HingePair | PlanarPair:
 
 
 def construct_from_table(table: Table, factory: Callable[..., Made], arguments: Mapping[str, Any]) -> Made:
-    """Call `factory` with the keyword arguments in the dict `arguments`, and return its result. Convert an
-    ArgumentError into a SceneError that names the key of `table` with the argument's name.
-    """
+    """Return factory(**arguments); an ArgumentError becomes a SceneError on the key of `table` of the same name."""
     with table.naming():
         return factory(**arguments)

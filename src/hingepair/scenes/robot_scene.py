@@ -34,8 +34,9 @@ from hingepair.scenes.tables import Table
 if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
+# Names of outputs, by what they are of.
 _OF_FRAMES: Final = (*FRAME_OUTPUTS, "quat")  # quat is the quaternion (x, y, z, w) of S, w >= 0
-_FRAME_DEFAULTS: Final = ("R", "S", "v", "omega", "a", "alpha")
+_FRAME_DEFAULTS: Final = ("R", "S", "v", "omega", "a", "alpha")  # what the name of a frame alone requests
 _COORDINATES: Final = ("q", "qd", "qdd")
 _OF_JOINTS: Final = (*_COORDINATES, "tau")
 _OF_BASE: Final = ("force1", "torque1")  # its load
@@ -115,7 +116,7 @@ class RobotResult(SceneResult):
         return {f"{quantity}_{frame}": np.asarray(getattr(self.state[frame], quantity))}
 
     def coincident_frames(self) -> dict[str, str]:
-        """Return the frames that move exactly as an earlier one, and these."""
+        """Return, by the frame, the earlier one with which it agrees exactly in all requested outputs."""
         motions: dict[str, list[NDArray[Any]]] = {}
         same = {}
         for frame in self.scene.frames:
@@ -203,7 +204,7 @@ class RobotScene(Scene):
         return unit_of(quantity)
 
     def request(self, outputs: Iterable[str] | None) -> tuple[RobotOutput, ...]:
-        """Return the requested outputs; None means those that the scene names, or else the motion of its frames and
+        """Return the requested outputs; by default those that the scene names, or else the motion of its frames and
         moving joints.
         """
         level = self.motion.level
@@ -384,7 +385,7 @@ class RobotScene(Scene):
 
 
 def scene_of_simulation(found: SimulatedRobotMotion) -> RobotScene:
-    """Return the result of `simulate` of a robot as a scene, for pictures."""
+    """Return a simulated motion of a robot as a scene, for pictures; it has no file, and stops are not noted."""
     from hingepair.scenes.motions.simulated_joints import joint_motion
 
     robot = found.robot

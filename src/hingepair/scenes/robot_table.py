@@ -23,7 +23,7 @@ from hingepair.scenes.pair_table import (
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 
 _SOURCES: Final = ("robot", "urdf")
-"""Keys of [mechanism] that name a robot or its file; one of them stands there, unless there are [[joint]] tables."""
+"""Keys of [mechanism] that name a robot or its file; it has one of them, or none beside [[joint]] tables."""
 MECHANISM_KEYS: Final = ("robot", "urdf", "name", "base", "locked", "gravity", "joint_loads", "frames", "payload")
 """Keys that the table [mechanism] may have."""
 JOINT_TABLE_KEYS: Final = (
@@ -143,7 +143,7 @@ def _parent_joint(table: Table, joints: Mapping[str, Table]) -> str | None:
 
 
 def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | None]) -> list[str]:
-    """Return the list of the names of the joints in depth-first order, siblings sorted by name."""
+    """Return the names of the joints in depth-first order, siblings by name; refuse circles."""
     order: list[str] = []
     waiting: list[str | None] = [None]
     while waiting:
@@ -158,7 +158,7 @@ def _depth_first_names(joints: Mapping[str, Table], parents: Mapping[str, str | 
 
 
 def _read_joint_pair(name: str, table: Table) -> RobotJoint:
-    """Return the joint named `name`, that a Table [[joint]] defines."""
+    """Return the joint `name` of a Table [[joint]]."""
     kind: Any = table.choice("kind", tuple(JOINT_CLASSES))
     keys = {**PAIR_KEYS, "pitch": Table.number} if KINDS[kind].has_pitch else PAIR_KEYS
     needed = ("u1", "u2", "n", *(key for key in keys if key not in PAIR_KEYS))
@@ -200,7 +200,7 @@ def with_payload(robot: Mechanism, table: Table) -> Mechanism:
 
 
 def is_stray_joint(tables: Table, folder: Path, error: SceneError) -> bool:
-    """Return whether the key that an error is about is a joint of the robot outside the table [motion]."""
+    """Return whether an error is about a joint of the robot in a table that moves none, such as [time]."""
     *parents, key = error.loc or ("",)
     if not parents or parents[0] in {"motion", "dynamics"} or parents[-1] == "locked":
         return False

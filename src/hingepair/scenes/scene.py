@@ -93,13 +93,11 @@ class SceneResult(Frozen, Result, abc.ABC):
         return self.requested_arrays() | coordinates
 
     def residual_sizes(self) -> NDArray[np.float64]:
-        """Return, for each of the scene's `residuals`, the largest one and its ratio to u * scale; NaN if none is
-        finite.
-        """
+        """Return rows (largest value, its ratio to u * scale) for the scene's `residuals`; NaN if none is finite."""
         return np.empty((0, 2))
 
     def coincident_frames(self) -> dict[str, str]:
-        """Return the frames of a robot that move exactly as an earlier one, and these."""
+        """Return, by frame of a robot, the earlier frame that moves exactly as it."""
         return {}
 
     def energy_balance(self) -> EnergyBalance:
@@ -138,7 +136,7 @@ class Scene(Shown, abc.ABC):
 
     #: number of instants that are compared with Pinocchio in a second or some
     max_check_instants: ClassVar[int]
-    _noted: ClassVar[str]  # output whose blocks notes are collected from
+    _noted: ClassVar[str]  # a cheap output, evaluated for the sake of the notes
 
     # ---- the instants
 
@@ -188,9 +186,7 @@ class Scene(Shown, abc.ABC):
 
     @property
     def backend(self) -> str:
-        """Name of the backend that computes the scene, one for all blocks, so that they and the whole agree to the
-        bit.
-        """
+        """Name of the backend for the whole scene and its blocks, which so agree to the bit."""
         return "auto" if self.samples <= RESULT_ROWS_PER_BLOCK else "compiled"
 
     @property
@@ -424,7 +420,7 @@ class Scene(Shown, abc.ABC):
     def _subject(self) -> str: ...
 
     def facts(self) -> dict[str, Any]:
-        """Return what the JSON of a command says of the scene."""
+        """Return what commands with --json print of the scene."""
         facts = {"scene": str(self.path), "title": self.title, "samples": self.samples}
         return {**facts, "start": self.start, "stop": self.stop, **self._own_facts()}
 

@@ -1,4 +1,4 @@
-"""Scene files as tables: TOML read within limits, and values taken out with errors that name file, table and key."""
+"""Scene files as tables: TOML read within limits, and values read with errors that name file, table and key."""
 
 from __future__ import annotations
 
@@ -59,9 +59,7 @@ class NamedSource:
         return tuple(filter(None, (*self.name.split("."), *key.split("."))))
 
     def refuse(self, key: str, expected: str, got: object) -> NoReturn:
-        """Raise a SceneError on a key. The message says what was `expected`, a phrase, and what value was found,
-        `got`.
-        """
+        """Raise a SceneError on a key, with phrases on what was expected and what was got."""
         raise SceneError(self.label(key), expected, got, self.loc(key)) from None
 
     @contextlib.contextmanager
@@ -89,8 +87,8 @@ class Table(NamedSource):
     constants: Mapping[str, Number]
 
     def read(self, reader_by_key: Mapping[str, Key], required: Collection[str] = ()) -> dict[str, Any]:
-        """Return a dict of the values of the keys in `reader_by_key` that the table has or that are in `required`.
-        Each value is the result of the key's reader, a function of (table, key).
+        """Return what the readers, functions of (table, key), make of the keys that the table has or that are
+        `required`; refuse keys without a reader.
         """
         self.check_keys(reader_by_key)
         return {key: read(self, key) for key, read in reader_by_key.items() if key in self.values or key in required}
@@ -104,7 +102,7 @@ class Table(NamedSource):
                 self.refuse(key, choices(tuple(known_keys)) + nearest(key, known_keys), "an unknown key")
 
     def fail(self, key: str, expected: str) -> NoReturn:
-        """Raise a SceneError on the value of a key, or on its absence. `expected` is a phrase for the message."""
+        """Raise a SceneError on the value of a key, or on its absence, with a phrase on what was expected."""
         self.refuse(key, expected, describe_value(self.values[key]) if key in self.values else "nothing")
 
     def table(self, key: str, *, required: bool = True) -> Table:
@@ -117,8 +115,8 @@ class Table(NamedSource):
         return replace(self, name=f"{self.name}.{key}" if self.name else key, values=value)
 
     def entries(self, key: str, count: int, variables: str) -> Table:
-        """Return the list under a key as a Table with the keys key[0], key[1], .... `variables` is a phrase for the
-        message, which lists the variables of the expressions.
+        """Return the list of `count` (2 or 3) entries under a key as a Table with the keys key[0], key[1], ...;
+        messages say that its expressions are in `variables`.
         """
         value = self.values.get(key)
         if not isinstance(value, list) or len(value) != count:
@@ -251,9 +249,7 @@ Key: TypeAlias = Callable[[Table, str], Any]
 
 
 def numbers_key(*shape: int) -> Key:
-    """Return a reader, a function of (table, key) that returns the finite numbers under the key as nested lists of
-    floats. The arguments are their shape, such as 3, 3.
-    """
+    """Return the reader `Table.numbers` of a shape such as 3, 3."""
     return lambda table, key: table.numbers(key, *shape)
 
 
@@ -313,7 +309,7 @@ def _toml_error(file: str, text: str, reason: str) -> SceneError:
 
 
 def describe_value(value: object) -> str:
-    """Return a value of a scene file as one short line of text for messages, shortened if it is long."""
+    """Return a value of a scene file as one line for messages, shortened if it is long."""
     try:
         return "a table" if isinstance(value, dict) else _shown.repr(value)
     except ValueError:  # Python writes no integer of more than 4,300 digits
@@ -327,9 +323,7 @@ def _has_shape(value: object, shape: tuple[int, ...]) -> bool:
 
 
 def _check_key_parts(file: str, text: str) -> None:
-    """Raise a SceneError that names `file` if its text has a dotted key of more than MAX_KEY_PARTS parts, which the
-    TOML parser would take too long to read.
-    """
+    """Raise a SceneError on a dotted key of more than MAX_KEY_PARTS parts, which the TOML parser reads too slowly."""
     end, parts = 0, 0
     for part in _KEY_PART.finditer(text):
         parts = parts + 1 if part[1] and part.start() == end else 1

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hingepair.errors import choices, nearest
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
-from hingepair.scenes.load import moved_again, scene_from_tables, with_constants_evaluated
+from hingepair.scenes.load import scene_from_tables, with_constants_evaluated, with_same_motion
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.pair_table import CENTRES
 from hingepair.scenes.robot_scene import RobotScene
@@ -160,7 +160,7 @@ class VariantComputer:
         if isinstance(self._scene, RobotScene) and self._unloaded_robot is not None:
             robot = with_payload(self._unloaded_robot, tables.table("mechanism"))
             return replace(self._scene, mechanism=robot, tables=tables)
-        return moved_again(self._scene, tables)
+        return with_same_motion(self._scene, tables)
 
 
 def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:

@@ -68,9 +68,7 @@ class FunctionsOfTime:
         ]
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Return an array of booleans, shape (N - 1,), which says for each interval between neighbouring instants t,
-        shape (N,), whether a function has a kink or a jump in the interval.
-        """
+        """Return, for each interval between instants t, whether a function has a kink or a jump in it; (N - 1,)."""
         points = (function.switches(t) for function in self.functions if isinstance(function, WayPoints))
         return functools.reduce(np.logical_or, points, self._of_expressions().switches(t))
 
@@ -125,8 +123,7 @@ class MotionByFunctions:
 
 def read_expression_motion(motion: Table, time: Table, planar: bool) -> PairMotion:
     """Return the PairMotion that the Tables [motion] and [time] define by functions of t: coordinates, or angular
-    velocity and hinge rate, which are integrated (equation E12). `planar` True means a motion in the plane, with
-    fewer coordinates.
+    velocity and hinge rate, which are integrated (equation E12).
     """
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _read_rate_motion(motion, read_instants_array(time), planar)
@@ -142,8 +139,8 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> PairMoti
 def read_coordinate_functions(
     motion: Table, names: tuple[str, ...], other_keys: tuple[str, ...] = ()
 ) -> tuple[FunctionsOfTime, str | None]:
-    """Return (functions, sequence): the coordinates `names` of the Table `motion` as FunctionsOfTime, and the Euler
-    sequence, which is None if `names` contains phi, the angle of a motion in the plane.
+    """Return the coordinates `names` of a Table and the Euler sequence, None if phi, the angle in the plane, is among
+    them; refuse keys other than these and `other_keys`.
     """
     planar = "phi" in names
     motion.check_keys((*names, "constants", *(() if planar else ("sequence",)), *other_keys))
@@ -151,9 +148,7 @@ def read_coordinate_functions(
 
 
 def _read_rate_motion(table: Table, t: Float64Array, planar: bool) -> PairMotion:
-    """Return the PairMotion at the instants t that results from integrating the angular velocity omega1 and the hinge
-    rate psi_dot (equation E12).
-    """
+    """Return the PairMotion that the functions omega1 and psi_dot of a Table give, integrated (equation E12)."""
     start_keys = ("x", "y", "phi_0") if planar else ("x", "y", "z", "S1_0", "frame")
     table.check_keys(("psi_0", "method", "tol", "omega1", "psi_dot", "constants", *start_keys))
     axes = start_keys[:2] if planar else start_keys[:3]
@@ -180,7 +175,7 @@ def read_functions(table: Table, names: tuple[str, ...]) -> FunctionsOfTime:
 
 
 def _read_coordinate(table: Table, key: str) -> Expression | WayPoints:
-    """Return the function of t that a key of a Table defines."""
+    """Return the function of t under a key of a Table: a number, an expression or a table of way points."""
     match table.values.get(key):
         case str() as text:
             with table.naming(key):

@@ -36,11 +36,11 @@ BASE_COORDINATES: Final = SPATIAL_COORDINATE_NAMES[:-1]
 _OPTIONS: Final = ("constants", "file", "columns", "ignore", "differentiate", "unwrap")
 """Keys of [motion] that are options; every other key names a joint, and no joint may have one of these names."""
 _CARRIER: Final = HingePair((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-"""A pair whose body 1 stands for the base."""
+"""A pair of which only body 1 counts: it stands for the base."""
 
 
 _RESULT_PREFIXES: Final = frozenset({"R", "S", "quat", "d", "v", "omega", "a", "alpha", "tau", "force1", "torque1"})
-"""What stands before the first _ in the names of columns that are no coordinates of joints."""
+"""Beginnings (up to the first _) of the names of columns that hold outputs other than coordinates of joints."""
 
 
 class JointCoordinates(NamedTuple):
@@ -58,7 +58,7 @@ class JointCoordinates(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownJointMotion:
-    """Coordinates of a robot's joints at some instants."""
+    """Motion of a robot's joints and base at some instants, as far as its derivatives are known."""
 
     #: names of the joints, in order
     names: tuple[str, ...]
@@ -155,7 +155,7 @@ class JointSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseMotion:
-    """Motion of a mechanism's base."""
+    """Motion of a robot's base by functions of t."""
 
     #: of x, y, z, phi_x, phi_y, phi_z [m, rad]
     functions: FunctionsOfTime
@@ -174,7 +174,7 @@ class BaseMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledBase:
-    """Motion of a base at the instants of a scene."""
+    """Motion of a robot's base by samples at the instants of a scene."""
 
     #: with all derivatives; shape (samples,)
     motion: BodyMotion
@@ -271,7 +271,7 @@ def _is_output(column: str, robot: Mechanism) -> bool:
 
 
 def read_base(tables: Table) -> BaseMotion | None:
-    """Return the BaseMotion of the table [base] of a scene's top-level Table; None if there is no such table."""
+    """Return the BaseMotion of the table [base], in which missing coordinates are 0; None without the table."""
     if "base" not in tables.values:
         return None
     table = tables.table("base")
@@ -285,7 +285,7 @@ def read_base(tables: Table) -> BaseMotion | None:
 
 
 def moving_joints(motion: Table, robot: Mechanism) -> tuple[str, ...]:
-    """Return a tuple of the names of a robot's joints that are keys of the Table [motion], in the robot's order."""
+    """Return the joints that are keys of the Table [motion], in the robot's order; refuse other keys."""
     for key in motion.values:
         if key not in robot.names and key != "constants":
             refuse_joint(motion, key, robot)
@@ -309,9 +309,7 @@ def refuse_joint(motion: Table, key: str, robot: Mechanism) -> NoReturn:
 
 
 def _rest_positions(robot: Mechanism) -> dict[str, float]:
-    """Return a dict of the rest position of each joint of a robot [rad or m] by name: 0, or the limit closest to 0 if
-    0 is outside the limits.
-    """
+    """Return the rest position [rad or m] of each joint by name: 0, or the limit closest to 0."""
     limits = robot.position_limits.tolist()
     return {name: min(max(0.0, least), most) for name, (least, most) in zip(robot.names, limits, strict=True)}
 
@@ -378,6 +376,6 @@ def _joint_log_layout(robot: Mechanism) -> LogLayout:
 
 
 def _float_if_constant(column: Float64Array) -> float | Float64Array:
-    """Return a column of an array as it is, or as one float if all its values are equal."""
+    """Return a column, or one float if all its values are equal."""
     column = np.ascontiguousarray(column)
     return float(column[0]) if (column == column[0]).all() else column

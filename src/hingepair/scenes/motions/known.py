@@ -32,16 +32,12 @@ if TYPE_CHECKING:
     from hingepair.validation.report import CrossValidation
 
 Derivatives: TypeAlias = tuple[tuple[Any, ...], ...]  # arrays, or floats for what does not change
-_GIVEN = (
-    ("R1", "S1", "psi"),
-    ("v1", "omega1", "psid"),
-    ("a1", "alpha1", "psidd"),
-)
-"""Names of body 1's position and attitude and of the hinge angle, and of their derivatives by order."""
+HINGE_NAMES = ("psi", "psid", "psidd")
+"""Names of the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
+_GIVEN = tuple(zip(("R1", "v1", "a1"), ("S1", "omega1", "alpha1"), HINGE_NAMES, strict=True))
+"""By the order of the derivative, names of body 1's position and attitude and of the hinge angle."""
 _POSES = ("R1", "S1", "R2", "S2")
-"""Outputs of forward kinematics with the positions and attitudes of both bodies."""
-_TURNS = ("omega1", "omega2")
-"""Outputs of forward kinematics with the angular velocities of both bodies."""
+_ANGULAR_VELOCITIES = ("omega1", "omega2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +138,7 @@ class MotionByCoordinates:
         of omega1 are measured.
         """
         if self.sequence:
-            arrays = self.forward_kinematics(pair, _POSES + _TURNS * bool(self.level)).arrays()
+            arrays = self.forward_kinematics(pair, _POSES + _ANGULAR_VELOCITIES * bool(self.level)).arrays()
             if self.level:
                 W1, _ = euler_rate_sizes(np.stack([self._column(1, i) for i in (3, 4, 5)], axis=-1))
                 arrays |= {"psid": self._column(1, -1), "W1": np.asarray(W1)}
@@ -260,7 +256,7 @@ class MotionByBody1:
         if not self.level:
             return self.forward_kinematics(pair, _POSES).arrays()
         W1, _ = angular_rate_sizes(self.body1.omega)
-        return self.forward_kinematics(pair, _POSES + _TURNS).arrays() | {
+        return self.forward_kinematics(pair, _POSES + _ANGULAR_VELOCITIES).arrays() | {
             "psid": self.hinge[1],
             "W1": np.asarray(W1),
         }

@@ -38,7 +38,7 @@ from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.scenes.motions.integrated import integrate_motion
-from hingepair.scenes.motions.known import MotionByCoordinates, motion_by_body1
+from hingepair.scenes.motions.known import HINGE_NAMES, MotionByCoordinates, motion_by_body1
 from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.motions.noise import derivative_noise
 from hingepair.scenes.tables import NamedSource, Table
@@ -70,7 +70,7 @@ Part: TypeAlias = dict[str, Float64Array]
 
 
 class LogLayout(NamedTuple):
-    """Names of the columns that a log may have."""
+    """Names, units and quantities of the columns that a log may have."""
 
     #: names of the columns of each array, by the name of the array
     arrays: Mapping[str, tuple[str, ...]]
@@ -129,8 +129,6 @@ _PAIR_LOG_LAYOUT: Final = LogLayout(
 """LogLayout of the log of a pair: its angles, its results and the command that writes it."""
 _POSITION = ("R1", "v1", "a1")
 """Arrays of a log with the position of body 1 [m] and its derivatives [m/s, m/s^2]."""
-_HINGE = ("psi", "psid", "psidd")
-"""Columns of a log with the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
 _EULER = ("phi", "phid", "phidd")
 """Arrays of a log with the Euler angles of body 1 [rad] and their derivatives [rad/s, rad/s^2]."""
 _QUATERNION = ("quat_xyzw", "omega1", "alpha1")
@@ -204,16 +202,14 @@ def read_ignored_columns(table: Table) -> frozenset[str]:
 
 
 def _read_column_sources(table: Table, layout: LogLayout, source: Path | ColumnTable) -> dict[str, ColumnSource]:
-    """Return where the quantities stand that the key `columns` of the Table [motion] names."""
+    """Return the source of each quantity that the key `columns` of the Table [motion] names."""
     stated = source.units if isinstance(source, ColumnTable) else {}
     with table.naming():
         return read_column_sources(table.values.get("columns", {}), layout.columns, layout.unit_of, stated)
 
 
 def _velocity_frame(table: Table, log: Log) -> str:
-    """Return the axes of a log's angular velocities, "body" or "world", as the key `frame` of the table
-    names them.
-    """
+    """Return the axes of angular velocities, "body" or "world"; only a log that has some has the key `frame`."""
     rates = [column for name in _QUATERNION[1:] for column in LOG_ARRAYS[name] if column in log.columns]
     if "frame" in table.values and not rates:
         table.fail("frame", "no such key, since the log has no omega1_x, omega1_y, omega1_z")
@@ -265,6 +261,7 @@ class Log(NamedSource):
         stated: set[str] = set()  # columns whose heading has their unit
 
         def read_own_heading(heading: str) -> tuple[str, float]:
+            """Return name and factor to SI of a heading with a unit; one that `columns` names stays as it is."""
             name, factor = (heading, 1.0) if heading in named_elsewhere else read_heading(heading, layout.unit_of)
             if name != heading:
                 stated.update(layout.columns_of(name))
@@ -305,7 +302,7 @@ class Log(NamedSource):
         self.since = np.asarray(instants - instants[0], dtype=np.float64)
 
     def _judge_units(self, sources: Mapping[str, ColumnSource], stated: Set[str]) -> None:
-        """Note which columns are probably not in SI units, of those that are neither converted nor `stated` to be."""
+        """Add notes on columns that are probably not in SI units, unless they are converted or in `stated`."""
         converted = stated | {name for name, source in sources.items() if source.compass or source.scale != 1.0}
         angles: dict[str, Float64Array] = {}
         others: list[str] = []
@@ -325,7 +322,7 @@ class Log(NamedSource):
         self.notes += [*self.angle_doubts, *others]
 
     def _without_repeated_stamps(self) -> NDArray[np.bool_]:
-        """Leave out the rows whose stamp is that of the row before, and return which rows are kept."""
+        """Take rows with the stamp of the row before out of `columns`, and return which rows are kept."""
         stamps = self.columns["t"]
         kept = np.append(True, stamps[1:] != stamps[:-1])
         if not kept.all():
@@ -347,7 +344,7 @@ class Log(NamedSource):
     def _check_column_names(
         self, column_names: list[str], known_names: tuple[str, ...], sources: Mapping[str, ColumnSource]
     ) -> list[str]:
-        """Return the list of `column_names` of the file without the ignored ones."""
+        """Return the columns of the file to read; refuse unknown ones, or leave them out if there are `sources`."""
         taken = {source.column for source in sources.values()}
         for name, source in sources.items():
             if source.column not in column_names:
@@ -467,7 +464,7 @@ class Log(NamedSource):
         return (first, second), noises
 
     def _unwrap_angles(self, name: str, angles: Float64Array) -> Float64Array:
-        """Return the angles [rad] of the column `name`."""
+        """Return angles [rad], unwrapped as `unwrap` says, or, if it is None, where they are wrapped, with a note."""
         jumps = np.abs(np.diff(angles))
         jumps = jumps[jumps > np.pi]
         unwrap = self.unwrap
@@ -519,7 +516,7 @@ def _read_stated_motion(table: Table, log: Log) -> PairMotion:
         for names in (
             _POSITION,
             attitude,
-            _HINGE,
+            HINGE_NAMES,
         )
     }
     level, frame = _highest_derivative(log, parts), _velocity_frame(table, log)
@@ -561,7 +558,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
             for names in (
                 _POSITION,
                 attitude,
-                _HINGE,
+                HINGE_NAMES,
             )
             for column in LOG_ARRAYS.get(names[0], names[:1])
         ),
@@ -588,7 +585,7 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
         for names in (
             _POSITION,
             attitude,
-            _HINGE,
+            HINGE_NAMES,
         )
     )
     if attitude is _EULER:
@@ -613,12 +610,12 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
             raise SceneError(error.name, "angles in radians", f"probably degrees: {log.angle_doubts[0]}") from None
         texts += [re.sub(r"\bbody\b", "psi", str(warning.message)) for warning in caught]
     for name, samples, result in (("position", R1, body.R), ("attitude", S1, body.S), ("psi", psi, angle.psi)):
-        log.notes += _missing_log_sample_sentences(name, log.t, samples, result)
+        log.notes += _missing_sample_sentences(name, log.t, samples, result)
     log.notes += _cut_sentences(log.t, {"position": R1, "attitude": S1, "psi": psi}, longest)
     deviations_by_name = {f"{name}1": body.std[name] for name in ("R", "v", "a", "S", "omega", "alpha")}
-    deviations_by_name |= {name: angle.std[name] for name in _HINGE}
+    deviations_by_name |= {name: angle.std[name] for name in HINGE_NAMES}
     arrays = {f"{name}1": getattr(body, name) for name in ("R", "v", "a", "S", "omega", "alpha")}
-    arrays |= {name: getattr(angle, name) for name in _HINGE}
+    arrays |= {name: getattr(angle, name) for name in HINGE_NAMES}
     deviations = {
         "position": (body.noise["R"], "m"),
         "attitude": (body.noise["S"], "rad"),
@@ -637,12 +634,10 @@ def _read_smoothed_motion(table: Table, log: Log) -> PairMotion:
     )
 
 
-def _missing_log_sample_sentences(
+def _missing_sample_sentences(
     name: str, t: Float64Array, samples: NDArray[Any], result: NDArray[Any] | None
 ) -> list[str]:
-    """Return a list of sentences, which begin with `name`, on missing (not finite) samples of a log and whether their
-    smoothed values, `result`, filled them; empty if no sample is missing.
-    """
+    """Return sentences on the samples that are not finite, those that the smoothed `result` fills and the others."""
     is_missing = ~np.isfinite(samples.reshape(len(t), -1)).all(axis=1)
     is_filled = is_missing & np.isfinite(np.asarray(result).reshape(len(t), -1)).all(axis=1)
     sentences = []
@@ -682,7 +677,7 @@ def _integrate_rates(table: Table, log: Log) -> PairMotion:
     """Return the motion by rates (E12); without columns of its position, body 1 stays at the origin."""
     rates = (
         _QUATERNION[1:],
-        _HINGE[1:],
+        HINGE_NAMES[1:],
     )
     quantities = (name for names in (_POSITION, *rates) for name in names)
     read = {"t", *(column for name in quantities for column in log.layout.columns_of(name))}
@@ -716,7 +711,7 @@ def _integrate_rates(table: Table, log: Log) -> PairMotion:
 
 
 def _attitude_names(log: Log) -> tuple[str, ...]:
-    """Return the names of the attitude array and its derivatives in the log: Euler angles or quaternions."""
+    """Return _EULER or _QUATERNION, whichever the log has; refuse both and neither."""
     euler = any(column in log.columns for column in LOG_ARRAYS["phi"])
     attitude_names, other_names = (_EULER, _QUATERNION) if euler else (_QUATERNION, _EULER)
     if not euler and not any(column in log.columns for column in LOG_ARRAYS["quat_xyzw"]):
@@ -733,7 +728,7 @@ def _attitude_names(log: Log) -> tuple[str, ...]:
 
 
 def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part]) -> int:
-    """Return the highest derivative order, 0, 1 or 2, that any quantity of a Log has."""
+    """Return the highest derivative order, 0 to 2, that any quantity has; refuse a log in which another lacks it."""
     level = max(i for names, part in arrays_by_quantity.items() for i in range(3) if names[i] in part)
     for names, part in arrays_by_quantity.items():
         for name in names[: level + 1]:
@@ -746,8 +741,6 @@ def _highest_derivative(log: Log, arrays_by_quantity: dict[tuple[str, ...], Part
 
 
 def _seven_coordinates(parts: list[Float64Array]) -> tuple[float | Float64Array, ...]:
-    """Return the seven coordinates of three arrays `parts`, position (N, 3), Euler angles (N, 3) and psi (N,), as a
-    tuple of arrays (N,).
-    """
+    """Return the columns of position (N, 3), Euler angles (N, 3) and psi (N,); floats for what does not change."""
     columns = [np.ascontiguousarray(column) for column in np.column_stack(parts).T]
     return tuple(float(column[0]) if (column == column[0]).all() else column for column in columns)

@@ -1,4 +1,4 @@
-"""The motion of a scene: whatever it comes from, what computes, explains or checks a scene asks it the same."""
+"""The motion of a scene, whatever it comes from: its parts, its errors, and what is noted about it."""
 
 from __future__ import annotations
 
@@ -80,16 +80,14 @@ class Motion(abc.ABC):
         return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
 
     def with_error(self, how: str) -> str:
-        """Return how the motion was computed, with the estimated error."""
+        """Return the phrase `how` the motion was computed, with its estimated error if it has any."""
         if not self.errors:
             return how
         estimates = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
         return f"{how}, error {'unknown' if math.isnan(self.error_estimate) else f'about {estimates}'}"
 
     def error_notes(self, u: float) -> tuple[str, ...]:
-        """Return sentences that errors of the motion are unknown, or exceed the bound of a comparison; u is the unit
-        roundoff.
-        """
+        """Return sentences if errors of the motion are unknown or exceed the bound of a comparison, MAX_RATIO * u."""
         errors = {unit: error() for unit, error in self.errors.items()}
         large = [f"{error:.1g} {unit}" for unit, error in errors.items() if error > MAX_RATIO * u]
         notes = [self.doubt] if math.isnan(self.error_estimate) and self.doubt else []
@@ -210,7 +208,5 @@ def euler_axes_phrase(sequence: str) -> str:
 
 
 def massive(pair: HingePair | PlanarPair) -> HingePair:
-    """Return a HingePair with the dynamics of a pair: a PlanarPair is converted by its method `massive`, a HingePair
-    is returned unchanged.
-    """
+    """Return a HingePair with the dynamics of the pair: itself, or what `PlanarPair.massive` makes of it."""
     return pair.massive() if isinstance(pair, PlanarPair) else pair

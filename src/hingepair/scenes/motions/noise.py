@@ -16,10 +16,7 @@ from hingepair.numeric.finite_differences import differentiate, local_fit_residu
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.steps import LOG_COLUMNS_OF, SPATIAL_COORDINATE_NAMES
 from hingepair.rotations.matrices import rotation_exp, rotation_vector
-from hingepair.scenes.motions.known import KnownMotion, MotionByBody1, MotionByCoordinates
-
-_HINGE_NAMES = ("psi", "psid", "psidd")
-"""Names of the hinge angle and its derivatives."""
+from hingepair.scenes.motions.known import HINGE_NAMES, KnownMotion, MotionByBody1, MotionByCoordinates
 
 
 def noise_rows(count: int) -> slice:
@@ -32,9 +29,7 @@ def noise_rows(count: int) -> slice:
 
 
 def finite_rms(values: Float64Array) -> Float64Array:
-    """Return the root mean square of the finite values along the first axis, an array without that axis; NaN if no
-    value is finite.
-    """
+    """Return the root mean square of the finite values along the first axis; NaN if none is finite."""
     finite = np.isfinite(values)
     with np.errstate(invalid="ignore"):
         rms: Float64Array = np.sqrt((np.where(finite, values, 0.0) ** 2).sum(axis=0) / finite.sum(axis=0))
@@ -50,7 +45,7 @@ def motion_with_errors(motion: MotionByBody1, errors: Mapping[str, Float64Array]
         for letter in ("R", "v", "a", "omega", "alpha")
     }
     moved["S"] = rotation_exp(errors["S1"]) @ np.asarray(motion.body1.S)
-    hinge = tuple(angle + errors[name] for angle, name in zip(motion.hinge, _HINGE_NAMES, strict=True))
+    hinge = tuple(angle + errors[name] for angle, name in zip(motion.hinge, HINGE_NAMES, strict=True))
     return MotionByBody1(BodyMotion(**moved), hinge)
 
 
@@ -114,8 +109,8 @@ class LogNoise:
         psi and to their derivatives.
         """
         errors: dict[str, Float64Array] = {}
-        hinge = self._draw_noise(_HINGE_NAMES, [angle[:, None] for angle in motion.hinge])
-        errors |= {name: noise[:, 0] for name, noise in zip(_HINGE_NAMES, hinge, strict=True)}
+        hinge = self._draw_noise(HINGE_NAMES, [angle[:, None] for angle in motion.hinge])
+        errors |= {name: noise[:, 0] for name, noise in zip(HINGE_NAMES, hinge, strict=True)}
         for letters in (("R", "v", "a"), ("S", "omega", "alpha")):
             names = tuple(f"{letter}1" for letter in letters)
             values = [np.asarray(getattr(motion.body1, letter)) for letter in letters]
@@ -123,7 +118,9 @@ class LogNoise:
         return motion_with_errors(motion, errors)
 
     def _draw_noise(self, names: tuple[str, ...], values: list[Float64Array]) -> list[Float64Array]:
-        """Return random noise for a quantity and its two derivatives, a list of arrays (N, k)."""
+        """Return noise (N, k) for a quantity and two derivatives, random and of the size of theirs; that of a derived
+        one is the derivative of the noise before. Keep the sizes.
+        """
         noise: list[Float64Array] = []
         slopes: list[Float64Array] = []
         for name, samples in zip(names, values, strict=True):
@@ -171,7 +168,5 @@ def derivative_noise(t: Float64Array, samples: Float64Array, order: int) -> tupl
 
 
 def _rotation_vectors_from(S: Float64Array, reference: Float64Array) -> Float64Array:
-    """Return the rotation vectors, in world axes [rad], that turn reference attitudes into the attitudes S; shape
-    (..., 3).
-    """
+    """Return the rotation vectors [rad], in world axes, that turn `reference` into S; shape (..., 3)."""
     return rotation_vector(S @ np.swapaxes(reference, -1, -2))

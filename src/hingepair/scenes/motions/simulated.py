@@ -54,12 +54,12 @@ _KEYS_OF_ARGUMENTS: Final = {
     "body1.v": "v1_0",
     "body1.omega": "omega1_0",
 }
-"""Keys by the arguments of `simulate` that they become."""
+"""Keys of [dynamics] by the arguments of `simulate` in errors."""
 
 
 def read_functions_of_state(table: Table, keys: tuple[str, ...], names: tuple[str, ...] = _HINGE_NAMES) -> Any:
-    """Return the values under keys of a Table, in the order of `keys`: a list of floats, or, if any is an expression
-    in t, psi or psid (or the given names), a callable of (t, psi, psid) that returns a tuple of all values.
+    """Return the values under `keys`: a list of floats, or, if any depends on t or `names`, a callable of (t, *names)
+    that returns a tuple of all.
     """
     constants = {**table.constants, **dict.fromkeys(names, 0.0)}
     expressions = []
@@ -108,9 +108,7 @@ def read_stops(table: Table, key: str) -> Any:
 
 
 def read_until(table: Table, key: str) -> Any:
-    """Return the event under a key of a Table, an expression in t, psi and psid whose value passes 0 there, as a
-    callable of (t, now).
-    """
+    """Return the expression in t, psi and psid that passes 0 at the event, as a callable of (t, now)."""
     value = read_hinge_torque(table, key)
     if not callable(value):
         table.fail(key, "an expression in t, psi and psid, which passes 0 at the event")
@@ -118,7 +116,7 @@ def read_until(table: Table, key: str) -> Any:
 
 
 def end_notes(ended_by_event: bool, t: Float64Array) -> tuple[str, ...]:
-    """Return a sentence where `until` ended a motion before the last instant of [time]."""
+    """Return a sentence if `until` ended the motion, at the last of the instants t."""
     return (f"until ends the motion at t = {instant_text(t[-1])} s",) if ended_by_event else ()
 
 
@@ -129,7 +127,7 @@ def read_break_instants(table: Table, key: str) -> list[Any]:
 
 
 def _dynamics_key_readers(dimension: int) -> dict[str, Key]:
-    """Return a dict from each key of the table [dynamics] to the function (table, key) that reads its value."""
+    """Return the keys of the table [dynamics] in 2 or 3 dimensions, and their readers."""
     vector, turn = numbers_key(dimension), Table.number if dimension == 2 else numbers_key(3)
     force, torque = (
         partial(_read_load, component_count=dimension),
@@ -245,7 +243,7 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
 
 @contextlib.contextmanager
 def warnings_of_scenes() -> Iterator[None]:
-    """Silence warnings of simulations that the notes of a scene repeat."""
+    """Silence in a block the warnings of simulations that the notes of a scene repeat."""
     with warnings.catch_warnings():
         for said in (".* (leaves its|passes the) ", ".* is taken for ", ".* is it in seconds"):
             warnings.filterwarnings("ignore", said, DynamicsWarning)
@@ -277,7 +275,7 @@ def _known_motion(simulated: SimulatedMotion | SimulatedPlanarMotion) -> MotionB
 
 
 def _read_body1_start(table: Table, start_values: dict[str, Any], planar: bool) -> BodyMotion:
-    """Return the motion of body 1 at the first instant as a BodyMotion in space."""
+    """Return the motion of body 1 at the first instant, in space; at rest at the origin but for `start_values`."""
     R, v = ((*start_values.get(key, (0, 0, 0)), 0)[:3] for key in ("R1_0", "v1_0"))
     if planar:
         S: Any = rotation_exp((0, 0, start_values.get("phi_0", 0.0)))

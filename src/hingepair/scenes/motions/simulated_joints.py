@@ -44,9 +44,9 @@ from hingepair.scenes.motions.simulated import (
 from hingepair.scenes.robot_table import read_joint_loads
 from hingepair.scenes.tables import Key, Table, numbers_key
 
-_BASES: Final = ("fixed", "free", "pinned", PRESCRIBED)
+_BASES: Final = ("fixed", "free", "pinned", PRESCRIBED)  # values of `base` in [dynamics]
 _NAMES: Final = ("q", "qd")  # in expressions of efforts, beside t
-_WRENCH: Final = ("force", "torque")
+_WRENCH: Final = ("force", "torque")  # keys of [dynamics.wrenches.LINK]
 
 
 def _read_vector(table: Table, key: str) -> Any:
@@ -61,7 +61,7 @@ def _read_vector(table: Table, key: str) -> Any:
 
 
 def _read_wrenches(table: Table) -> dict[str, tuple[Any, Any]]:
-    """Return (force, torque) by the name of the link."""
+    """Return (force, torque), world axes, at the origin of a link, by its name; 0 where the table has none."""
     found = {}
     for link in table.values:
         values = table.table(link).read(dict.fromkeys(_WRENCH, _read_vector))
@@ -69,6 +69,7 @@ def _read_wrenches(table: Table) -> dict[str, tuple[Any, Any]]:
     return found
 
 
+# Keys and their readers: of [dynamics] for the start of the base, of all of it, and of [dynamics.JOINT].
 _START_KEYS: Final[dict[str, Key]] = {
     "R1_0": numbers_key(3),
     "S1_0": Table.rotation,
@@ -152,7 +153,7 @@ def read_simulated_joints(tables: Table, robot: Mechanism, gravity: tuple[float,
 
 
 def joint_motion(found: SimulatedRobotMotion, loads: Mapping[str, HingeLoad]) -> JointMotion:
-    """Return a simulated motion as the motion of a scene; `loads` have the stops."""
+    """Return a simulated motion as that of a scene, with the stops that `loads` have, by joint."""
     robot = found.robot
     units = {joint.name: joint.unit for joint in robot.tree.coordinates}
     errors = {}
@@ -182,9 +183,7 @@ def joint_motion(found: SimulatedRobotMotion, loads: Mapping[str, HingeLoad]) ->
 def _read_joint(
     table: Table, robot: Mechanism, name: str, described: dict[str, HingeLoad]
 ) -> tuple[dict[str, Any], HingeLoad]:
-    """Return the values of the table of a joint, and its load: the described one, if any, with the fields
-    that the table gives.
-    """
+    """Return the values of a joint's table, and its load: the table's fields over those of the one in `described`."""
     values: dict[str, Any] = table.read(_JOINT_KEYS)
     fields = {key: value for key, value in values.items() if key not in ("q_0", "qd_0", "tau")}
     if fields.get("stops") is True:
@@ -215,8 +214,8 @@ def _driven(functions: Any, k: int, t: Float64Array) -> tuple[Any, ...]:
 
 
 def _read_until(table: Table, robot: Mechanism) -> Any:
-    """Return the event of a Table, an expression in t and in coordinates and rates such as elbow and elbowd whose
-    value passes 0 there, as a callable of (t, now).
+    """Return the expression in t, coordinates and rates (elbow, elbowd) that passes 0 at the event, as a callable of
+    (t, now).
     """
     joints = [k for k, name in enumerate(robot.names) if name.isidentifier() and name not in table.constants]
     names = tuple(robot.names[k] + suffix for suffix in RATE_SUFFIXES[:2] for k in joints)

@@ -23,15 +23,15 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array
 
 PROFILES: Final = ("linear", "trapezoid", "cubic", "quintic", "spline")
-"""Names of the curves from one waypoint to the next."""
+"""Names of the curves from one way point to the next."""
 MAX_WAY_POINTS: Final = 200
-"""Largest number of waypoints of one coordinate."""
+"""Largest number of way points of one coordinate."""
 _UNIT_POLYNOMIALS: Final = {
     "linear": (0, 1),
     "cubic": (0, 0, 3, -2),
     "quintic": (0, 0, 0, 10, -15, 6),
 }
-"""Coefficients of the way from 0 to 1 in the time from 0 to 1."""
+"""Coefficients, lowest power first, of polynomials from 0 to 1 in the time from 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,18 +56,14 @@ class WayPoints:
         return derivatives[0], *(np.where(piece >= 0, derivative, 0.0) for derivative in derivatives[1:])
 
     def switches(self, t: Float64Array) -> NDArray[np.bool_]:
-        """Return an array of booleans, shape (N - 1,), which says for each interval between neighbouring instants t,
-        shape (N,), whether the interval contains a break where the first or second derivative jumps.
-        """
+        """Return, for each interval between instants t, whether the first or second derivative jumps in it."""
         switched = np.zeros(max(0, t.size - 1), dtype=bool)
         places = np.searchsorted(t, self.breaks, side="left") - 1
         switched[places[(places >= 0) & (places < switched.size) & self._kinked_breaks()]] = True
         return switched
 
     def max_abs_derivative(self, order: int) -> float:
-        """Return the largest absolute value, a float, that the derivative of the given order (0 for the function) has
-        at any time.
-        """
+        """Return the largest absolute value of the derivative of an order (0: the function) at any time."""
         derived, largest = _derived(self.coefficients, order), 0.0
         for polynomial_coefficients, length in zip(derived, np.diff(self.breaks), strict=False):
             slope = np.polynomial.Polynomial(polynomial_coefficients).deriv()
@@ -88,9 +84,7 @@ class WayPoints:
         return largest
 
     def _kinked_breaks(self) -> NDArray[np.bool_]:
-        """Return an array of booleans, shape (m,): for each break, whether the first or the second derivative jumps
-        there.
-        """
+        """Return whether the first or the second derivative jumps at each break; shape (m,)."""
         kinked = np.zeros(self.breaks.size, dtype=bool)
         lengths = np.diff(self.breaks)
         for k in (1, 2):
@@ -144,15 +138,15 @@ def _profile_coefficients(
 
 
 def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
-    """Return the coefficients, lowest power first, shape (m - 1, 6), of the spline of degree 5 through the points (t,
-    values).
+    """Return the coefficients (m - 1, 6), lowest power first, of the spline of degree 5 through points (t, values);
+    its first and second derivatives are 0 at both ends.
     """
     h, m, size = np.diff(t), len(t) - 1, 6
     ends = [_polynomials(_derived(np.eye(size), k), np.array([[0.0], [1.0]])) for k in range(size - 1)]
 
     def derivative_row(piece: int, order: int, end: int) -> Float64Array:
-        """Return the row of a linear system, a flat array, for the derivative of an order (0: the value) of the
-        polynomial with the index `piece` at its start (`end` 0) or its end (1).
+        """Return the row of the linear system for a derivative (order 0: the value) of a piece at its start (`end` 0)
+        or its end (1).
         """
         equation = np.zeros((m, size))
         equation[piece] = ends[order][end]
@@ -173,8 +167,8 @@ def _spline_coefficients(t: Float64Array, values: Float64Array) -> Float64Array:
 
 
 def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, acceleration: float) -> WayPoints:
-    """Return the WayPoints of a function that has the given values at the instants t, stops there, and in between
-    accelerates, keeps a constant rate and brakes.
+    """Return the WayPoints that stop at each value and between them accelerate, keep a rate and brake, within limits
+    of speed and acceleration.
     """
     breaks, coefficients = [t[0]], []
     for i, (start, stop) in enumerate(itertools.pairwise(t)):
@@ -192,17 +186,15 @@ def _trapezoid_way_points(t: Float64Array, values: Float64Array, speed: float, a
 
 
 def _with_constant_end(breaks: Float64Array, coefficients: Float64Array, last_value: float) -> WayPoints:
-    """Return the WayPoints of the given breaks and polynomials' coefficients, with a constant polynomial of value
-    `last_value` appended after the last break.
-    """
+    """Return the WayPoints of breaks and coefficients, constant at `last_value` after the last break."""
     still = np.zeros((1, coefficients.shape[1]))
     still[0, 0] = last_value
     return WayPoints(breaks, np.concatenate((coefficients, still)))
 
 
 def _ramp_time(interval_text: str, duration: float, distance: float, speed: float, acceleration: float) -> float:
-    """Return the duration [s] of acceleration, equal to that of braking, in a motion over `distance` in `duration`
-    with a trapezoidal rate.
+    """Return how long [s] a trapezoidal rate rises, and falls: a third of `duration`, or the nearest that the limits
+    allow; raise an ArgumentError if they allow none.
     """
     if distance == 0:
         return duration / 3
@@ -221,9 +213,7 @@ def _ramp_time(interval_text: str, duration: float, distance: float, speed: floa
 
 
 def _derived(coefficients: Float64Array, k: int) -> Float64Array:
-    """Return the coefficients of the k-th derivatives of polynomials; coefficients are along the last axis, lowest
-    power first.
-    """
+    """Return the coefficients (last axis, lowest power first) of the k-th derivatives of polynomials."""
     return np.asarray(polynomial.polyder(coefficients, k, axis=-1))
 
 
