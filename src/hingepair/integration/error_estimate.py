@@ -30,8 +30,8 @@ from hingepair.numeric.arrays import row_norms
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 
 _CHUNK = 1 << 12  # steps whose errors are measured at a time, in arrays of a megabyte or two
-_BESIDE_ENDS = 1e-4, 1 - 1e-4  # of a pair of steps: not at its ends, since a callable may jump at instants
-_EARLY_AND_LATE = RULES["magnus6"].nodes[::2]
+_BESIDE_ENDS = 1e-4, 1 - 1e-4  # fractions of a pair of steps; not 0 and 1, since a callable may jump at instants
+_EARLY_AND_LATE = RULES["magnus6"].nodes[::2]  # fractions of a step
 
 
 class StepErrors(NamedTuple):
@@ -126,6 +126,7 @@ def measure_errors(integral: Integral, start: Array, stop: Array, duration: floa
 
 
 def _measure_chunk(integral: Integral, start: Array, stop: Array, duration: float) -> StepErrors:
+    """Measure the errors of so few steps that all fit into memory."""
     rate, rule = integral.rate, integral.rule
     coarse = subdivide(start, stop, np.ones(len(start), np.int64))
     # A feature of a callable that is narrower than one of these steps, and than half a step, may be missed.

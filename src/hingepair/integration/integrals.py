@@ -76,6 +76,7 @@ class AngleIntegral(_RateIntegral):
         return angles[..., 0].copy()
 
     def _write_step_integrals(self, begin: Array, h: HighLow, rows: Array) -> None:
+        """Write the integral of each step, a sum of two doubles, to `rows` (..., steps, 2)."""
         arguments = {"rate": self.rate.values_at_nodes(begin, h[0], self.rule.nodes), "h": h}
         angle_loop(self.rule).run(arguments, {"sum": rows}, rows.shape[:-1], FLOAT64, self.execution)
 
@@ -132,6 +133,7 @@ class AttitudeIntegral(_RateIntegral):
         self._compute_rotations(self.rate.values_at_nodes(begin, h[0], self.rule.nodes), h[0], rows)
 
     def _compute_rotations(self, node_omega: Array, h: Array, quats: Array) -> None:
+        """Write the rotation of each step, not accumulated, to `quats`: its inverse if omega is in body axes."""
         rotation_loop(self.rule).run(
             {"omega": node_omega, "h": -h if self.omega_in_body_axes else h},
             {"q": quats},
@@ -152,7 +154,7 @@ class AttitudeIntegral(_RateIntegral):
         return np.asarray(np.stack([x, y, z], axis=-1) * factor[:, None])
 
     def _interval_rotations(self, subdivision: Subdivision, node_omega: Array) -> Array:
-        """Return the products of the rotations of each interval's steps; (4, intervals)."""
+        """Return the products of the rotations of each interval's steps, by `_compute_rotations`; (4, intervals)."""
         quats = np.empty((len(subdivision.h), 4))
         self._compute_rotations(node_omega, subdivision.h, quats)
         q, part = quats.T.copy(), subdivision.part

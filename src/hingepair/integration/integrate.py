@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of, execution_of_steps
 from hingepair.equations.quantities import ACCELERATION
 from hingepair.errors import ArgumentError, quoted
-from hingepair.integration.signals import ConstantSignal, SampledSignal, Signal, read_position, read_signal
+from hingepair.integration.signals import R1_PARTS, ConstantSignal, SampledSignal, Signal, read_position, read_signal
 from hingepair.integration.solve import Solution, SolveOptions, solve, solve_together
 from hingepair.integration.trajectory import (
     STATE_PREFIX,
@@ -60,9 +60,8 @@ _RATE_OF_INPUT: Final = {
     **{"omega1": "omega1", "alpha1": "alpha1", "phi1d": "omega1", "phi1dd": "alpha1"},
     **{"psid": "psid", "psidd": "psidd"},
 }
-# Form of the argument R1 that gives an input of a plan, and name of this part in messages.
+# Forms of the argument R1 that give an input of a plan, for messages.
 _R1_FORMS: Final = {"v1": "(R1, v1) or (R1, v1, a1)", "a1": "(R1, v1, a1)"}
-_R1_PARTS: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}
 
 _MAX_STEPS_TOGETHER: Final = 65_536  # of all motions that are integrated at a time
 
@@ -120,7 +119,8 @@ def integrate(
     outputs: Outputs = None,
     backend: str = "auto",
 ) -> Any:
-    """Integrate the motion of a pair over time from the angular velocity of body 1 and the hinge rate (E12).
+    """Integrate the motion of a pair, in space or in the plane, over time from the angular velocity of body 1 and the
+    hinge rate (E12).
 
     Each of the rates omega1, psid, alpha1 and psidd is one of:
 
@@ -282,7 +282,7 @@ def _read_request(
     size = 2 if is_planar else 3
     points = read_position(np.zeros(size) if R1 is None else R1, t, size)
     shapes = {name: signal.motions for name, signal in signals.items()}
-    shapes |= {name: points[key].shape[:-2] for key, name in _R1_PARTS.items() if key in points}
+    shapes |= {name: points[key].shape[:-2] for key, name in R1_PARTS.items() if key in points}
     shapes |= {"phi_0": start.shape} if is_planar else {"S1_0": start.shape[:-2]}
     motions = broadcast_shape({**shapes, "psi_0": psi_0.shape})
     kind = PLANAR_MOTION_KIND if is_planar else SPATIAL_MOTION_KIND

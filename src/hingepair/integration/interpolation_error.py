@@ -26,7 +26,7 @@ ErrorRotation: TypeAlias = Callable[[int, int, Array], Array]
 
 _BLOCK = 65536  # intervals whose errors are computed at a time
 _GROUP = 8  # intervals whose differences one kink may change
-# Times the sizes of the errors of a group: 0.8 of the largest error of a jump, 2.5 of a kink's and 13 of a bend's.
+# On the errors of groups: the estimate is then 0.8 of the largest error of a jump, 2.5 of a kink's, 13 of a bend's.
 _KINK_FACTOR = 3.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(POINTS // 2 + 1)  # Gauss-Legendre on [-1, 1]
 
@@ -78,7 +78,7 @@ def _interval_errors(t: Array, columns: Array) -> Array:
 
 
 def _extrapolated_difference(differences: list[Array]) -> Array:
-    """Return a divided difference (1, columns) of the next higher order than those of all samples."""
+    """Return a divided difference (1, columns) of the next higher order, by how `differences` grow with the order."""
     sizes = [math.factorial(k) * float(row_norms(rows).max()) for k, rows in enumerate(differences)]
     if sizes[-1] == 0:
         return differences[-1]

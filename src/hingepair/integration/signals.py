@@ -24,7 +24,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
 
 POINTS: Final = 6  # samples that an interpolating polynomial goes through
-_R1_PARTS = ("R1", "v1", "a1")
+R1_PARTS: Final = {"R1": "R1", "v1": "R1[1]", "a1": "R1[2]"}  # parts of the argument R1, and their names in messages
 
 
 class ConstantSignal:
@@ -157,7 +157,7 @@ class SampledSignal:
 
 
 def _runs_of_consecutive_steps(first_samples: NDArray[np.intp]) -> Iterator[tuple[slice, slice | NDArray[np.intp]]]:
-    """Yield the steps whose first samples are consecutive, and these samples."""
+    """Yield slices of steps whose first samples are consecutive, and these samples; all at once if there are many."""
     stops = np.flatnonzero(np.diff(first_samples, append=-1) != 1) + 1
     if len(stops) > 8:  # each slice takes a kernel call; more runs share one call
         yield slice(None), first_samples
@@ -205,7 +205,7 @@ def _pad_ambiguous_times(times: Array, value_shape: tuple[int, ...]) -> Array:
 
 
 def _call_with_times(name: str, function: Callable[[Array], Any], times: Array) -> Any:
-    """Call a user's function with a copy of the times (n,)."""
+    """Return what a user's function gives for times (n,); its TypeError or ValueError becomes an ArgumentError."""
     try:
         return function(times.copy())
     except HingePairError:
@@ -225,13 +225,13 @@ def read_position(R1: Any, t: NDArray[np.float64], dimension: int) -> dict[str, 
     name, times = "R1", t
     if callable(R1):
         # More instants than a tuple has parts or a point has coordinates.
-        times = np.append(t, [t[-1]] * (len(_R1_PARTS) + 1 - len(t)))
+        times = np.append(t, [t[-1]] * (len(R1_PARTS) + 1 - len(t)))
         name, R1 = "R1(t)", _call_with_times("R1", R1, times)
-    if isinstance(R1, tuple) and len(R1) <= len(_R1_PARTS) and len(R1) and np.ndim(R1[0]) > 0:
+    if isinstance(R1, tuple) and len(R1) <= len(R1_PARTS) and len(R1) and np.ndim(R1[0]) > 0:
         if len(R1) == len(times) > 1 and all(np.ndim(part) == 1 for part in R1):
             expected = f"an array of shape {(len(t), dimension)}, or (R1, v1) with R1 of that shape"
             raise ArgumentError(name, expected, f"a tuple of {len(t)} points, which could be either")
-        names = _R1_PARTS[: len(R1)]
+        names = list(R1_PARTS)[: len(R1)]
         return {part: _read_points(f"{name}[{i}]", R1[i], t, times, dimension) for i, part in enumerate(names)}
     if R1 is None:
         raise ArgumentError(name, "a point, points, or (R1, v1, a1)", None)
@@ -251,6 +251,7 @@ def _read_points(name: str, value: Any, t: NDArray[Any], times: NDArray[Any], di
 
 
 def _first_not_finite(values: Array) -> tuple[int, ...] | None:
+    """Return the index of the first number that is not finite; None if all are."""
     bad = ~np.isfinite(values)
     return tuple(int(i) for i in np.unravel_index(np.argmax(bad), bad.shape)) if bad.any() else None
 

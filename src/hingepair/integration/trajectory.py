@@ -297,7 +297,7 @@ class PlanarTrajectory(_TrajectoryBase):
 
 
 STATE_PREFIX: Final = "state."  # of the names of a state's outputs among the arrays of a trajectory
-_ERRORS = {"_error", "_psi_error"}
+_ERRORS = {"_error", "_psi_error"}  # fields that hold a LazyValue
 
 
 def trajectory_from_arrays(
@@ -356,7 +356,7 @@ def _orthonormalized(S: eq.Matrix) -> eq.Matrix:
 
 
 def rotate_to_world(S1: NDArray[Any], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return vectors (..., 3) in axes of body 1 in world axes."""
+    """Convert vectors (..., 3) from axes of body 1 to world axes."""
     parts = {"S1": components_of(S1, 2), "w": components_of(vectors)}
     return tabulate_one(lambda v: eq.rotate(v["S1"], v["w"]), parts, (3,), np.dtype(np.float64))
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hingepair.errors import FitError
 from hingepair.measured.findings import (
+    MAX_PLAY,
     RANDOM,
     RELIABLE_AXIS,
     RELIABLE_POINT,
@@ -32,16 +33,15 @@ from hingepair.measured.least_squares import (
     sandwich,
     solve_semidefinite,
 )
-from hingepair.measured.likelihood import FIRST_PASS, SHOWN, SHOWN_STD, PosesAt
+from hingepair.measured.likelihood import FIRST_PASS, MAX_OFFSET_STD, MIN_OFFSET_GAIN, PosesAt
 from hingepair.measured.relative_poses import JUDGES, RelativePoses
 from hingepair.measured.robust import OUTLIER, Loss, cauchy, loss_weights, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import percent
 
-_PARAMETERS = 6  # of `Circle.moved`, which come first; then the clock offset, where it is sought
-_PLAY = 0.02  # residuals that are not noise, in parts of the radius: a hinge is still reported below
-_SHIFTED = 1e-6  # of the radius: errors of exact samples that were moved in time
+_PARAMETERS = 6  # numbers of a step of `Circle.moved`; the clock offset follows them where it is sought
+_SHIFT_ERROR = 1e-6  # of the radius: what moving exact samples in time may leave
 
 
 class Circle(NamedTuple):
@@ -52,18 +52,18 @@ class Circle(NamedTuple):
     radius: float  # [m]
 
     def moved(self, step: Float64Array) -> Circle:
-        """Return the circle after a step: two turns of n [rad] and three shifts of the centre [m] along the axes of
-        `frame(n)`, and a change of the radius [m].
+        """Return the circle after a step of six numbers: tilts of n [rad] towards the first two columns of
+        `frame(n)`, shifts of the centre [m] along all three, and the growth of the radius [m].
         """
         centre = self.centre + frame(self.n) @ step[2:5]
         return Circle(tilt_axis(self.n, step[:2]), centre, self.radius + float(step[5]))
 
     def relative_size(self, step: Float64Array) -> float:
-        """Return the largest number of a step, its lengths in parts of the diameter."""
+        """Return the largest magnitude of the six numbers of a step, its lengths in parts of the diameter."""
         return max(float(np.abs(step[:2]).max()), float(np.abs(step[2:6]).max()) / (2 * self.radius))
 
     def shortened(self, step: Float64Array) -> Float64Array:
-        """Return a step that changes the circle by no more than 0.3 rad, or of its diameter."""
+        """Return a step, scaled as a whole so that it changes the circle by 0.3 rad, or diameters, at most."""
         return step * min(1.0, 0.3 / max(self.relative_size(step), 1e-300))
 
     @property
@@ -113,7 +113,7 @@ class CircleFit(NamedTuple):
     circle: Circle
     noise: float  # standard deviation of a coordinate [m]
     residuals: Float64Array  # out of the plane and across the circle [m]; (N, 2)
-    weights: Float64Array  # (N,)
+    weights: Float64Array  # of the poses, times those of the loss; (N,)
     is_outlier: NDArray[np.bool_]  # (N,)
     covariance: Float64Array  # of u1, u2, n and home; (12, 12)
     findings: tuple[Finding, ...]
@@ -133,12 +133,12 @@ class CircleFit(NamedTuple):
         shown = self.normal[k, k] - self.normal[k, :k] @ across
         _, change = _residuals_and_derivatives(self.circle, noise_poses)
         noise = float(self.weights @ (change[:, :, k] ** 2).sum(axis=1))
-        is_certain = shown * SHOWN_STD**2 > self.noise**2
-        return self.has_converged and bool(shown > SHOWN * noise and is_certain)
+        is_certain = shown * MAX_OFFSET_STD**2 > self.noise**2
+        return self.has_converged and bool(shown > MIN_OFFSET_GAIN * noise and is_certain)
 
 
 class _State(NamedTuple):
-    """What steps change."""
+    """The unknowns of `fit_circle`, and the poses at the clock offset."""
 
     circle: Circle
     offset: float
@@ -193,7 +193,7 @@ def fit_circle(
             return True
         if state.poses.offset_derivatives is None:
             return state.circle.relative_size(step) < 1e-15
-        return abs(float(step[_PARAMETERS])) < 1e-6 and state.circle.relative_size(step) < _SHIFTED  # s
+        return abs(float(step[_PARAMETERS])) < 1e-6 and state.circle.relative_size(step) < _SHIFT_ERROR  # s
 
     # With some samples first, then with all.
     most, come_to_rest = FIRST_PASS, False
@@ -214,7 +214,7 @@ def fit_circle(
     residuals, change = _residuals_and_derivatives(circle, some)
     _, weights, bend = _variance_and_weights(residuals, some.weights, loss)
     squares = some.weights * (residuals * residuals).sum(axis=1)
-    explained = 1e-12 * np.abs(some.p).max() if some.offset_derivatives is None else _SHIFTED * circle.radius
+    explained = 1e-12 * np.abs(some.p).max() if some.offset_derivatives is None else _SHIFT_ERROR * circle.radius
     is_outlier = (squares > OUTLIER * max(median_variance(squares, 2), 1e-300)) & (np.sqrt(squares) > explained)
 
     # Covariance, and what the attitudes of body 1 may add to it.
@@ -257,8 +257,8 @@ def fit_circle(
 def _angle_std(
     circle: Circle, poses: RelativePoses, variance: float, covariance: Float64Array, shift: Float64Array
 ) -> Float64Array:
-    """Return the standard deviations of the hinge angles (N,): of noise of a variance [m^2] along the circle, and of
-    the circle, whose parameters have a covariance and a possible bias `shift`, which is 0 if body 1 has no noise.
+    """Return the standard deviations of the hinge angles [rad] (N,), from noise of `variance` [m^2] along the circle
+    and from the circle, whose six parameters have `covariance` and a possible bias `shift`.
     """
     change = circle.angle_derivatives(poses)
     of_circle = (change * (covariance @ change)).sum(axis=0) + (shift @ change[:_PARAMETERS]) ** 2
@@ -295,8 +295,8 @@ def circle_misfit(poses: RelativePoses) -> float:
 
 
 def _bias(circle: Circle, poses: RelativePoses, place: float, attitude: float) -> Float64Array:
-    """Return the bias of the six parameters by noise of the variances `place` [m^2] of positions and `attitude`
-    [rad^2] of body 1: the mean step from exact samples, each coordinate of noise once up and once down.
+    """Return the bias (estimate less truth) of the six parameters by noise, of the variances `place` [m^2] of
+    positions and `attitude` [rad^2] of body 1: a step from exact samples, each coordinate off once up and once down.
     """
     thin = poses.thinned(JUDGES)
     relative = np.sqrt(1 / thin.weights)[:, None]
@@ -320,7 +320,7 @@ def _bias(circle: Circle, poses: RelativePoses, place: float, attitude: float) -
 
 
 def _bias_by_attitudes(circle: Circle, poses: RelativePoses, variance: float) -> Float64Array:
-    """Return the bias of the six parameters if noise of the attitudes of body 1 alone made the residuals."""
+    """Return the bias of the six parameters by noise of body 1's attitudes that gives residuals a variance [m^2]."""
     return _bias(circle, poses, 0.0, _attitude_noise(circle, poses, variance))
 
 
@@ -349,8 +349,9 @@ def _variance_and_weights(
 
 
 def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Float64Array, Float64Array]:
-    """Return the distances from the plane of the circle and, in that plane, from the circle (N, 2), and their
-    derivatives by the six parameters and, where the poses have them, by the clock offset (N, 2, 6 or 7).
+    """Return the distances from the plane of the circle, positive along n, and in it from the circle, positive
+    outside (N, 2), and their derivatives by the six parameters and, if the poses have them, by the clock offset
+    (N, 2, 6 or 7).
     """
     axes = frame(circle.n)
     x, y, z = ((poses.p.T - circle.centre) @ axes).T
@@ -395,8 +396,8 @@ def _circle_of_random_triples(p: Float64Array, num_triples: int = 300) -> Circle
 
 
 def _arc_findings(p: Float64Array, relative_radius_std: float) -> list[Finding]:
-    """Return a finding if the places p (N, 3) show hardly an arc, whose radius has a standard deviation in parts of
-    itself.
+    """Return a finding if the places p (N, 3) show hardly an arc; the standard deviation of its radius, in parts of
+    the radius, selects the words.
     """
     widths = np.linalg.svd(p - p.mean(axis=0), compute_uv=False) / np.sqrt(p.shape[0])
     what = "straight within" if relative_radius_std > 1 / 3 else "hardly an arc beside"
@@ -419,10 +420,10 @@ def _circle_findings(
         ("is off the circle", "its distance from the axis changes", "The point's distance from the axis changes"),
     )
     for column, size, (off, why, play) in zip(residuals.T, sizes, words, strict=True):
-        if neighbour_correlation(column) <= RANDOM or size <= 0.25 * _PLAY:
+        if neighbour_correlation(column) <= RANDOM or size <= 0.25 * MAX_PLAY:
             continue
         rms = f"by {size * circle.radius:.2g} m rms"
-        if size >= _PLAY:
+        if size >= MAX_PLAY:
             findings.append(Finding(f"The point {off} {rms}, and not at random: {why}."))
         else:
             share = f"{percent(size)} of the radius, and not at random"

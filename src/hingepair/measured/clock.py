@@ -25,9 +25,9 @@ from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.rotations.matrices import rotation_exp, skew
 from hingepair.tables.instants import split_at_gaps
 
-_MAX_SHIFT = 0.75  # of a sample along the smoothed motion, in median time steps
+_MAX_SHIFT = 0.75  # median time steps by which a sample of body 2 may be moved along its smoothed motion
 _MAX_GAP = 0.05  # s without a sample of body 2 that its smoothed motion bridges
-_TRIAL_SAMPLES = 256
+_TRIAL_SAMPLES = 256  # at most, at each trial offset
 
 
 class ClockedPoses:
@@ -55,7 +55,7 @@ class ClockedPoses:
         return bool(split_at_gaps(t, known2, _MAX_GAP, MIN_PIECE))
 
     def used_at(self, offset: float) -> NDArray[np.bool_]:
-        """Return which samples of body 1 have a sample of body 2 near enough in time; (N,)."""
+        """Return which samples of body 1 are known and have one of body 2 near enough in time; (N,)."""
         used = np.zeros(self._t.size, dtype=bool)
         used[self._matched(offset, None)[0]] = True
         return used
@@ -63,8 +63,8 @@ class ClockedPoses:
     def _matched(
         self, offset: float, max_samples: int | None
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Float64Array]:
-        """Return the indices of usable samples of body 1, of the nearest samples of body 2, and the time shifts from
-        these to those [s].
+        """Return the indices of usable samples of body 1, thinned evenly to at most so many, of the nearest samples
+        of body 2, and the times by which these were taken earlier [s].
         """
         rows = self._rows[:: 1 if max_samples is None else -(-self._rows.size // max_samples)]
         instants = self._t[rows] - offset
@@ -140,7 +140,7 @@ class ClockedPoses:
 
     @property
     def time_scale(self) -> float:
-        """Time [s] in which the motion of body 2 changes: median velocity over median acceleration; 1 at rest."""
+        """Time [s] in which v or omega of body 2 changes, their median over that of a or alpha; 1 at rest."""
         v, omega, a, alpha = (float(np.sqrt(np.median((rate**2).sum(axis=1)))) for rate in self._rates)
         scales = [rate / change for rate, change in ((v, a), (omega, alpha)) if rate > 0 and change > 0]
         return min(scales, default=1.0)

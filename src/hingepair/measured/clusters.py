@@ -1,4 +1,8 @@
-"""From the markers of a rigid cluster to the poses of its body (Kabsch), marker by marker judged."""
+"""Poses of a body from the markers of a rigid cluster on it (Kabsch), and sentences on markers that do not fit.
+
+Private functions take `places` (N, M, 3), the recorded positions [m] with any finite number where a marker is not
+seen, `is_seen` (N, M), 1.0 or 0.0, and `cluster` (M, 3), the places of the markers on the body [m].
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from hingepair.numeric.arrays import Float64Array, read_only, real_array
 from hingepair.pair.body_motion import BodyMotion, motion_of_rotations
 from hingepair.tables.sheets import percent
 
-_MIN_MARKERS = 3  # in a sample from which it has an attitude
+_MIN_MARKERS = 3  # that a sample must show to have a pose
 _MIN_WIDTH = 0.02  # of a cluster, in parts of its length; below, the markers are on a line, which shows no attitude
 _JUDGED_SAMPLES = 1000  # that tell which marker moved
 _ROUNDING = 1e-9  # of the size of the cluster; smaller distances from the places are rounding
@@ -133,7 +137,7 @@ def _is_outlier(distances: Float64Array, is_seen: Float64Array, size: float) -> 
 def _recording_sentences(
     places: Float64Array, is_seen: Float64Array, distances: Float64Array, good: NDArray[np.bool_]
 ) -> list[str]:
-    """Return sentences on markers that are hidden at (0, 0, 0), and on samples that do not agree with most."""
+    """Return sentences on markers that are hidden at (0, 0, 0), and on samples that are not `good`."""
     sentences = []
     for marker, count in enumerate(((places == 0).all(axis=2) & (is_seen > 0)).sum(axis=0)):
         if count > 1:
@@ -170,8 +174,8 @@ def _rms_by_marker(distances: Float64Array, is_seen: Float64Array) -> Float64Arr
 
 
 def _first_marker_places(places: Float64Array, is_seen: Float64Array) -> Float64Array:
-    """Return first places of the markers (M, 3), from the sample that shows the most; those that it lacks from
-    samples that show them with three known ones.
+    """Return first places of the markers on the body (M, 3), about their mean: from the sample that shows the most;
+    those that it lacks from samples that show them with three known ones. Raise FitError if there are none.
     """
     best = int(np.argmax(is_seen.sum(axis=1)))
     there = is_seen[best] > 0
@@ -208,7 +212,7 @@ def _check_not_on_line(cluster: Float64Array) -> None:
 def _kabsch_poses(
     places: Float64Array, is_seen: Float64Array, cluster: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return R and S of least squares, and the distances (N, M) from the places, 0 where not seen."""
+    """Return R (N, 3) and S (N, 3, 3) of least squares, and the distances (N, M) from them, 0 where not seen."""
     count = np.maximum(is_seen.sum(axis=1), 1.0)[:, None]
     middle = (is_seen[..., None] * places).sum(axis=1) / count
     inner = is_seen @ cluster / count

@@ -48,7 +48,7 @@ class Fused(NamedTuple):
 
     psi: Float64Array
     is_rejected: NDArray[np.bool_]  # whether the reading was left out
-    share: Float64Array | float  # weight of the reading in psi, beside that of the pose
+    share: Float64Array | float  # weight of the reading in psi, 0 to 1; the rest is that of the pose
 
 
 def fuse(

@@ -26,10 +26,10 @@ from hingepair.tables.sheets import percent
 RANDOM = 0.5  # correlation of neighbouring residuals; above, they are not noise
 RELIABLE_AXIS = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
 RELIABLE_POINT = 0.1  # likewise of the hinge point, in parts of the levers
+MAX_PLAY = 0.02  # rms play that is not random, in parts of the levers, or of a circle's radius; above, it is no hinge
 _JOINT_SAMPLES = 2048  # that tell whether the bodies turn, and what other joint they have
-_JUDGED_SAMPLES = 65536
-_MISTAKE_SAMPLES = 400
-_PLAY = 0.02  # motion of the hinge point that is not random, in parts of the levers: a hinge is still reported below
+_JUDGED_SAMPLES = 65536  # that are judged, at most
+_MISTAKE_SAMPLES = 400  # on which mistakes are tried, at most
 
 
 class Finding(NamedTuple):
@@ -40,7 +40,7 @@ class Finding(NamedTuple):
 
 
 class Check(NamedTuple):
-    """A row of a table of findings: it becomes one where its value is above the limit, or NaN."""
+    """A condition that becomes a Finding where its value is above the limit, or NaN."""
 
     value: float
     limit: float
@@ -49,7 +49,7 @@ class Check(NamedTuple):
 
 
 def exceeded(*checks: Check) -> list[Finding]:
-    """Return the findings of the checks whose values are above their limits."""
+    """Return the findings of the checks whose values are above their limits, or NaN."""
     return [Finding(check.text, check.harmless) for check in checks if not check.value <= check.limit]
 
 
@@ -136,8 +136,8 @@ def judge_hinge(
 
 
 def split_findings(random: Float64Array, whole: Float64Array, how: str) -> list[Finding]:
-    """Return a finding if the covariance (12, 12) is far larger than that by the noise alone, since it is not known
-    to which body the noise of the attitudes belongs. `how` ends the sentence.
+    """Return a finding if u1 and u2 are far less certain by `whole` than by `random`, covariances (12, 12) with and
+    without the doubt to which body the noise of the attitudes belongs. `how` ends the sentence.
     """
     added = np.sqrt(np.maximum(np.diagonal(whole - random), 0.0))[:6]
     if not (added > np.maximum(0.5 * np.sqrt(np.diagonal(random))[:6], 1e-12)).any():
@@ -162,6 +162,7 @@ def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np
 
 
 def _residuals_are_rounding(residuals: HingeResiduals, poses: RelativePoses, samples: NDArray[np.bool_]) -> bool:
+    """Return whether rounding explains the residuals of the given samples (N,)."""
     largest = max(np.abs(residuals.gap[:, samples]).max() / poses.size, residuals.tilt[samples].max())
     return bool(largest < 1e-12)
 
@@ -258,7 +259,7 @@ def _point_findings(poses: RelativePoses, noise: Noise, residuals: HingeResidual
     else:
         text = f"The hinge point is off by {size:.2g} m rms at random: noise that is large relative to the levers."
         return [Finding(text)]
-    if size >= _PLAY * reach:
+    if size >= MAX_PLAY * reach:
         return [Finding(no_hinge)]
     share = f"{percent(float(rms) / reach)} of the levers, and not at random"
     return [Finding(f"{play} by {rms:.2g} m rms, {share}: u1 and u2 name its mean place.", harmless=True)]
@@ -273,6 +274,7 @@ def _angle_scatter(psi: Float64Array, weights: Float64Array) -> float:
 
 
 def _rms_distance(p: Float64Array) -> float:
+    """Return the rms length of vectors (3, N)."""
     return float(np.sqrt((p * p).sum() / max(p.shape[1], 1)))
 
 
@@ -343,7 +345,7 @@ def _corrected_poses(poses: BodyPoses) -> Iterator[tuple[str, BodyPoses]]:
 
 
 def _with_reordered_quaternions(S: Float64Array, scalar_first: bool) -> Float64Array:
-    """Correct rotations whose quaternions were written scalar first and read scalar last, or the reverse."""
+    """Return the rotations meant by quaternions that were written with `scalar_first` and read the other way."""
     read = matrix_to_quaternion(S)  # w, x, y, z
     written = np.roll(read, -1, axis=-1) if scalar_first else read
     return np.asarray(quaternion_to_matrix("quat", written, scalar_first=scalar_first), dtype=np.float64)

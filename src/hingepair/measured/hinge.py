@@ -58,8 +58,8 @@ class Hinge(NamedTuple):
 
 
 def sign_of(n: Float64Array, n_along: Float64Array | None = None) -> float:
-    """Return the sign of n along a direction; without one, that of its first component of at least 0.45 times the
-    largest size.
+    """Return the sign of n along a direction, which must not be nearly across n; without one, that of its first
+    component of at least 0.45 times the largest size.
     """
     if n_along is not None:
         cosine = float(n @ n_along) / float(np.linalg.norm(n_along))
@@ -148,8 +148,8 @@ def result_derivatives(hinge: Hinge, gauge: str) -> Float64Array:
 
 
 def home_angle(hinge: Hinge, home: Float64Array) -> float:
-    """Return the angle at psi = 0 [rad] from the first axis of `frame(n)`, in body 1, to that of `frame(m)`, in body
-    2.
+    """Return the angle [rad] about n at psi = 0 from the first column of `frame(n)`, in body 1, to that of
+    `frame(m)`, in body 2.
     """
     first, second = frame(hinge.n), home @ frame(hinge.m)
     return float(np.arctan2(first[:, 1] @ second[:, 0], first[:, 0] @ second[:, 0]))

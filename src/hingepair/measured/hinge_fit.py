@@ -73,7 +73,7 @@ if TYPE_CHECKING:
 
 
 _INLIER = 0.1  # weight below which a robust loss has made the sample an outlier
-_SOME = 65536  # samples for the start in closed form, and for the check that the motion determines the clock offset
+_START_SAMPLES = 65536  # for the start in closed form and the check that motion shows the clock offset, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -441,7 +441,7 @@ def _hinge_fit(
     gauge: str,
     n_along: Float64Array | None,
 ) -> HingeFit:
-    """Return the result for the user, with all that is to be said."""
+    """Return the HingeFit of a found hinge, with findings on the recordings too."""
     clock, used, weights, total = found.clock, found.used, found.weights, found.weights.sum()
     deviations = np.sqrt(np.diagonal(found.covariance)).reshape(4, 3)
     std: dict[str, Any] = dict(zip(("u1", "u2", "n", "home"), map(read_only, deviations), strict=True))
@@ -569,7 +569,7 @@ def _without_bias(
 def _with_unknown_split(
     poses: RelativePoses, hinge: Hinge, noise: Noise, line: EncoderLine | None, residuals: HingeResiduals
 ) -> HingeResiduals:
-    """Widen the covariance by the bias where body 1's share of the noise of the attitudes is not known."""
+    """Return the residuals with a covariance that allows for any share of body 1 in the noise of the attitudes."""
     from_body1, from_body2 = (bias_of_hinge(poses, hinge, noise, line, share) for share in (1.0, 0.0))
     size = residuals.covariance.shape[0]
     spread = np.zeros(size)
@@ -681,18 +681,18 @@ def _most_likely_estimate(
         there = _poses_at_known_offset(clock, clock_offset)
         estimate = most_likely_hinge(
             there,
-            start or closed_form_hinge(there.thinned(_SOME)),
+            start or closed_form_hinge(there.thinned(_START_SAMPLES)),
             loss,
         )
         return estimate._replace(offset=clock_offset), clock
     if clock is not None:
         near = clock.most_likely_offset(functools.partial(negative_log_likelihood_per_sample, known_hinge=start))
-        first = start or closed_form_hinge(clock.poses_at(near, _SOME))
+        first = start or closed_form_hinge(clock.poses_at(near, _START_SAMPLES))
         estimate = most_likely_hinge(poses, first, loss, clock.poses_at, near)
-        real, noisy = (at(estimate.offset, _SOME) for at in (clock.poses_at, clock.noise_poses_at))
+        real, noisy = (at(estimate.offset, _START_SAMPLES) for at in (clock.poses_at, clock.noise_poses_at))
         if estimate.has_converged and shows_offset(real, noisy, estimate, loss):
             return estimate, clock
-    return most_likely_hinge(poses, start or closed_form_hinge(poses.thinned(_SOME)), loss), None
+    return most_likely_hinge(poses, start or closed_form_hinge(poses.thinned(_START_SAMPLES)), loss), None
 
 
 def _clock_offset_std(poses: RelativePoses, residuals: HingeResiduals, clock_offset: float | None) -> np.float64:
@@ -731,7 +731,7 @@ def _angle_std(
     share: Float64Array | float,
     line: EncoderLine | None,
 ) -> Float64Array:
-    """Return the standard deviations of psi (N,), which the pose tells but for the `share` that the encoder tells."""
+    """Return the standard deviations of psi [rad] (N,), in which readings have the weight `share`, poses the rest."""
     attitude = noise.attitude * (1.0 if poses.relative_noise is None else poses.relative_noise[1])
     # The encoder's noise is what the residuals show beyond that of the attitudes, which may be far larger.
     both = float(np.mean(attitude)) + noise.encoder
@@ -752,7 +752,7 @@ def _angle_std(
 
 
 def _zero_derivatives(poses: RelativePoses, hinge: Hinge) -> Float64Array:
-    """Return the derivatives of psi of all samples, less that of psi = 0, by two turns of n and two of m (4,); by
+    """Return the derivatives (4,) of the shift that all angles psi have in common, by two turns of n and two of m; by
     central differences.
     """
     some = poses.thinned(SHIFT_SAMPLES)

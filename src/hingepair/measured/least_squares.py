@@ -17,9 +17,9 @@ _SUMS = 40  # of neighbouring scores that a covariance is taken from, at least
 class Equations(NamedTuple):
     """The normal equations of a Gauss-Newton step."""
 
-    normal: Float64Array  # (k, k)
-    gradient: Float64Array  # (k,)
-    cost: float = 0.0  # sum of squares
+    normal: Float64Array  # J^T J; (k, k)
+    gradient: Float64Array  # J^T r; (k,)
+    cost: float = 0.0  # r^T r; only damped steps need it
 
 
 def least_squares(

@@ -41,16 +41,16 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.bounded import UNIT_ROUNDOFF
 from hingepair.rotations.matrices import rotation_exp
 
-PARAMETERS = 9  # of `Hinge.moved`, which come first; then the clock offset and the encoder's line, where sought
-FIRST_PASS = 16384  # samples that the first steps are taken with
-SHOWN = 10.0  # information on the clock offset over what noise adds to it, from which the motion shows the offset
-SHOWN_STD = 0.1  # [s]: an offset that is known less well is not shown
+PARAMETERS = 9  # numbers of a step of `Hinge.moved`; the clock offset and the encoder's line (2) follow where sought
+FIRST_PASS = 16384  # samples that the first steps are taken with, at most
+MIN_OFFSET_GAIN = 10.0  # information on the clock offset over that of noise alone; below, motion does not show it
+MAX_OFFSET_STD = 0.1  # [s]: nor if it is known less well
 SHIFT_SAMPLES = 100  # samples that tell by how much the zero of psi shifts
 _BLOCK = 2048  # samples, that fit the caches
 _NOISE_SAMPLES = 4096  # samples that the variance components are estimated from
-_BIAS_SAMPLES = 300
+_BIAS_SAMPLES = 300  # at which the bias is computed, at most
 _ROUNDING = 4 * UNIT_ROUNDOFF  # of attitudes, and of places in parts of their size
-_LEAST_NOISE = 1e-3  # variance of positions, or of the encoder, to the mean squared residual
+_LEAST_NOISE = 1e-3  # least variance of positions, or of the encoder, in parts of the mean squared residual
 _OPPOSITE = -0.999999  # cosine of axes below which they point against each other
 
 
@@ -195,7 +195,7 @@ class HingeResiduals(NamedTuple):
     gap: Float64Array  # of E1, in axes along the hinge [m]; shape (3, N)
     psi: Float64Array  # angle about the hinge from one `frame` to the other, in [-pi, pi] [rad]; shape (N,)
     whitened_squares: Float64Array  # r^T C^-1 r; shape (N,)
-    weights: Float64Array  # given, times those of the loss; shape (N,)
+    weights: Float64Array  # of the loss alone; shape (N,)
     neighbour_correlations: tuple[float, ...]  # correlations of neighbours, of tilts and of gaps
     covariance: Float64Array  # of the parameters
     unresolved_lag: int  # samples over which scores are still correlated at the longest sums; 0 where they are not
@@ -203,7 +203,7 @@ class HingeResiduals(NamedTuple):
 
 
 class _State(NamedTuple):
-    """What steps change."""
+    """The unknowns of `most_likely_hinge`, its noise, and the poses at the clock offset."""
 
     hinge: Hinge
     line: EncoderLine | None
@@ -281,8 +281,8 @@ def fit_encoder_line(
 
 
 def frame_turn_angle(poses: RelativePoses, before: Hinge, after: Hinge) -> float:
-    """Return the median change of psi [rad] at equal poses when the hinge changes, since psi is counted between the
-    first axes of `frame(n)` and `frame(m)`.
+    """Return the median growth of psi [rad] at equal poses from one hinge to another, since psi is counted between
+    the first axes of `frame(n)` and `frame(m)`.
     """
     first, second = (
         np.concatenate([seen.psi for _, seen in iterate_residuals(poses, hinge)]) for hinge in (before, after)
@@ -324,8 +324,8 @@ def _encoder_residual(psi: Float64Array, reading: Float64Array, encoder_line: En
 def attitude_noise_share(
     poses: RelativePoses, noise: Noise, encoder_line: EncoderLine | None
 ) -> Float64Array | float:
-    """Return the part of the variance of psi less the encoder's angle that noise of the attitudes has (N,), by which
-    psi is to be corrected; 0 without an encoder.
+    """Return the weight (N,) of the reading in psi: what noise of the attitudes has of the variance of psi less the
+    encoder's angle; 0 without an encoder.
     """
     if encoder_line is None or poses.encoder is None:
         return 0.0
@@ -358,15 +358,15 @@ def shows_offset(poses: RelativePoses, noise_poses: RelativePoses, estimate: Est
     others = np.delete(np.arange(normals[0].shape[0]), k)
     across = solve_semidefinite(normals[0][np.ix_(others, others)], normals[0][others, k])
     shown = normals[0][k, k] - normals[0][k, others] @ across
-    return bool(shown > SHOWN * normals[1][k, k] and shown * SHOWN_STD**2 > 1)
+    return bool(shown > MIN_OFFSET_GAIN * normals[1][k, k] and shown * MAX_OFFSET_STD**2 > 1)
 
 
 def bias_of_hinge(
     poses: RelativePoses, hinge: Hinge, noise: Noise, line: EncoderLine | None = None, share: float | None = None
 ) -> Float64Array:
-    """Return the bias of the most likely hinge, and of the zero and the slope of the encoder's line; (9,) or (11,).
-    It goes as the variance of the noise and does not decrease with the number of samples: a rotation that is off at
-    random is on average a shorter matrix than a rotation, so levers come out short.
+    """Return the bias (estimate less truth) of the most likely hinge, as a step, and of the zero and the slope of the
+    encoder's line; (9,) or (11,). It goes as the variance of the noise and does not decrease with the number of
+    samples: a rotation that is off at random is on average a shorter matrix, so levers come out short.
 
     Args:
         poses: the samples.
@@ -504,6 +504,7 @@ def iterate_residuals(
 def _normal_equations(
     poses: RelativePoses, hinge: Hinge, noise: Noise, loss: Loss | None, encoder_line: EncoderLine | None = None
 ) -> Equations:
+    """Return the normal equations of whitened residuals, by the parameters of `SampleResiduals.whitened_rows`."""
     total: Float64Array = np.zeros(())
     for _, seen in iterate_residuals(poses, hinge, encoder_line):
         rows = seen.whitened_rows(noise)
@@ -513,6 +514,7 @@ def _normal_equations(
 
 
 def _weighted_gram_matrix(rows: Float64Array, weights: Float64Array | float) -> Float64Array:
+    """Return the products of rows (k, components, M) with each other (k, k), summed with weights (M,)."""
     rows = (rows * np.sqrt(weights)).reshape(rows.shape[0], -1)
     return np.asarray(rows @ rows.T)
 

@@ -38,7 +38,7 @@ class RelativePoses(NamedTuple):
 
     @property
     def weights(self) -> Float64Array:
-        """Inverse variances of the positions, divided by their mean size; (N,)."""
+        """Inverse variances of the positions, relative to a typical one; (N,)."""
         return np.ones(self.samples) if self.relative_noise is None else 1 / self.relative_noise[0]
 
     def thinned(self, max_samples: int) -> RelativePoses:

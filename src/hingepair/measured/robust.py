@@ -13,23 +13,23 @@ Loss = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 
 
 def soft_l1(z: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Differentiate 2 (sqrt(1 + z) - 1)."""
+    """Return the first and the second derivative of 2 (sqrt(1 + z) - 1)."""
     return (1 + z) ** -0.5, -0.5 * (1 + z) ** -1.5
 
 
 def huber(z: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Differentiate z up to 1, and 2 sqrt(z) - 1 from there on."""
+    """Return the first and the second derivative of z up to 1, and of 2 sqrt(z) - 1 from there on."""
     far = np.maximum(z, 1)
     return far**-0.5, np.where(z > 1, -0.5 * far**-1.5, 0.0)
 
 
 def cauchy(z: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Differentiate log(1 + z)."""
+    """Return the first and the second derivative of log(1 + z)."""
     return 1 / (1 + z), -1 / (1 + z) ** 2
 
 
 def arctan(z: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Differentiate the arc tangent of z."""
+    """Return the first and the second derivative of the arc tangent of z."""
     return 1 / (1 + z * z), -2 * z / (1 + z * z) ** 2
 
 
@@ -42,15 +42,14 @@ LOSSES: dict[str, Loss | None] = {
 }
 
 OUTLIER = 50.0  # squared residual, in variances, from which a sample is called an outlier
-# Of chi-squared, by degrees of freedom: the median, and the size above which losses bend (95 % are below).
-_MEDIANS = {1: 0.4549, 2: 1.3863, 3: 2.3660, 5: 4.35}
-_BENDS = {1: 3.84, 2: 5.99, 3: 7.81, 5: 11.07}
+_MEDIANS = {1: 0.4549, 2: 1.3863, 3: 2.3660, 5: 4.35}  # of chi-squared, by degrees of freedom
+_BENDS = {1: 3.84, 2: 5.99, 3: 7.81, 5: 11.07}  # likewise, where losses bend: 95 % of the squares are below
 
 
 def loss_weights(
     loss: Loss | None, squares: Float64Array, freedom: int, gross: float = 900.0
 ) -> tuple[Float64Array, Float64Array]:
-    """Return the weights of samples, and the derivatives of the weights by the squares.
+    """Return the weights by which a loss counts samples, and the derivatives of the weights by the squares.
 
     Args:
         loss: None: all samples weigh 1.

@@ -70,7 +70,7 @@ def checked_samples(
     noise1: tuple[ArrayLike, ArrayLike] | None,
     noise2: tuple[ArrayLike, ArrayLike] | None,
 ) -> Samples:
-    """Check the arguments of `fit`, which have the same names."""
+    """Check the arguments of `fit`, which have the same names; samples that are not finite count as missing."""
     for name, body in (("body1", body1), ("body2", body2)):
         if not isinstance(body, BodyMotion):
             expected = "a BodyMotion, as hingepair.read_recording(...).body1 of files, DataFrames and dicts"

@@ -27,7 +27,7 @@ from hingepair.tables.sheets import percent
 
 _UNKNOWNS = 22  # of `_Records`
 _STEP = 1e-5  # rad, m, rad/s, m/s^2: of central differences by the unknowns
-_REFINED_SAMPLES = 4000
+_REFINED_SAMPLES = 4000  # from which the unknowns are estimated, at most
 _UNMEASURED = 1e6  # rad: standard deviation of an angle, or a change over a gap, that nothing measures
 
 
@@ -124,7 +124,7 @@ def fit_angle(
     sensors = read_sensors(t, named, gaps, gyroscope_bias, accelerometer_bias)
     used, count = sensors.used, sensors.t.size
     data = _Records(sensors, Hinge(axes[0], axes[1], levers[0], levers[1]))
-    values, covariance = _refined(data)
+    values, covariance = _fit_unknowns(data)
     seen = data.seen(values)
     estimate = _most_likely_angle(data, seen, values, covariance)
     std = np.minimum(estimate.std, np.pi)
@@ -173,7 +173,7 @@ class _Seen(NamedTuple):
         return np.stack((*lengths, self.pulling[0][:, 2] - self.pulling[1][:, 2]))
 
     def angles(self) -> Float64Array:
-        """Return the angles that both vectors tell, and the hinge rate; shape (3, N)."""
+        """Return the angles psi that both vectors tell, with jumps by 2 pi, and the hinge rate; shape (3, N)."""
         a, b = ([vector[:, 0] + 1j * vector[:, 1] for vector in both] for both in (self.turning, self.pulling))
         return np.stack((*(np.angle(x * np.conj(y)) - self.home for x, y in (a, b)), self.rate))
 
@@ -187,7 +187,7 @@ class _Records(NamedTuple):
     hinge: Hinge
 
     def seen(self, x: Float64Array, rows: slice = slice(None)) -> _Seen:
-        """Return the vectors at the unknowns x (22,)."""
+        """Return what both sensors see if the unknowns are x (22,), at all usable samples or at `rows` of them."""
         n, m = tilt_axis(self.hinge.n, x[:2]), tilt_axis(self.hinge.m, x[2:4])
         omega, force = self.sensors.omega[:, self.sensors.used[rows]], self.sensors.used_forces[:, rows]
         vectors = []
@@ -209,7 +209,7 @@ class _Records(NamedTuple):
         return change / (2 * _STEP)
 
 
-def _refined(data: _Records) -> tuple[Float64Array, Float64Array]:
+def _fit_unknowns(data: _Records) -> tuple[Float64Array, Float64Array]:
     """Return the most likely unknowns (22,) and their covariance (22, 22), from what does not depend on psi."""
     sensors = data.sensors
     rows = slice(None, None, -(-sensors.used.size // _REFINED_SAMPLES))
@@ -374,8 +374,8 @@ def _unwrapped_start(integrated_rates: Float64Array, angles: Float64Array, preci
 
 
 class _Smoother:
-    """Weighted least squares of N angles and of the bias of their rate, factorised once: of inverse variances of
-    measured steps (N - 1,) over the times `dt` and of measured angles (k, N), and the prior `bias_std`.
+    """Weighted least squares of N angles and of the bias of their rate, factorised once. The weights are the inverse
+    variances of measured steps (N - 1,) over times `dt` and of measured angles (k, N); `bias_std` is a prior.
     """
 
     def __init__(
@@ -420,6 +420,7 @@ class _Smoother:
 
 
 def _at_used_indices(values: Float64Array, used_indices: NDArray[np.intp], num_samples: int) -> Float64Array:
+    """Return a read-only array of NaN that has `values` at the used indices."""
     all_samples = np.full(num_samples, np.nan)
     all_samples[used_indices] = values
     return read_only(all_samples)

@@ -46,9 +46,9 @@ from hingepair.rotations.matrices import skew
 from hingepair.tables.suspicions import suspicions
 
 _START_SAMPLES = 400  # samples that starts are tried with
-_LAG_SAMPLES = 4000
+_LAG_SAMPLES = 4000  # that the lag of sensor 2 is sought with, at most
 _ROUNDING = 1e-13  # residuals that rounding explains, in parts of the readings
-_SYSTEMATIC_RATE = 0.05  # of rates: residuals that are not noise, below which the axis is still reliable
+_SYSTEMATIC_RATE = 0.05  # residuals that are not noise, in parts of the rates; above, the axis is not reliable
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -364,7 +364,7 @@ def _with_priors(
 
 
 def _solved(problem: Any, start: Float64Array, max_steps: int = 60) -> tuple[Float64Array, Float64Array]:
-    """Return the unknowns of least squares and the residuals there."""
+    """Return the unknowns that fit a `_Rates` or `_Forces` best, and the residuals there, those of priors last."""
 
     def equations(x: Float64Array) -> Equations:
         residuals, derivatives = problem.linearised(x)

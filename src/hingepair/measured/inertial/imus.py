@@ -167,6 +167,7 @@ def fit_imus(
 
 
 def _check_overlap(imu1: ImuRecording, imu2: ImuRecording) -> None:
+    """Refuse recordings that do not overlap in time."""
     stamps, first = increasing_seconds("imu1.t", imu1.t)
     others, _ = elapsed_seconds("imu2.t", imu2.t, first)
     if others[-1] < stamps[0] or others[0] > stamps[-1]:

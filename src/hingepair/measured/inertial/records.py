@@ -94,8 +94,8 @@ def record_doubts(t: ArrayLike, named: Mapping[str, ArrayLike]) -> list[Finding]
 
 
 def local_slopes(values: Float64Array) -> Float64Array:
-    """Return the slopes of parabolas through seven readings (N, 3), in a row, in which the middle one has no part;
-    NaN at both ends.
+    """Return the slopes [per row] of parabolas through seven successive readings (N, 3), in which the middle one has
+    no part; NaN at three rows of either end.
     """
     slopes, weights = np.full_like(values, np.nan), np.arange(-3, 4)
     if values.shape[0] >= weights.size:
@@ -105,5 +105,5 @@ def local_slopes(values: Float64Array) -> Float64Array:
 
 
 def report(lines: Sequence[str], findings: Sequence[str], ok: bool) -> str:
-    """Return the text of a report."""
+    """Return the text of a report: lines, findings, and a last line that says whether it is reliable."""
     return "\n".join((*lines, *findings, "ok" if ok else "NOT RELIABLE"))

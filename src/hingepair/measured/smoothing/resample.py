@@ -110,8 +110,8 @@ def _refuse_quaternions_that_flip(values: Float64Array) -> None:
 
 
 def _wrapping_suspicions(values: Float64Array) -> list[str]:
-    """Return a list with one sentence on the first column of `values` that jumps like a wrapped angle, by 2 pi or by
-    360. The list is empty if no column does.
+    """Return a sentence on the first column of `values` that jumps like a wrapped angle, by 2 pi or by 360; [] if
+    none does.
     """
     for index in np.ndindex(values.shape[1:]):
         for turn, text in ((2 * np.pi, "2 pi"), (360.0, "360")):
@@ -164,7 +164,7 @@ def _interpolated_rotations(
     in_body: NDArray[np.bool_], nodes: Float64Array, neighbours: Float64Array
 ) -> Float64Array:
     """Return rotations at 0 between k others: polynomials through rotation vectors beside the steady spin between
-    two.
+    two, which is about an axis of the body (`in_body`) or of the world.
     """
     if nodes.shape[1] == 1:
         return neighbours[:, 0]

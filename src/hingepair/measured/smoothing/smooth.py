@@ -301,8 +301,8 @@ def _smooth_attitudes(
 
 
 def _steady_spin(t: Float64Array, S: Float64Array) -> tuple[bool, Float64Array]:
-    """Return whether a body spins about an axis of its own or of the world, and its median spin [rad/s], 0 if slow.
-    What tilts a fast spin slowly is fast in the axes in which it is smoothed.
+    """Return whether a body spins about an axis of its own or of the world, and its median spin in these axes
+    [rad/s], 0 if slow. In the other axes a slow tilt of a fast spin would be fast.
     """
     in_body = bool(spins_about_body_axis(S))
     before, after = S[:-1], S[1:]
@@ -363,7 +363,7 @@ def _smooth_angle(
 
 
 def _smoothable_pieces(name: str, t: Float64Array, values: Float64Array, gaps: float) -> list[NDArray[np.intp]]:
-    """Return the samples of each piece between gaps that is long enough to be smoothed."""
+    """Return the samples of each piece between gaps that is long enough to be smoothed; refuse values without one."""
     is_known: NDArray[np.bool_] = np.asarray(np.isfinite(values.reshape(t.size, -1)).all(axis=-1))
     pieces_of_samples = split_at_gaps(t, is_known, gaps, MIN_PIECE)
     if not pieces_of_samples:

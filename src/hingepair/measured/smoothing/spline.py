@@ -42,16 +42,16 @@ MIN_PIECE = 8  # samples of a piece that is smoothed
 _DEGREE = 7  # of the B-splines
 _PENALISED = 5  # order of the derivative whose square is penalised
 _CORRELATIONS = np.concatenate((np.arange(0, 0.9, 0.05), (0.9, 0.925, 0.95, 0.97)))  # of neighbours' noise, tried
-_MAX_STEP = 1.5  # of the usual time step: over longer ones noise is not correlated
+_MAX_STEP = 1.5  # usual time steps: over longer ones noise is not correlated
 _FIRST_FREQUENCY = 4  # index in a tapered spectrum: slower ones are of the taper itself
 _LEAST_WEIGHT = 1e-6  # of an outlier; above 0, so that a curve through few samples stays determined
 _STRETCH, _STRETCHES = 4096, 8  # samples of a stretch; of longer records, so many stretches choose the bandwidth
 
 
 class SmoothedColumns(NamedTuple):
-    """Smoothed columns."""
+    """Columns (M, k) after smoothing, with two derivatives, and what smoothing found."""
 
-    values: Float64Array  # and first and second derivative; shape (3, M, k); NaN outside the pieces
+    values: Float64Array  # values, first and second derivatives; shape (3, M, k); NaN outside the pieces
     deviations: Float64Array  # standard deviations of a column of these; shape (3, M)
     bandwidth: float  # of the smoothing [Hz]
     noise: float  # standard deviation of the noise of one sample of one column
@@ -522,6 +522,7 @@ def inverse_bands(matrix: Float64Array, bands: int) -> Float64Array:
 
 
 def _extended_knots(knots: Float64Array) -> Float64Array:
+    """Return uniform knots with seven more at either end."""
     more = (knots[1] - knots[0]) * np.arange(1, _DEGREE + 1)
     return np.concatenate([knots[0] - more[::-1], knots, knots[-1] + more])
 
