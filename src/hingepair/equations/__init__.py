@@ -1,5 +1,5 @@
-"""The constraint equations E1-E11 and their derivatives, written once.
+"""The equations E1-E11 and T1-T14 and their derivatives, written once.
 
-Plain arithmetic on tuples of scalars: floats, arrays, symbols and tracers all run through the same lines. Imports
-nothing.
+Plain arithmetic on tuples of scalars: floats, arrays, symbols and tracers all run through the same lines. Imports no
+other part of the package.
 """

@@ -18,11 +18,9 @@ Two = tuple[Scalar, Scalar]
 
 
 def tilt(f1: Vector, f2: Vector, h2: Vector) -> Two:
-    """Return the tilt of a hinge, two numbers: the components of h1 x h2 along f1 and f2 (E5). The unit vectors f1
-    and f2 are fixed in body 1, h1 = f1 x f2 is the hinge axis in body 1, and h2 is the hinge axis in body 2. The norm
-    of the tilt is the sine of the angle between h1 and h2.
-
-    The components are -f2 . h2 and f1 . h2; both are 0 if the axes are parallel.
+    """Return the tilt of a hinge, two numbers: the components of h1 x h2 along f1 and f2, -f2 . h2 and f1 . h2. The
+    unit vectors f1 and f2 are fixed in body 1, h1 = f1 x f2 is the hinge axis in body 1, and h2 that in body 2. The
+    norm is the sine of the angle between the axes, which E5 keeps at 0.
     """
     return -eq.dot(f2, h2), eq.dot(f1, h2)
 
@@ -50,7 +48,7 @@ def tilt_bias(
     f_axes: tuple[Vector, Vector], h2: Vector, omega1: Vector, omega2: Vector, relative_omega: Vector
 ) -> Two:
     """Return the second time derivative of `tilt`, two numbers, for zero angular accelerations of both bodies. f_axes
-    = (f1, f2) are two axes across the hinge axis in body 1, h2 is the hinge axis in body 2, and relative_omega =
+    = (f1, f2) are unit vectors of body 1 across the hinge axis, h2 is the hinge axis in body 2, and relative_omega =
     omega2 - omega1, all in world axes.
 
     It is c' . (omega2 - omega1), with the axes c of `tilt_axes`.
@@ -62,48 +60,45 @@ def tilt_bias(
 
 
 def tilt_acceleration(tilt_axes: tuple[Vector, Vector], relative_alpha: Vector, bias: Two) -> Two:
-    """Return the second time derivative of `tilt`, two numbers (E2). tilt_axes and `bias` are the results of the
-    functions `tilt_axes` and `tilt_bias`, and relative_alpha = alpha2 - alpha1.
+    """Return the second time derivative of `tilt`, two numbers (E2), from the results of the functions `tilt_axes`
+    and `tilt_bias`, and relative_alpha = alpha2 - alpha1.
     """
     return eq.dot(tilt_axes[0], relative_alpha) + bias[0], eq.dot(tilt_axes[1], relative_alpha) + bias[1]
 
 
 def slip(omega1: Vector, omega2: Vector, h2: Vector, psid: Scalar) -> Vector:
-    """Return the slip of the hinge for a known psi': the vector omega2 - omega1 - h2 psi', world axes, which is zero
-    if E2 holds. h2 is the hinge axis in body 2.
+    """Return omega2 - omega1 - h2 psi', world axes, which is zero if E2 holds for a known psi'; h2 is the hinge axis
+    in body 2.
     """
     return eq.subtract(omega2, eq.angular_velocity2(omega1, h2, psid))
 
 
 def gap_rate(v1: Vector, omega1: Vector, r1: Vector, v2: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return (R1 + r1)' - (R2 + r2)', the first time derivative of the vector between the hinge points of both bodies
-    (E1). The vectors r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge point of that body,
-    world axes.
+    """Return (R1 + r1)' - (R2 + r2)', the time derivative of `hinge_gap` (E1). r1 and r2 lead from the reference
+    point of body 1 and of body 2 to the hinge point of that body, world axes.
     """
     return eq.subtract(eq.add(v1, eq.cross(omega1, r1)), eq.add(v2, eq.cross(omega2, r2)))
 
 
 def gap_acceleration(a1: Vector, r1_acceleration: Vector, a2: Vector, r2_acceleration: Vector) -> Vector:
-    """Return a1 + r1'' - (a2 + r2''), the second time derivative of the vector between the hinge points of both
-    bodies (E1). r1 and r2 lead from the reference points to the hinge point of body 1 and of body 2; r1_acceleration
-    = r1'' and r2_acceleration = r2''.
+    """Return a1 + r1'' - (a2 + r2''), the second time derivative of `hinge_gap` (E1), where r1 and r2 lead from the
+    reference point of body 1 and of body 2 to the hinge point of that body, world axes.
     """
     return eq.subtract(eq.add(a1, r1_acceleration), eq.add(a2, r2_acceleration))
 
 
 def gap_bias(omega1: Vector, r1: Vector, omega2: Vector, r2: Vector) -> Vector:
-    """Return the second time derivative of the vector between the hinge points of both bodies, (R1 + r1) - (R2 + r2),
-    for zero linear and angular accelerations of both bodies (E1). The vectors r1 and r2 lead from the reference point
-    of body 1 and of body 2 to the hinge point of that body, world axes.
+    """Return the second time derivative of `hinge_gap`, R1 + r1 - (R2 + r2), for zero linear and angular
+    accelerations of both bodies (E1). r1 and r2 lead from the reference point of body 1 and of body 2 to the hinge
+    point of that body, world axes.
     """
     return eq.subtract(eq.cross(omega1, eq.cross(omega1, r1)), eq.cross(omega2, eq.cross(omega2, r2)))
 
 
 def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]) -> Entries:
-    """Return the Jacobian, with respect to (v1, omega1, v2, omega2), of the time derivatives of the vector between
-    the hinge points of both bodies (three rows) and of the tilt (two rows): a 5 x 12 matrix as a flat tuple row by
-    row. tilt_axes is the result of `tilt_axes`; r1 and r2 lead from the reference points to the hinge point, in world
-    axes.
+    """Return the Jacobian of the time derivatives of the gap R1 + r1 - (R2 + r2) (three rows) and of the tilt (two
+    rows) with respect to (v1, omega1, v2, omega2): 5 x 12, as a flat tuple row by row. tilt_axes is the result of
+    `tilt_axes`; r1 and r2 lead from the reference points to the hinge points, world axes.
     """
     lever1, lever2 = eq.skew((-r1[0], -r1[1], -r1[2])), eq.skew(r2)
     gap_rows = [
@@ -116,8 +111,8 @@ def constraint_jacobian(r1: Vector, r2: Vector, tilt_axes: tuple[Vector, Vector]
 
 
 def hinge_angle_terms(f_axes: tuple[Vector, Vector], g1: Vector, g2: Vector) -> Two:
-    """Return the pair (sin psi, cos psi) times a common positive factor. f_axes = (f1, f2) are two axes across the
-    hinge axis in body 1, and g1 and g2 are the axes in body 2 that coincide with them at psi = 0, all in world axes.
+    """Return the pair (sin psi, cos psi) times a common positive factor. f_axes = (f1, f2) are unit vectors of body 1
+    across the hinge axis, and g1 and g2 those of body 2 that coincide with them at psi = 0, all in world axes.
 
     From Sh = S1^T S2 C^-1 (E5, E6). The factor is 1 + h1 . h2, which is 2 unless the hinge is tilted.
     Of a tilted hinge, psi is the twist about the axis.
@@ -142,8 +137,8 @@ def hinge_acceleration(
     psid: Scalar,
 ) -> Two:
     """Return psi'' as a pair (numerator, denominator), not divided: the time derivative of the quotient of
-    `hinge_rate`. h_axes = (h1, h2) are the hinge axis in body 1 and in body 2, omegas = (omega1, omega2),
-    relative_omega = omega2 - omega1, and relative_alpha = alpha2 - alpha1.
+    `hinge_rate`, which is psid. h_axes = (h1, h2) are the hinge axis in body 1 and in body 2, omegas = (omega1,
+    omega2), relative_omega = omega2 - omega1, and relative_alpha = alpha2 - alpha1.
     """
     h1, h2 = h_axes
     middle_rate = eq.add(eq.cross(omegas[0], h1), eq.cross(omegas[1], h2))

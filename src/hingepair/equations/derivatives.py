@@ -19,9 +19,7 @@ WORLD_UNIT_VECTORS: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def matrix_from_columns(*columns: Entries) -> Entries:
-    """Return the entries of a matrix as a flat tuple row by row. Its columns are the positional arguments, each a
-    tuple of numbers.
-    """
+    """Return the matrix with these columns, each a tuple of numbers, as a flat tuple row by row."""
     return tuple(entry for row in zip(*columns, strict=True) for entry in row)
 
 
@@ -73,7 +71,7 @@ def projection_across(n: Vector) -> Axes:
 
 def turns_by_n(S1: Matrix, n: Vector, hinge_trig: HingeTrig) -> Axes:
     """Return three rotation vectors of body 2, world axes: the derivatives of its attitude with respect to the
-    components of n (E6), where hinge_trig = (sin psi, 1 - cos psi).
+    components of n, of which those that change its length count nothing (E6); hinge_trig = (sin psi, 1 - cos psi).
 
     The columns of S1 (sin(psi) (I - n n^T) + (1 - cos psi) [n]x).
     """
@@ -100,8 +98,8 @@ def difference_by_turns(turns: Axes, r2: Vector) -> Entries:
 
 
 def spins_by_n(S1: Matrix, n: Vector, psid: Scalar) -> Axes:
-    """Return the derivatives of omega2 with respect to the components of n (E2): the three columns of S1 (I - n n^T)
-    psi'.
+    """Return the derivatives of omega2 with respect to the components of n (E2), world axes: the three columns of S1
+    (I - n n^T) psi'.
     """
     x, y, z = (eq.scale(eq.rotate(S1, part), psid) for part in projection_across(n))
     return x, y, z

@@ -24,11 +24,12 @@ class Quantity(NamedTuple):
     order: int = POSE  # highest time derivative of the coordinates that it needs
 
 
-_V: Final[Shape] = (3,)
-_COORDINATES: Final[Shape] = ("coordinates",)
+_V: Final[Shape] = (3,)  # of vectors
+_COORDINATES: Final[Shape] = ("coordinates",)  # of q and what goes with it; 7 in a pair
 
 
 def _of_body(k: int) -> dict[str, Quantity]:
+    """Return the quantities of body k of a pair (1 or 2) by name; those of body 1 are also the base's of a robot."""
     point = f"body {k}'s reference point"
     return {
         f"R{k}": Quantity(f"Reference point of body {k}", "m", _V),
@@ -143,6 +144,7 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "angular_about_origin": Quantity("Angular momentum about the world's origin", "kg m^2/s", _V, VELOCITY),
     "angular_about_centre": Quantity("Angular momentum about the centre of mass", "kg m^2/s", _V, VELOCITY),
 }
+"""What each name stands for; components such as R1_x have no entry."""
 
 
 def sample_shape(name: str, sizes: Mapping[str, int]) -> tuple[int, ...]:
@@ -151,7 +153,7 @@ def sample_shape(name: str, sizes: Mapping[str, int]) -> tuple[int, ...]:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a quantity, or of one of its components; "1" if it has none.
+    """Return the unit of a quantity, or of one of its components; "1" if it has none or is not known.
 
     >>> unit_of("omega2"), unit_of("R2"), unit_of("S2"), unit_of("bearing_torque_x")
     ('rad/s', 'm', '1', 'N m')
@@ -166,7 +168,7 @@ def unit_of(name: str) -> str:
 def attribute_texts(
     names: Iterable[str], shapes: Mapping[str, Shape] | None = None, leading: str = "..."
 ) -> dict[str, str]:
-    """Return descriptions of a result's attributes, with shape and unit.
+    """Return a description of each attribute of a result by name, with shape and unit.
 
     Args:
         names: names of quantities.

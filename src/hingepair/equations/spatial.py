@@ -103,34 +103,29 @@ def cosine_of_psi(hinge_trig: HingeTrig) -> Scalar:
 
 
 def lever_fixed(u1: Vector, arm: Vector, lever_cos: Vector) -> Vector:
-    """Return the part of u1 - Sh C u2 that does not depend on psi, in body-1 axes, where Sh is the rotation by psi
-    and C the rotation of body 2 at psi = 0. It is u1 less the part of `arm` along the hinge axis; arm = C u2, and
-    lever_cos is the part of `arm` across the axis.
+    """Return the part of u1 - Sh C u2 that does not depend on psi, in body-1 axes: u1 less the part of `arm` along
+    the hinge axis. arm = C u2, and lever_cos is the part of `arm` across the axis.
     """
     return subtract(u1, subtract(arm, lever_cos))
 
 
 def lever_moving(lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
-    """Return the part of Sh C u2 that depends on psi, in body-1 axes (E6): lever_cos cos(psi) + lever_sin sin(psi).
-    Sh is the rotation by psi and C the rotation of body 2 at psi = 0; lever_cos is the part of C u2 across the hinge
-    axis, and lever_sin = n x C u2. `cosine` is cos psi, and hinge_trig = (sin psi, 1 - cos psi).
-
-    lever_sin = n x C u2 and lever_cos = lever_sin x n: Rodrigues' rotation of one vector, the axis left out.
+    """Return lever_cos cos(psi) + lever_sin sin(psi), the part of Sh C u2 that depends on psi, in body-1 axes (E6).
+    lever_sin = n x C u2, lever_cos = lever_sin x n, hinge_trig = (sin psi, 1 - cos psi), and cosine = cos psi.
     """
     return add(scale(lever_cos, cosine), scale(lever_sin, hinge_trig[0]))
 
 
 def offset(S1: Matrix, lever_fixed: Vector, lever_moving: Vector) -> Vector:
-    """Return d = S1 u1 - S2 u2 = S1 (lever_fixed - lever_moving) in world axes (E5, E7). The levers are the results
-    of the functions `lever_fixed` and `lever_moving`; they are subtracted in body-1 axes, before the rotation.
+    """Return d = S1 u1 - S2 u2 = S1 (lever_fixed - lever_moving) in world axes (E5, E7), from the results of the
+    functions `lever_fixed` and `lever_moving`.
     """
     return rotate(S1, subtract(lever_fixed, lever_moving))
 
 
 def lever_by_psi(S1: Matrix, lever_cos: Vector, lever_sin: Vector, hinge_trig: HingeTrig, cosine: Scalar) -> Vector:
-    """Return S1 n x S2 u2, the derivative of S2 u2 with respect to psi, in world axes. lever_sin = n x C u2, where C
-    is the rotation of body 2 at psi = 0, lever_cos = lever_sin x n, hinge_trig = (sin psi, 1 - cos psi), and cosine =
-    cos psi.
+    """Return S1 n x S2 u2, the derivative of S2 u2 with respect to psi, in world axes. lever_sin = n x C u2,
+    lever_cos = lever_sin x n, hinge_trig = (sin psi, 1 - cos psi), and cosine = cos psi.
     """
     return rotate(S1, subtract(scale(lever_sin, cosine), scale(lever_cos, hinge_trig[0])))
 
@@ -220,8 +215,8 @@ def quaternion_attitude(quat: tuple[Scalar, ...]) -> Matrix:
 
 
 def orthonormality_terms(S: Matrix) -> tuple[Scalar, ...]:
-    """Return a tuple of seven numbers: the entries xx, yy, zz, xy, yz and zx of S S^T - I, then the determinant of S,
-    where S is a matrix of nine entries.
+    """Return seven numbers, which tell how far the matrix S is from a rotation: the entries xx, yy, zz, xy, yz and zx
+    of S S^T - I, then the determinant of S.
     """
     x, y, z = S[0:3], S[3:6], S[6:9]
     lengths = (dot(row, row) - 1.0 for row in (x, y, z))

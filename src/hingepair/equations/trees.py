@@ -85,13 +85,11 @@ class JointLoad(NamedTuple):
 
 
 class Base(NamedTuple):
-    """The base of a tree (body 0): its mass m (`mass`), and its first moment h (`first`) and second moment N
-    (`second`) about its reference point, in the base's axes.
-    """
+    """The base of a tree (body 0), in its own axes and about its reference point."""
 
     mass: Scalar
-    first: Vector
-    second: Symmetric
+    first: Vector  # h
+    second: Symmetric  # N
 
 
 class Placement(NamedTuple):
@@ -118,7 +116,7 @@ def turned_back(turn: Turn, v: Vector) -> Vector:
 
 
 def turned_columns(A: Matrix, turn: Turn) -> Matrix:
-    """Return the product of a matrix A and the rotation by q about z, both as nine entries by rows; `turn` is
+    """Return A Sz(q), the product of a matrix A and the rotation by q about z, as nine entries by rows; `turn` is
     (sin q, cos q).
     """
     s, c = turn
@@ -141,7 +139,7 @@ def to_child(placement: Placement, v: Vector) -> Vector:
 
 
 def joint_placements(links: Sequence[Link], turns: Sequence[Turn | None], q: Sequence[Scalar]) -> list[Placement]:
-    """Return the `Placement` of each joint, from (sin c q, cos c q), or None, and q of each."""
+    """Return the `Placement` of each joint from its q and (sin c q, cos c q), or None if it does not turn."""
     placements = []
     for link, turn, value in zip(links, turns, q, strict=True):
         r = add(link.u, scale(link.S[2::3], link.axis.shift(value))) if link.axis.shifts else link.u
@@ -511,7 +509,7 @@ def effort_of_mass(axis: AxisMotion, motion: Acceleration) -> tuple[Scalar, ...]
 
 
 def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
-    """Return a list of the base and the links, in the order of the body numbers."""
+    """Return the base and the links, in the order of the body numbers."""
     return [base, *links]
 
 
@@ -519,8 +517,8 @@ def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
 
 
 class Matter(NamedTuple):
-    """The mass (`mass`), the first moment (`first`) and the second moment (`second`) of a body or of several bodies
-    together, in a body's axes and about its reference point.
+    """Mass, first moment h and second moment N of one body or several, in a body's axes and about its reference
+    point.
     """
 
     mass: Scalar
@@ -740,7 +738,7 @@ def eliminate_joint(
 
 
 def spatial_rows(inertia: SpatialInertia) -> list[tuple[Scalar, ...]]:
-    """Return the six rows of a `SpatialInertia`, those of the torque first."""
+    """Return the six rows of a `SpatialInertia`, for (alpha, a), those of the torque first."""
     J, M, H = full_matrix(inertia.J), full_matrix(inertia.M), inertia.H
     upper = [(*J[3 * i : 3 * i + 3], *H[3 * i : 3 * i + 3]) for i in range(3)]
     return upper + [(*H[i::3], *M[3 * i : 3 * i + 3]) for i in range(3)]
@@ -756,8 +754,8 @@ def _rotor_share(armature: Scalar, share: Scalar) -> Scalar:
 def eliminate_joints(
     base: Base, links: Sequence[Link], placements: Sequence[Placement], reciprocal: Callable[[Scalar], Scalar]
 ) -> tuple[list[JointElimination], SpatialInertia]:
-    """Return the pair of the list of `JointElimination` of all joints and the articulated `SpatialInertia` of the
-    base in base axes (T5). `reciprocal` is the function that computes the reciprocal of a pivot.
+    """Return the `JointElimination` of all joints, and the articulated `SpatialInertia` of the base in base axes
+    (T5). `reciprocal` computes 1 / D of a pivot.
     """
     sums = [rigid_body_inertia(body.mass, body.first, body.second) for body in _bodies(base, links)]
     eliminations: list[JointElimination] = []
@@ -778,10 +776,9 @@ def accelerations_by_loads(
     loads: Sequence[Scalar],
     friction: Callable[[int, Scalar, Scalar], Scalar] | None = None,
 ) -> tuple[list[Scalar], Wrench]:
-    """Return a pair: the list of q'' that the loads, one number for each joint, cause at each joint while its parent
-    is at rest, and the wrench (force, torque) that these loads transmit to the base, in base axes (T6).
-    `eliminations` is the list that `eliminate_joints` returns. `friction` returns the effort of dry friction from the
-    index of a joint, the effort of all else, and the pivot (T14).
+    """Return the q'' that the loads, one number for each joint, cause at each joint while its parent is at rest, and
+    the wrench (force, torque) that these loads transmit to the base, in base axes (T6). `friction` returns the effort
+    of dry friction from the index of a joint (from 0), the effort of all else, and the pivot (T14).
     """
     wrenches: list[Wrench] = [(ZERO_VECTOR, ZERO_VECTOR)] * (len(links) + 1)
     qdd: list[Scalar] = [0.0] * len(links)
@@ -815,9 +812,8 @@ def joint_accelerations(
     alpha: Vector,
     a: Vector,
 ) -> list[Scalar]:
-    """Return a list of q'' of all joints (T6). qdd_by_loads is the list that `accelerations_by_loads` returns, and
-    `eliminations` the list that `eliminate_joints` returns. alpha and a are the accelerations of the base in base
-    axes, zero for a fixed base.
+    """Return the q'' of all joints (T6) from qdd_by_loads, the first result of `accelerations_by_loads`, and alpha
+    and a, the accelerations of a free base in base axes, a less gravity; both are zero for any other base.
     """
     bodies, qdd = [(alpha, a)], []
     for link, joint, elimination, rest in zip(links, placements, eliminations, qdd_by_loads, strict=True):

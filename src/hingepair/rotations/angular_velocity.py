@@ -1,4 +1,4 @@
-"""Return the angular velocity of a moving attitude (E3): from its derivative, or from samples of it."""
+"""Angular velocity of a moving attitude (E3): from its derivative, or from samples of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hingepair.numeric.finite_differences import stencils
 from hingepair.rotations.matrices import check_rotation, rotation_exp, rotation_vector
 from hingepair.tables.instants import instants_of
 
-ORDERS = (2, 4, 6, 8)  # in the time step
+ORDERS = (2, 4, 6, 8)  # accepted powers of the time step to which errors are proportional
 
 
 @overload
@@ -57,10 +57,7 @@ def angular_velocity(
     tails: dict[str, tuple[int, ...]] = {"omega": (3,), "defect": ()} if with_defect else {"omega": (3,)}
 
     def omega_and_defect(values: Named) -> Named:
-        """Return a dict of "omega", the components of the angular velocity, and, if `with_defect` of the enclosing
-        function is true, "defect", the largest absolute element of the symmetric part of S' S^T. `values` is a dict
-        from "S" and "S_dot" to tuples of nine entries.
-        """
+        """Return omega and, `with_defect`, the defect, of one block of S and S_dot."""
         W = eq.angular_velocity_matrix(values["S"], values["S_dot"])
         results: Named = {"omega": eq.unskew(W)}
         if with_defect:
@@ -183,14 +180,16 @@ def turn_between(start: Float64Array, stop: Float64Array) -> Float64Array:
 
 
 def needed_spin(omega: Float64Array, turned: Float64Array) -> Float64Array:
-    """Return the angular velocities (..., 3) where neighbours have turned by more than two radians, and zeros where
-    rotation vectors by themselves are nearer to polynomials.
+    """Return the angular velocities `omega` (..., 3) where neighbours have turned by more than two radians (`turned`
+    [rad]), and zeros where rotation vectors by themselves are nearer to polynomials.
     """
     return np.where(turned[..., None] > 2.0, omega, 0.0)
 
 
 def spins_about_body_axis(S: Float64Array) -> NDArray[np.bool_]:
-    """Return whether rotations S (..., N, 3, 3) turn about an axis that is steadier in the body than in the world."""
+    """Return whether each series of rotations S (..., N, 3, 3) turns about an axis that is steadier in the body than
+    in the world; shape (...,).
+    """
     before, after = S[..., :-1, :, :], S[..., 1:, :, :]
     transposed = np.swapaxes(before, -1, -2)
     wander = []

@@ -29,8 +29,8 @@ AnglesAndLock: TypeAlias = tuple[FloatArray, NDArray[np.bool_]]
 
 
 def _gimbal_lock_limit(array: NDArray[Any]) -> float:
-    """Return below which cosine of the middle angle (in sequences such as XYX, sine) angles are at gimbal lock: the
-    rounding of angles or matrix then leaves fewer than four digits of the rates.
+    """Return the cosine of the middle angle (in sequences such as XYX, its sine) below which angles of this array
+    count as locked: the rounding of angles or matrix then leaves fewer than four digits of the rates.
     """
     return {4: 5e-4, 8: 1e-12}[result_dtype((array,)).itemsize]
 
@@ -136,7 +136,7 @@ def euler_rate_matrix(phi: ArrayLike, sequence: str = "XYZ") -> FloatArray:
 def _matrices_of_angles(
     phi: ArrayLike, sequence: str, matrix_of_trig: Callable[[EulerSequence, tuple[Any, ...]], Any]
 ) -> FloatArray:
-    """Return the matrices (..., 3, 3) that a function computes for Euler angles."""
+    """Return the matrices (..., 3, 3) that a function makes of a sequence and (sin, cos) of its canonical angles."""
     order, angles = find_sequence(sequence), vectors("phi", phi, 3)
 
     def matrix(values: Named) -> Any:
@@ -195,7 +195,7 @@ def euler_rates(phi: ArrayLike, omega: ArrayLike, sequence: str = "XYZ", *, at_l
 
 
 def _canonical_rates(sequence: EulerSequence, trig: tuple[Any, ...], omega: eq.Vector) -> eq.Vector:
-    """Return the rates of the canonical angles for an angular velocity in world axes (E4)."""
+    """Return the rates of the canonical angles, whose (sin, cos) are `trig`, for omega in world axes (E4)."""
     axes = sequence.axes(trig)
     x, y, z = (omega[sequence.place.index(i)] for i in range(3))
     if sequence.sign < 0:
@@ -241,9 +241,8 @@ class EulerKinematics(Frozen):
 
 
 def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """Return the `EulerKinematics` of Euler angles phi (equation E4), an object with J, J^-1, the condition number of
-    J, and the distance of the middle angle from gimbal lock. J is the matrix for which omega = J phi'. If the rates
-    phid are given, the object also has the time derivative J'. `sequence` is one of 24 Euler sequences such as "XYZ".
+    """Return the matrix J in omega = J phi' of Euler angles (E4) with its inverse, its condition number, the distance
+    from gimbal lock and, if phid is given, its time derivative.
 
     The angular velocity omega is in world axes. The columns of J are the axes of the three rotations. The second axis
     is perpendicular to the first and the third. If g is the cosine of the angle between the first and the third axis,

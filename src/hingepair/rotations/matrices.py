@@ -23,8 +23,7 @@ from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.numeric.twofold import Twofold
 from hingepair.numeric.unit_vectors import direction, polar, unit_axis
 
-# By the size of a number in bytes: largest element of S S^T - I at which S is accepted as a rotation. A relative
-# error of half this size in the length of a row makes such an element.
+# Largest element of S S^T - I of an accepted rotation, by the bytes of a number: twice the error of a row's length.
 MAX_ORTHOGONALITY_ERRORS = {4: 2e-5, 8: 2e-9}
 
 
@@ -135,7 +134,9 @@ def rotation_exp(rotvec: ArrayLike) -> FloatArray:
 def _rounding_correction(
     n: eq.Vector, twofold_axis: tuple[Twofold, ...], trig: eq.HingeTrig, trig_low: eq.HingeTrig
 ) -> tuple[Any, ...]:
-    """Return what rounding took of a rotation matrix (E6): entries to add."""
+    """Return nine entries to add to the rotation matrix (E6) of the rounded n and trig = (sin, 1 - cos): what the low
+    parts of the axis and of the trigonometric terms change.
+    """
     (s, k), (s_low, k_low) = trig, trig_low
     x, y, z = n
     a, b, c = (unit.low for unit in twofold_axis)
@@ -173,7 +174,7 @@ def rotation_log(S: ArrayLike) -> FloatArray:
 
 
 def rotation_vector(S: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vectors [rad] of rotation matrices, which are not checked."""
+    """Return the rotation vectors [rad], of length at most pi, of rotation matrices, which are not checked."""
     quat = _scaled_quaternion(S)
     vector = quat[..., 1:]
     with np.errstate(all="ignore"):
@@ -317,7 +318,7 @@ def check_rotation(name: str, S: NDArray[Any]) -> None:
 
 
 def _rotation_errors(values: Named) -> Named:
-    """Return the largest entry of S S^T - I, and the determinant of S."""
+    """Return the largest absolute entry of S S^T - I as "error", and the determinant of S as "volume"."""
     *products, volume = eq.orthonormality_terms(values["S"])
     errors = list(map(abs, products))
     return {"error": max(errors) if type(volume) is float else functools.reduce(np.maximum, errors), "volume": volume}

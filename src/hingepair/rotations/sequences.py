@@ -23,9 +23,7 @@ SEQUENCE_NAMES = (*_INTRINSIC_SEQUENCE_NAMES, *(name.lower() for name in _INTRIN
 
 
 class EulerSequence(NamedTuple):
-    """An Euler sequence, described by how it differs from the canonical sequence Sx Sy Sz or, if `proper`, Sx Sy Sx:
-    `place` is a tuple of the index of the canonical axis of each world axis, `backward` is True if the angles are in
-    reverse order, and `sign` (+1 or -1) is the factor of all angles.
+    """An Euler sequence, described by how it differs from the canonical sequence Sx Sy Sz or, if `proper`, Sx Sy Sx.
 
     An extrinsic sequence is the intrinsic one with letters and angles reversed. Renaming the axes keeps the
     equations, but for the sign of every angle where the renaming changes the handedness.
@@ -37,8 +35,8 @@ class EulerSequence(NamedTuple):
     sign: int  # of the canonical angles, +1 or -1
 
     def angles(self, phi: eq.Vector) -> eq.Vector:
-        """Return three angles phi, or rates of angles, converted from the order of the sequence's letters to the
-        canonical order and sign, as a tuple. The same call converts them back.
+        """Return angles phi, or their rates, converted from the order of the sequence's letters to the canonical
+        order and sign. The same call converts them back.
         """
         x, y, z = phi
         if self.backward:
@@ -46,42 +44,35 @@ class EulerSequence(NamedTuple):
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
     def attitude(self, trig: tuple[Any, ...]) -> eq.Matrix:
-        """Return the nine entries of the rotation matrix S as a tuple (equation E10). `trig` is the flat tuple (sin,
-        cos, sin, cos, sin, cos) of the three canonical angles.
+        """Return the rotation matrix S as nine entries (E10); trig = (sin, cos) of the first, second and third
+        canonical angle: six numbers.
         """
         S = eq.proper_euler_attitude(trig) if self.proper else eq.tait_bryan_attitude(trig)
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 
     def axes(self, trig: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return a tuple of the five entries of J that are not constant, column by column. J is the matrix that turns
-        rates of the canonical angles into the angular velocity in canonical axes (equation E4). `trig` is the flat
-        tuple (sin, cos, sin, cos, sin, cos) of the canonical angles.
+        """Return the five entries of J that are not constant, column by column, in canonical axes (E4): the argument
+        `canonical_axes` of other methods. trig = (sin, cos) of the three canonical angles: six numbers.
         """
         return eq.proper_euler_axes(trig) if self.proper else eq.tait_bryan_axes(trig)
 
     def angular_velocity(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> eq.Vector:
-        """Return omega = J phi' (equation E4) in world axes as a tuple. `canonical_axes` is the result of the method
-        `axes`; the rates phid are in the order of the sequence's letters.
-        """
+        """Return omega = J phi' in world axes (E4), with the rates phid in the order of the sequence's letters."""
         return self.vector(eq.angular_velocity1(canonical_axes, self.angles(phid)))
 
     def angular_acceleration(self, canonical_axes: tuple[Any, ...], phid: eq.Vector, phidd: eq.Vector) -> eq.Vector:
-        """Return alpha = J phi'' + J' phi' (equation E4, differentiated) in world axes as a tuple. `canonical_axes`
-        is the result of the method `axes`; the derivatives phid and phidd of the angles are in the order of the
-        sequence's letters.
+        """Return alpha = J phi'' + J' phi' in world axes (E4, differentiated), with phid and phidd in the order of
+        the sequence's letters.
         """
         return self.vector(eq.angular_acceleration1(canonical_axes, self.angles(phid), self.angles(phidd)))
 
     def columns(self, canonical_axes: tuple[Any, ...]) -> tuple[eq.Vector, ...]:
-        """Return a tuple of the three columns of J in world axes, in the order of the sequence's letters.
-        `canonical_axes` is the result of the method `axes`.
-        """
+        """Return the three columns of J in world axes, in the order of the sequence's letters."""
         return self._in_order(eq.euler_axes(canonical_axes))
 
     def column_rates(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
-        """Return a tuple of the three columns of J', the time derivative of J, in world axes and in the order of the
-        sequence's letters. `canonical_axes` is the result of the method `axes`; the rates phid are in the order of
-        the letters.
+        """Return the three columns of J', the time derivative of J, in world axes; columns and rates phid are in the
+        order of the sequence's letters.
         """
         # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
         return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
@@ -92,16 +83,13 @@ class EulerSequence(NamedTuple):
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
     def vector(self, canonical: eq.Vector) -> eq.Vector:
-        """Return an angular velocity or acceleration (a tuple of three components), converted from canonical axes to
-        world axes.
-        """
+        """Return an angular velocity or acceleration, converted from canonical axes to world axes."""
         x, y, z = (canonical[i] for i in self.place)
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
 
 def find_sequence(name: str) -> EulerSequence:
-    """Return the sequence of a name such as "XYZ" (intrinsic) or "zyx" (extrinsic). Raise ArgumentError if there is
-    no sequence of this name.
+    """Return the sequence of a name such as "XYZ" (intrinsic) or "zyx" (extrinsic).
 
     Raises:
         ArgumentError: no such sequence.
@@ -116,7 +104,7 @@ def find_sequence(name: str) -> EulerSequence:
 
 @functools.cache
 def _cached_sequence(name: str) -> EulerSequence:
-    """Return the sequence of a name such as "XYZ" (intrinsic) or "xyz" (extrinsic)."""
+    """Return what `find_sequence` returns, of any string."""
     check_choice("sequence", name, SEQUENCE_NAMES)
     letters = name.upper()[::-1] if name.islower() else name
     axes = ["XYZ".index(letter) for letter in letters]
@@ -129,8 +117,6 @@ def _cached_sequence(name: str) -> EulerSequence:
 
 
 def nine(entries: Any) -> eq.Matrix:
-    """Return the nine entries of an iterable as a tuple, which stands for a matrix row by row. Raise ValueError if
-    there are not nine.
-    """
+    """Return the nine entries of an iterable as a matrix, row by row; ValueError if there are not nine."""
     a, b, c, d, e, f, g, h, i = entries
     return a, b, c, d, e, f, g, h, i

@@ -41,7 +41,7 @@ DEFAULT_SIZES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 # The attributes of URDF's inertia.
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _HALF_PI = Fraction(math.pi / 2) + Fraction(6.123233995736766e-17)  # to 107 bits
-_MAX_QUARTERS = 2**20  # quarter turns up to which sines and cosines of their multiples are exact
+_MAX_QUARTERS = 2**20  # multiples of pi/2 beyond have rounded sines and cosines
 # Sine and cosine of 0, 1, 2, 3 quarter turns.
 _QUARTERS = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 
@@ -59,9 +59,9 @@ class Visual(NamedTuple):
     kind: str  # "box", "cylinder", "sphere", or another tag such as "mesh"
     sizes: tuple[float, ...]  # edges of a box, radius and length of a cylinder along z, radius of a sphere [m]
     pose: FramePose  # in the axes of the link
-    file: str = ""  # of a mesh, as written
+    file: str = ""  # name of a mesh, as written; "" for other shapes
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)  # of a mesh
-    colour: tuple[float, ...] | None = None  # red, green, blue, opacity from 0 to 1
+    colour: tuple[float, ...] | None = None  # of a mesh: red, green, blue, opacity from 0 to 1
 
 
 class MimicRecord(NamedTuple):
@@ -79,7 +79,7 @@ class MimicRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkRecord:
-    """Link of a URDF."""
+    """Link of a URDF, whose numbers are read and checked when they are asked for."""
 
     element: ET.Element  # the XML element
     name: str  # name of the link
@@ -117,7 +117,7 @@ class LinkRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointRecord:
-    """Joint of a URDF."""
+    """Joint of a URDF, whose numbers are read and checked when they are asked for."""
 
     element: ET.Element  # the XML element
     name: str  # name of the joint; "" where none is given
@@ -134,7 +134,7 @@ class JointRecord:
 
     @property
     def axis(self) -> tuple[float, ...]:
-        """Axis in the axes of the child link as written, not normalised; (1, 0, 0) unless given."""
+        """Axis in the axes of the child link as written, not normalised; (1, 0, 0) unless given. Zero is refused."""
         axis = _numbers(self.element.find("axis"), "xyz", f"{self._label}, axis", (1.0, 0.0, 0.0))
         if not any(axis):
             raise URDFError(f"{self._label}, axis xyz", "a non-zero axis", axis)
@@ -152,12 +152,12 @@ class JointRecord:
 
     @property
     def effort(self) -> float | None:
-        """Largest torque [N m] or force [N] of the joint; None if none is given."""
+        """Largest torque [N m] or force [N]; None if none is given. Raises a URDFError if it is negative."""
         return self._number_from_0("limit", "effort")
 
     @property
     def velocity(self) -> float | None:
-        """Largest rate of the joint [rad/s or m/s]; None if none is given. Raises a URDFError if it is negative."""
+        """Largest rate [rad/s or m/s]; None if none is given. Raises a URDFError if it is negative."""
         return self._number_from_0("limit", "velocity")
 
     @property
@@ -172,7 +172,7 @@ class JointRecord:
 
     @property
     def mimic(self) -> MimicRecord | None:
-        """`MimicRecord` of the rule by which this joint follows another joint; None if it follows none."""
+        """Rule by which this joint follows another joint; None if it follows none."""
         if self.element.find("mimic") is None:
             return None
         multiplier, offset = (self._number("mimic", key, one) for key, one in (("multiplier", 1.0), ("offset", 0.0)))
@@ -195,10 +195,7 @@ class JointRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotRecord:
-    """Record of a URDF: the name of the robot, its links by name (a list for each name), its joints in the order of
-    the file, and `joints_at`, a mapping from the name of each link to all joints at this link, whether it is their
-    parent or their child.
-    """
+    """Links and joints of a URDF, which `tree` checks to be a tree."""
 
     name: str  # name of the robot
     # links by name, in the order of the file; a name that is given twice has both links
@@ -206,7 +203,7 @@ class RobotRecord:
     joints: Sequence[JointRecord]  # joints in the order of the file
     # for the name of each link, the joints of which it is parent or child
     joints_at: Mapping[str, Sequence[JointRecord]]
-    text: str | bytes  # what it was read from
+    text: str | bytes  # the URDF itself; bytes if it was read from a file
     folder: Path | None = None  # folder of the file, in which the names of meshes start; None for text
 
     def hinges(self) -> tuple[JointRecord, ...]:
@@ -214,7 +211,7 @@ class RobotRecord:
         return tuple(joint for joint in self.joints if joint.type in HINGE_TYPES and joint.name)
 
     def hinge(self, name: str) -> JointRecord:
-        """Return a revolute or continuous joint by its name."""
+        """Return the revolute or continuous joint of a name; refuse a name that has none, or several."""
         joints = [joint for joint in self.joints if joint.name == name and name]
         if len(joints) > 1:
             raise URDFError("joint", "each name once", f"{name!r} twice")
@@ -228,13 +225,13 @@ class RobotRecord:
         raise URDFError("joint", choices(known) + nearest(str(name), known), quoted(name))
 
     def check_declared(self, name: str, joint: JointRecord) -> None:
-        """Refuse a joint whose parent or child the robot does not have."""
+        """Refuse a joint if the robot has no link of this name, that of the joint's parent or child."""
         if name not in self.links:
             expected = "a parent and a child that are links of the robot" + nearest(name, self.links)
             raise URDFError(f"joint {joint.name!r}", expected, quoted(name) if name else "none")
 
     def check_link(self, name: str, joint: JointRecord) -> None:
-        """Refuse a link that is not declared once, or that more than one joint carries."""
+        """Refuse a joint if its link of this name is not declared once, or more than one joint carries it."""
         self.check_declared(name, joint)
         if len(self.links[name]) > 1:
             raise URDFError("link", "each name once", f"{name!r} twice")
@@ -242,7 +239,7 @@ class RobotRecord:
             raise URDFError("child link", "each name once", f"{name!r} twice")
 
     def tree(self) -> tuple[str, tuple[JointRecord, ...]]:
-        """Return the name of the root link, and all joints in depth-first order, siblings sorted by name."""
+        """Return the name of the root link and all joints, depth-first, siblings by name; refuse what is no tree."""
         if not self.links:
             raise URDFError("URDF", "a robot with a link", "none")
         count = Counter(joint.name for joint in self.joints)
@@ -312,7 +309,7 @@ def sine_and_cosine(angle: float, snap: float = 0.0) -> tuple[float, float]:
 
 
 def _numbers(element: ET.Element | None, key: str, label: str, default: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the numbers of an attribute; `default` where there is none."""
+    """Return the finite numbers of an attribute, as many as in `default`, which is returned where there is none."""
     text = None if element is None else element.get(key)
     if text is None:
         return default

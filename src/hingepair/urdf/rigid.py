@@ -20,21 +20,21 @@ class FramePose(NamedTuple):
     origin: Float64Array
 
     def placed(self, inner: FramePose) -> FramePose:
-        """Return a pose that is given in the axes of this frame, in the axes in which this frame is given."""
+        """Return the pose `inner`, given in the axes of this frame, in the axes in which this frame is given."""
         with np.errstate(all="ignore"):
             return FramePose(self.rotation @ inner.rotation, self.origin + self.rotation @ inner.origin)
 
     def seen(self, other: FramePose) -> FramePose:
-        """Return a pose that is given in the same axes as this frame, in the axes of this frame."""
+        """Return the pose `other`, given in the same axes as this frame, in the axes of this frame."""
         with np.errstate(all="ignore"):
             return FramePose(self.rotation.T @ other.rotation, self.rotation.T @ (other.origin - self.origin))
 
 
-_QUARTER_TURN_ERROR = 2.0**-50  # of an entry that quaternions gave, which err by at most 2^-52
+_QUARTER_TURN_ERROR = 2.0**-50  # allowed to entries that a quaternion gave, which err by at most 2^-52
 
 
 def exact_quarter_turns(rotation: Float64Array, tolerance: float = 0.0) -> Float64Array:
-    """Return a rotation, or the one by quarter turns that is within `tolerance` and a quaternion's rounding."""
+    """Return the rotation of entries 0, 1 and -1 within `tolerance` of a rotation, or else that rotation as it is."""
     near = np.rint(rotation)
     is_near = np.abs(rotation - near).max() <= max(tolerance, _QUARTER_TURN_ERROR)
     return np.asarray(near + 0.0 if is_near else rotation)
@@ -45,11 +45,9 @@ IDENTITY_POSE = FramePose(np.eye(3), np.zeros(3))
 
 
 class Inertia(NamedTuple):
-    """Mass properties in the axes of a frame: mass [kg], centre of mass [m], and inertia tensor about the centre of
-    mass [kg m^2].
-    """
+    """Mass properties in the axes of a frame."""
 
-    mass: float  # mass [kg], of either sign, as it was written
+    mass: float  # [kg], of either sign, as it was written
     centre: Float64Array  # centre of mass [m]; shape (3,)
     tensor: Float64Array  # inertia tensor about the centre of mass [kg m^2]; shape (3, 3)
 
@@ -61,7 +59,7 @@ class Inertia(NamedTuple):
 
 
 def combined_inertia(inertias: Collection[Inertia]) -> Inertia:
-    """Return the mass properties of rigidly joined bodies in one frame; about its origin if nothing has mass."""
+    """Return the mass properties of rigidly joined bodies, all in one frame; about its origin if their mass is 0."""
     with np.errstate(all="ignore"):
         total = sum(part.mass for part in inertias)
         middle = np.zeros(3)
