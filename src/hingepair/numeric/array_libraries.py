@@ -60,7 +60,7 @@ def is_foreign(value: Any) -> bool:
 
 
 def library_of(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the library of arguments by name; None if all arrays are NumPy's.
+    """Return the library of the arrays among arguments by name; None if all are NumPy's.
 
     Raises:
         ArgumentError: they are arrays of two libraries, NumPy among them.
@@ -93,8 +93,8 @@ def library_of(arguments: Mapping[str, Any]) -> Library | None:
 
 
 def foreign_components(name: str, value: Any, *sample_shape: int) -> tuple[Any, ...]:
-    """Return the components of an array of another library, those of matrices row by row, or check a tuple of them.
-    The last arguments are the shape of one sample.
+    """Return the components of an array of another library, those of matrices row by row, or those of a tuple, whose
+    number is checked. The last arguments are the shape of one sample.
     """
     count = math.prod(sample_shape)
     if isinstance(value, tuple):

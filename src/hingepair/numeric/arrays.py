@@ -56,7 +56,9 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def is_square_list(value: object, count: int) -> bool:
-    """Return whether a list or tuple holds `count` NumPy arrays of `count` numbers: as many samples as components."""
+    """Return whether a list or tuple holds `count` NumPy arrays of `count` numbers: it may mean samples or
+    components.
+    """
     return (
         isinstance(value, list | tuple)
         and len(value) == count
@@ -151,8 +153,8 @@ def own_copy(array: NDArray[Any]) -> NDArray[Any]:
 
 
 class Frozen:
-    """Base class of frozen dataclasses that say so when they are changed, and whose arrays stay read-only in copies
-    and pickles.
+    """Base class of frozen dataclasses whose errors tell what to do instead of a change, and whose arrays stay
+    read-only in copies and pickles.
     """
 
     __slots__ = ()
@@ -175,7 +177,9 @@ class Frozen:
 
 
 def _frozen(frozen_class: type, attributes: dict[str, Any]) -> Any:
-    """Return an instance without a call of its constructor; its arrays are made read-only."""
+    """Return a copied or unpickled instance without a call of its constructor; its arrays are made read-only in
+    place.
+    """
     value: Any = object.__new__(frozen_class)
     for name, attribute in attributes.items():
         if isinstance(attribute, np.ndarray):
@@ -246,8 +250,8 @@ def split_into_blocks(shape: tuple[int, ...], block_size: int) -> Iterator[Block
 
 
 def load(component: Component, block: Block, dtype: np.dtype[Any]) -> Component:
-    """Return the elements of a component that a block selects, as a contiguous array; axes of length 1 are taken as a
-    whole, and a number is returned as it is.
+    """Return the elements of a component that a block selects, as a contiguous array of the dtype; axes of length 1
+    are taken as a whole, and a number is returned as it is.
     """
     if not isinstance(component, np.ndarray):
         return component
@@ -265,7 +269,9 @@ def check_choice(name: str, value: object, allowed_names: Iterable[str]) -> None
 
 
 def finite_number(name: str, value: object) -> float:
-    """Return a value as a finite float; `name` is that of the argument."""
+    """Return a number of Python or NumPy as a finite float; refuse all else, bool too. `name` is that of the
+    argument.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ArgumentError(name, "a finite number", quoted(value))
     try:
@@ -283,7 +289,7 @@ def is_zero(value: object) -> bool:
 
 
 def number_not_below_0(name: str, value: object) -> float:
-    """Return a value as a finite float of at least 0."""
+    """Return a value that `finite_number` takes as a float of at least 0."""
     number = finite_number(name, value)
     if number < 0:
         raise ArgumentError(name, "a number not below 0", value)

@@ -11,14 +11,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-_DIGITS: Final = 60  # of the rotations that matrices of doubles are compared with
-_UPWARD: Final = 1 + 2.0**-40  # covers the rounding of radii
-_ROTATION_ROUNDING: Final = 4 * 2.0**-53  # of an entry: sums of products of three sines, and quaternions
+_DIGITS: Final = 60  # decimal digits to which the rotations next to matrices are computed
+_UPWARD: Final = 1 + 2.0**-40  # factor that covers the rounding of radii
+_ROTATION_ROUNDING: Final = 4 * 2.0**-53  # of an entry made of products of three sines, or of a quaternion
 _AXIS_ROUNDING: Final = 2 * 2.0**-53  # of a component of a normalised vector, and what it turns the other axes by
 
 
 class Ball:
-    """The numbers within `radius` of the fraction `value`."""
+    """A number within `radius` of the fraction `value`; sums and products of such numbers are such numbers again."""
 
     __slots__ = ("radius", "value")
 
@@ -44,7 +44,8 @@ class Ball:
 
 
 def error_bound(number: float, exact: Ball | Fraction | float) -> float:
-    """Return a bound on the error of a number whose exact value is a number or in a ball; infinite if it overflows.
+    """Return a bound on the error of a float whose exact value is a number or in a ball; infinite if it is not
+    finite.
 
     >>> error_bound(0.5, Ball(Fraction(1, 4), 0.5)) >= 0.75, error_bound(0.5, Fraction(1, 2))
     (True, 0.0)
@@ -56,8 +57,8 @@ def error_bound(number: float, exact: Ball | Fraction | float) -> float:
 
 
 def rotation_balls(S: NDArray[np.float64]) -> list[Any]:
-    """Return nine balls around the entries of a matrix (3, 3) that hold the rotation next to it, and the rotation
-    whose entries were rounded to it. Entries of a turn about x, y or z that are 0 and 1 are exact.
+    """Return nine balls around the entries of S (3, 3) that hold the rotation next to S and any rotation that rounds
+    to S. Entries 0 and 1 of a turn about x, y or z are exact: plain fractions.
     """
     with decimal.localcontext(prec=_DIGITS):
         Q = _decimals(S)
@@ -71,8 +72,8 @@ def rotation_balls(S: NDArray[np.float64]) -> list[Any]:
 
 
 def axes_balls(P: NDArray[np.float64]) -> list[Any]:
-    """Return nine balls around the entries of a matrix (3, 3) that hold a rotation whose last column is along that of
-    P, and one along the vector that was rounded to it. A matrix of entries 0, 1 and -1 is exact.
+    """Return nine balls around the entries of P (3, 3) that hold rotations with the last column along that of P, and
+    along any vector that rounds to it. A matrix of entries 0, 1 and -1 is exact: plain fractions.
     """
     if np.isin(P, (-1.0, 0.0, 1.0)).all():
         return _balls(P, np.zeros((3, 3)))

@@ -15,7 +15,7 @@ from hingepair.numeric.arrays import Block, Component, broadcast_shape, load, sp
 Components: TypeAlias = tuple[Component, ...]
 Named: TypeAlias = dict[str, Any]  # by name: a component, or the tuple of components of a vector or matrix
 
-VERSINE_SWITCH = 0.7  # where the cosine of a turn is above this, 1 - cos is taken from the sine
+VERSINE_SWITCH = 0.7  # cosine of a turn above which 1 - cos is computed from the sine
 BLOCK = 4096  # samples: 32 kB a component, so that what a block computes on the way stays in the cache
 
 
@@ -61,6 +61,7 @@ def tabulate(
     moving = {name: group for name, group in values.items() if _holds_array(group)}
 
     def results(*loaded: Component) -> list[Component]:
+        """Return the results for the loaded components of one block, in the order of `targets`."""
         rest = iter(loaded)
         parts = {name: _map_components(group, lambda _: next(rest)) for name, group in moving.items()}
         found = function({**values, **parts})
@@ -78,8 +79,8 @@ def fill_blocks(
     dtype: np.dtype[Any],
     blocks: Iterable[Block],
 ) -> None:
-    """Evaluate a function of components for blocks of samples, and write its results into `targets`. A NaN stays in
-    its sample in silence.
+    """Evaluate a function of components for each block of samples, and write its results into `targets`, without
+    warnings of NumPy.
     """
     with np.errstate(all="ignore"):
         for block in blocks:

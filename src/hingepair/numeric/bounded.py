@@ -16,8 +16,7 @@ import numpy as np
 from hingepair.numeric.arrays import Component
 
 UNIT_ROUNDOFF: Final = 2.0**-53  # largest relative error u of a rounding to double precision
-# What a sine or cosine may be off, in units of its last place: NumPy's and the C library's are within 0.52 (float32:
-# 1.48), the compiled ones within 1.47, for which their derivation allows 1.5.
+# Most units of its last place that a sine or cosine is off: 0.52 of NumPy and C (float32: 1.48), 1.47 if compiled.
 SINE_ULPS = 1.5
 _NEAR: Final = 1e6  # rad; sines of angles beyond have an error of the reduction by multiples of pi/2 as well:
 _FAR_ERROR: Final = 2.0**-88  # a search found 2^-92.4 in the C library; it counts where the sine is below 1e-10
@@ -161,7 +160,7 @@ class BoundedDouble(Bounded):
 
 
 class BoundedSingle(Bounded):
-    """Bounded numbers whose rounding errors are those of float32."""
+    """Bounded numbers whose rounding errors are those of float32; value and bound are float64."""
 
     __slots__ = ()
     dtype = np.float32
@@ -174,7 +173,7 @@ def bounded_class(dtype: np.dtype[Any]) -> type[Bounded]:
 
 
 def conversion_error(number: Any) -> Component:
-    """Return by how much a number or an array changes when it is converted to float64, as integers above 2^53 may.
+    """Return how much a number or an array changes when it is converted to float64, as integers above 2^53 may.
 
     >>> float(conversion_error(2**53 + 1)), conversion_error(0.1)
     (1.0, 0.0)

@@ -28,8 +28,7 @@ SampleShape: TypeAlias = tuple[int, ...]
 SampleShapeByArgument: TypeAlias = Mapping[str, Any]
 """Shape of one sample by argument; of an object, a mapping with the shapes of its attributes."""
 
-# Tasks of other processes that a process keeps, with the kernels that it compiled for them.
-_TASKS: Final = 64
+_TASKS: Final = 64  # unpickled tasks that a process keeps, with the kernels that it compiled for them
 
 
 def holds_dask(*values: Any) -> bool:
@@ -142,7 +141,7 @@ class DaskCollection:
 def _make_computed_result(
     blocks_by_array: Sequence[Any], names: Sequence[str], finalizers: Sequence[Any], make_result: Callable[..., Any]
 ) -> Any:
-    """Return a result of computed blocks, which Dask's finalizers join."""
+    """Return a result of computed blocks, which Dask's finalizers join into arrays."""
     parts = zip(blocks_by_array, finalizers, strict=True)
     arrays = [finalize(blocks, *arguments) for blocks, (finalize, arguments) in parts]
     return make_result(dict(zip(names, arrays, strict=True)))
@@ -172,7 +171,7 @@ class _ArrayIndex(NamedTuple):
 
 
 class _ObjectTemplate(NamedTuple):
-    """Template of an argument that is an object."""
+    """Template of an argument that is an object with arrays as attributes."""
 
     object_class: type
     attributes: Mapping[str, Any]  # with an index in place of each array that has chunks
@@ -256,7 +255,9 @@ def _replace_arrays(
     chunked_arguments: list[_ChunkedArgument],
     column_names_of: Callable[[str, Any], Sequence[str]] | None,
 ) -> Any:
-    """Return the template of an argument, and append its arrays to `chunked_arguments`."""
+    """Return the template of an argument, in which indices stand for arrays, and append these to
+    `chunked_arguments`.
+    """
     value = unwrap_lazy_xarray(value)
     if isinstance(value, Frozen):
         attributes = {one.name: getattr(value, one.name) for one in fields(value) if one.name in sample_shape}  # type: ignore[arg-type]
@@ -293,7 +294,7 @@ def _replace_arrays(
 
 
 def _check_and_rechunk(name: str, array: Any, sample_shape: SampleShape) -> Any:
-    """Return a Dask array in which no sample is divided."""
+    """Return a Dask array of real numbers with one chunk along the axes of a sample."""
     num_axes = array.ndim - len(sample_shape)
     if num_axes < 0 or tuple(array.shape[num_axes:]) != sample_shape:
         expected = f"shape (..., {', '.join(map(str, sample_shape))})" if sample_shape else "shape (...)"

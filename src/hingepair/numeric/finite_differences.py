@@ -72,7 +72,9 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
 
 
 def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], accuracy_order: int) -> Stencil:
-    """Return one such block. More than accuracy_order + 1 neighbours are fitted by least squares."""
+    """Return the `Stencil` of samples and their neighbours; more than accuracy_order + 1 of them are fitted by least
+    squares.
+    """
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step
@@ -145,7 +147,7 @@ def differentiate(t: Float64Array, values: Float64Array, order: int = 6) -> tupl
 def local_fit_residuals(
     t: Float64Array, values: Float64Array, difference: Callable[..., Float64Array] | None = None
 ) -> Float64Array:
-    """Return what a polynomial of degree 5 leaves of each window of seven neighbouring samples.
+    """Return the residual of a polynomial of degree 5 in each window of seven neighbouring samples.
 
     Seven samples leave the fit one degree of freedom. The residual is scaled to the standard deviation of one sample
     where these have independent noise of one size. Motion that the polynomial cannot follow adds to it.

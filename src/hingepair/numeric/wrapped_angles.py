@@ -32,7 +32,7 @@ def is_wrapped(angles: Float64Array, turn: float = 2 * np.pi) -> bool:
 
 
 def unwrap_if_wrapped(angles: Float64Array) -> Float64Array:
-    """Return samples of an angle [rad] that were reduced to one turn without their jumps, and others as they are.
+    """Return samples of an angle [rad] without their jumps if they were reduced to one turn, else as they are.
 
     Args:
         angles: shape (N,) rad. NaN is stepped over.
