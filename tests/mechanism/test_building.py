@@ -16,7 +16,7 @@ import hingepair as hp
 from hingepair.errors import ArgumentError, URDFError
 from hingepair.formats.robots import robot_urdf
 from hingepair.mechanism.building import urdf
-from hingepair.mechanism.building.changes import add_frame, add_payload, pair_of
+from hingepair.mechanism.building.changes import add_body, add_frame, pair_of
 from hingepair.mechanism.building.pairs import tree_of_pairs
 from hingepair.mechanism.building.pinocchio_model import tree_of_pinocchio
 from hingepair.mechanism.joints import Slider
@@ -450,19 +450,19 @@ def test_a_slider_is_a_value():
 def test_a_payload_adds_its_mass_where_it_is():
     tree = tree_of("panda")
     body = hp.Body(mass=3, centre_of_mass=(0, 0, 0.1), inertia=(0.1, 0.2, 0.15))
-    laden = add_payload(tree, "fixed", "panda_hand", body)
+    laden = add_body(tree, "fixed", "panda_hand", body)
     model = pin.buildModelFromUrdf(str(robot_urdf("panda")))
     frame = model.frames[model.getFrameId("panda_hand", pin.FrameType.BODY)]
     inertia = pin.Inertia(3, np.array((0, 0, 0.1)), np.diag((0.1, 0.2, 0.15)))
     model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
     check_against_model(laden, model, 0)
     assert tree.joints[6].body.mass < 2
-    (note, _) = add_payload(tree, "fixed", "panda_hand", hp.Body()).notes
+    (note, _) = add_body(tree, "fixed", "panda_hand", hp.Body()).notes
     assert note.startswith("payload of panda_hand: no mass is given")
-    on_base = add_payload(tree, "free", "panda_link0", body)
+    on_base = add_body(tree, "free", "panda_link0", body)
     assert on_base.base.mass == tree.base.mass + 3
     with pytest.raises(ArgumentError, match="body: expected a Body, got 3"):
-        add_payload(tree, "fixed", "panda_hand", 3)
+        add_body(tree, "fixed", "panda_hand", 3)
 
 
 def test_a_frame_is_added_where_it_is_said():

@@ -26,13 +26,13 @@ from hingepair.plans.derivatives import Derivative, derivative_loop
 from hingepair.plans.trees import FRAME_OUTPUTS, compute_request, request_loop
 
 _ACCELERATIONS = ("a1", "alpha1", "qdd")  # outputs of forward dynamics
-_DOUBLE = np.dtype(np.float64)
+_DOUBLE = np.dtype(np.float64)  # of all bounds
 
 
 def error_bounds(
     computation: RobotComputation, values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Return bounds on the rounding errors of a computation's outputs; of motion with an axis of frames."""
+    """Return by output the largest bound on the errors of its components: (...), of frames' motion (..., frames)."""
     names = computation.request.outputs
     solved = tuple(name for name in names if name in _ACCELERATIONS)
     carried = tuple(name for name in names if name not in solved)
@@ -43,7 +43,7 @@ def error_bounds(
 
 
 class _BoundedProgram:
-    """Outputs of a robot, computed with numbers that carry a bound, in the precision of the arguments."""
+    """Program of a robot's outputs, run with numbers that carry error bounds, in the precision of the arguments."""
 
     def __init__(self, computation: RobotComputation, outputs: tuple[str, ...], values: Arguments) -> None:
         computation.constants.tree.single()
@@ -63,7 +63,7 @@ class _BoundedProgram:
         )
 
     def derivatives(self, names: tuple[str, ...], inputs: Mapping[str, Any]) -> Callable[[Named], dict[str, Any]]:
-        """Return a function of a block of the inputs that returns derivatives of torques, such as tau_q."""
+        """Return a function from a block of `inputs` to bounded derivatives of torques, such as tau_q."""
         loop = derivative_loop(request_loop(self._form, self._request), Derivative("matrices", names, ()))
         places = {name: k for k, (name, _) in enumerate(loop.inputs)}
         pattern = [
@@ -87,7 +87,7 @@ class _BoundedProgram:
         return compute
 
     def run(self, block: Named, names: Iterable[str]) -> dict[str, Any]:
-        """Return the outputs for a block of the inputs `names`, as `with_conversion_errors` returns them."""
+        """Return the bounded outputs for a block of the inputs `names`, as `_with_conversion_errors` returns them."""
         inputs: dict[str, Any] = {
             name: tuple(map(self._kind.rounded, block[name], block[f"{name} error"])) for name in names
         }
@@ -97,7 +97,7 @@ class _BoundedProgram:
 def slope_bounds(
     computation: RobotComputation, names: tuple[str, ...], values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Return bounds on the rounding errors of the largest entries of derivatives of torques, such as tau_q."""
+    """Return by name the largest bound on the errors of the entries of derivatives of torques, such as tau_q."""
     program = _BoundedProgram(computation, computation.outputs, values)
     groups = _input_groups(computation, computation.complete(values, gravity))
     function = program.derivatives(names, groups)
@@ -112,7 +112,7 @@ def slope_bounds(
 def _carried_bounds(
     computation: RobotComputation, names: tuple[str, ...], values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Return the bounds that the numbers of the named outputs carry."""
+    """Return for each named output the largest bound that its components carry through the program."""
     program, frame_count = _BoundedProgram(computation, names, values), len(computation.frames)
     groups = _input_groups(computation, computation.complete(values, gravity))
 
@@ -128,7 +128,7 @@ def _carried_bounds(
 def _acceleration_bounds(
     computation: RobotComputation, names: tuple[str, ...], values: Arguments, gravity: tuple[float, ...]
 ) -> dict[str, Float64Array]:
-    """Return bounds of the accelerations x that both backends give, from what x leaves in the inverse dynamics.
+    """Return bounds on the errors of the accelerations of either backend, from their residuals in inverse dynamics.
 
     Carried through the elimination of joints (T5), bounds grow tenfold with each joint.
     """
@@ -167,7 +167,7 @@ def _acceleration_bounds(
 
 
 def _solution_errors(left: Sequence[Any], matrix: Sequence[Any]) -> list[NDArray[np.float64]]:
-    """Return bounds on the errors of the components of x, where M x leaves at most `left`, component by component.
+    """Return bounds on the errors of the components of x, whose residuals |M x - b| are at most `left`; inf if none.
 
     `matrix` holds the bounded entries of M, row by row. With X next to the inverse of M and |I - X M| <= E, the
     errors e are at most |X| left + E e, hence e <= w / (1 - c) for every w >= |X| left with E w <= c w.
@@ -231,7 +231,7 @@ def _input_components(value: Any, sample_shape: tuple[int, ...]) -> tuple[Any, .
 
 
 def _largest_bounds(components: Any, frame_count: int) -> Any:
-    """Return the largest bound of components, or of those of each frame; plain numbers are exact."""
+    """Return the largest bound of components, or one for each of `frame_count` frames; plain numbers are exact."""
     errors = [c.error if isinstance(c, Bounded) else 0.0 for c in _as_tuple(components)]
     if not frame_count:
         return functools.reduce(np.maximum, errors, 0.0)

@@ -63,18 +63,18 @@ Loads: TypeAlias = Mapping[str, tuple[Any, str]]
 
 
 class Task(NamedTuple):
-    """What can be asked of a robot: by the method of this name, and by `prepare`."""
+    """Arguments and outputs of what is computed of a robot under one name: a method's, or one for `prepare`."""
 
     given: tuple[str, ...]
     outputs: tuple[str, ...]
     result: type[Results] | None = None  # None: the only output as an array
 
 
-MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # what is asked of frames, by order
+MOTION_LEVELS: Final = ("pose", "velocity", "acceleration")  # tasks of frames, by the order of the time derivative
 FREE_BASE_OUTPUTS: Final = ("a1", "alpha1")  # of forward dynamics, where forces move the base
-ONE_FRAME: Final = ("acceleration_bias",)  # outputs of a single frame
-OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, *ONE_FRAME)
-OF_BODIES: Final = ("torque_regressor",)  # outputs of all bodies, each with a frame of its own
+ONE_FRAME: Final = ("acceleration_bias",)  # outputs that take a single frame
+OF_FRAMES: Final = (*FRAME_OUTPUTS, *JACOBIANS, *ONE_FRAME)  # outputs that take frames, and need no masses
+OF_BODIES: Final = ("torque_regressor",)  # outputs that take the frames of all bodies, and need no masses
 _MOTION: Final = ("q", "qd", "qdd")
 
 TASKS: Final[Mapping[str, Task]] = {
@@ -105,14 +105,13 @@ TASKS: Final[Mapping[str, Task]] = {
 }
 """All that can be asked of a robot."""
 
+# Class of the result, by output; None: a bare array.
 _RESULTS: Final = {
     **{name: task.result for task in TASKS.values() for name in task.outputs},
     **dict.fromkeys(FRAME_OUTPUTS, MechanismState),
 }
 ALL_OUTPUTS: Final = tuple(_RESULTS)
-
-
-_PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)
+_PREPARED_ARGUMENTS: Final = (*COORDINATES, *BASE_MOTION, *BASE_LOADS)  # which `prepare` accepts as `given`
 
 
 def result_class(
@@ -133,7 +132,7 @@ def result_class(
 
 
 def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) -> dict[str, Any]:
-    """Return the arrays of a base's motion by input name. Where it has a pose alone, the base is at rest."""
+    """Return by input name the arrays of a base's motion, at rest if a pose alone; refuse one that lacks any."""
     if base_motion is None:
         return {}
     if not isinstance(base_motion, BodyMotion):
@@ -148,7 +147,7 @@ def base_inputs(base_motion: BodyMotion | None, needed_inputs: Iterable[str]) ->
 
 
 def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> tuple[Loads, tuple[str, ...]]:
-    """Return the argument `wrenches`, pairs (force, torque) by link, as loads, and the names of the links."""
+    """Return the argument `wrenches` as loads force_0, torque_0, force_1, ..., and the names of the links."""
     if wrenches is None:
         return {}, ()
     if not isinstance(wrenches, Mapping):
@@ -166,7 +165,7 @@ def read_wrenches(wrenches: Any, links: Mapping[str, Any]) -> tuple[Loads, tuple
 
 
 def _moved_frames(constants: RobotConstants, frames: tuple[Frame, ...]) -> dict[int, Any]:
-    """Return the numbers of frames that differ from sample to sample, arrays by place among those of the frames."""
+    """Return, by place among the `frame_numbers` of frames, those of their origins that differ between samples."""
     found: dict[int, Any] = {}
     for k, frame in enumerate(frames):
         if frame.samples is not None:
@@ -232,7 +231,7 @@ class RobotComputation(Computation):
 
     @lock_free_cached_property
     def by_constants(self) -> RobotComputation:
-        """The same outputs from constants in which each body keeps its own masses, and can change them."""
+        """The same computation with all mass counted with its own body, whose derivatives by constants are taken."""
         constants = robot_constants(self.constants.tree, self.constants.free, whole=True)
         request = self.request
         return RobotComputation(
@@ -269,7 +268,7 @@ class RobotComputation(Computation):
 
 
 def checked_given(given: str | Iterable[str], needed_inputs: Iterable[str] = ()) -> tuple[str, ...]:
-    """Return the names of a prepared call's arguments, for which `given` may be the name of a task."""
+    """Check the argument `given` of `prepare`, names or that of a task, and return the names of its arguments."""
     if isinstance(given, str) and given in TASKS:
         names = TASKS[given].given
     elif isinstance(given, Iterable) and not isinstance(given, str):

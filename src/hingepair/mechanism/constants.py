@@ -16,7 +16,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.mechanism.samples import moved_numbers
+from hingepair.mechanism.samples import turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
@@ -27,8 +27,8 @@ Exact: TypeAlias = list[Any]
 """Fractions, or `Ball`s around fractions."""
 
 _PIVOT_ROUNDING: Final = 64 * 2.0**-53  # a pivot below this share of all inertia beyond the joint is rounding
-_FOLDED: Final = {0.0, 1.0, -1.0}  # which become part of a program
-# The axes x, y and z of a program in the body's axes, by the components' sizes of a joint axis along x, y or z.
+_FOLDED: Final = {0.0, 1.0, -1.0}  # operations with these vanish from programs
+# A program's axes x, y, z in the body's axes, by the absolute components of a joint axis along x, y or z.
 _AXES_ALONG: Final = {
     (1.0, 0.0, 0.0): ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
     (0.0, 1.0, 0.0): ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
@@ -70,7 +70,7 @@ class RobotConstants:
 
 def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstants:
     """Return the constants of a robot's programs. The mass of the base counts only if it is free. With `whole`, no
-    matter counts with the parent's body.
+    mass is shifted to parent bodies (T9).
     """
     with np.errstate(all="ignore"):  # what overflows is refused where masses are used
         axes = _axes_of_bodies(tree)
@@ -114,13 +114,13 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
 def _varied_numbers(
     tree: Tree, free: bool, axes: Sequence[NDArray[np.float64]], numbers: Sequence[float]
 ) -> dict[int, NDArray[np.float64]]:
-    """Return the numbers that differ from sample to sample, arrays by place, in order."""
+    """Return, by place among the `numbers` of one robot, arrays of those that differ from sample to sample."""
     found: dict[int, NDArray[np.float64]] = {}
     if tree.samples is None:
         return found
     for body, matter in tree.samples.matter.items():
         if body or free:
-            columns = np.moveaxis(moved_numbers(matter, axes[body]), -1, 0)
+            columns = np.moveaxis(turned_moments(matter, axes[body]), -1, 0)
             place = constant_place(body, "mass")
             found |= {place + k: column + numbers[place + k] for k, column in enumerate(columns) if column.any()}
     for number, points in tree.samples.points.items():
@@ -219,7 +219,7 @@ def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:
 
 
 def _poses_in_program_axes(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> list[tuple[Any, Any]]:
-    """Return S and u of every joint in the program's axes."""
+    """Return S and u of every joint between the program's axes of the two bodies."""
     backs = [axes[joint.parent].T for joint in tree.joints]
     return [
         (_matrix_product(back, _matrix_product(joint.S, P)), _matrix_product(back, joint.u))
@@ -271,7 +271,7 @@ class _MassMoments:
 
 
 def _shortened(number: Any) -> Any:
-    """Return a fraction, or a ball around one, with at most 512 bits if it has more than 2,000."""
+    """Return a fraction, or a ball around one, rounded to 512 bits if its denominator has more than 2,000."""
     if isinstance(number, Ball):
         return Ball(_shortened(number.value), number.radius)
     if number.denominator.bit_length() <= 2000:
@@ -294,7 +294,7 @@ def _moments_of_body(body: MassProperties, axes: Exact) -> _MassMoments:
 def _mass_moments(
     tree: Tree, free: bool, axes: Sequence[Exact], poses: Sequence[tuple[Exact, Exact]], whole: bool = False
 ) -> list[_MassMoments]:
-    """Return the moments of every body, the base first, shifted to the parents (T9) unless `whole`."""
+    """Return the moments of every body, the base first (0 if held), shifted to the parents (T9) unless `whole`."""
     zero = MassProperties(0.0, np.zeros(3), np.zeros((3, 3)))
     bodies = [tree.base if free else zero, *(joint.body for joint in tree.joints)]
     moments = [_moments_of_body(body, P) for body, P in zip(bodies, axes, strict=True)]
@@ -304,7 +304,7 @@ def _mass_moments(
 def _shift_to_parents(
     tree: Tree, poses: Sequence[tuple[Exact, Exact]], moments: list[_MassMoments]
 ) -> list[_MassMoments]:
-    """Move what does not depend on a joint's position to the parent body (T9), in place."""
+    """Shift moments to the parent bodies as far as joints' positions do not matter (T9), in place; return them."""
     for k in range(len(tree.joints), 0, -1):
         joint, body_moments, (S, u) = tree.joints[k - 1], moments[k], poses[k - 1]
         parent = moments[joint.parent]

@@ -55,7 +55,7 @@ def continuous_columns(tree: Tree) -> list[int]:
 def written_q(
     convention: Convention, q: Float64Array, base: BodyMotion | None, free: bool, turning: list[int]
 ) -> Float64Array:
-    """Return q as a package writes it; the columns in `turning` become cosine and sine."""
+    """Return q as a package writes it, a free base first; the columns in `turning` become cosine and sine."""
     parts = []
     if free:
         S = _attitude(base)
@@ -68,7 +68,7 @@ def written_q(
 
 
 def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None, free: bool) -> Float64Array:
-    """Return v as a package writes it."""
+    """Return v as a package writes it, that of a free base first."""
     if not free:
         return qd
     S, v, omega = _attitude(base), _part(base, "v"), _part(base, "omega")
@@ -78,7 +78,7 @@ def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None,
 def read_state(
     convention: Convention, q: ArrayLike, v: ArrayLike | None, free: bool, dof: int, turning: list[int]
 ) -> State:
-    """Return the state that a package has written."""
+    """Return the State that a package has written; the columns in `turning` may be cosine and sine in q."""
     array = np.asarray(q, np.float64)
     first, width = 7 * free, array.shape[-1] if array.ndim else 0
     pairs = turning if width == first + dof + len(turning) else []
@@ -104,7 +104,7 @@ def read_state(
 
 
 def integrated(q: Float64Array, v: ArrayLike, base: BodyMotion | None, free: bool) -> State:
-    """Return the configuration that a change v leads to; that of a free base comes first."""
+    """Return the State that a change v leads to, in which R1 and a rotation vector, world axes, come first."""
     step = vectors("v", v, 6 * free + q.shape[-1]).astype(np.float64)
     if not free:
         return State(q + step, None, None)
@@ -115,7 +115,7 @@ def integrated(q: Float64Array, v: ArrayLike, base: BodyMotion | None, free: boo
 def difference(
     q0: Float64Array, q1: Float64Array, base0: BodyMotion | None, base1: BodyMotion | None, free: bool
 ) -> Float64Array:
-    """Return the change that leads from one configuration to another."""
+    """Return the change by which `integrated` leads from one configuration to the other."""
     if not free:
         return q1 - q0
     turn = rotation_log(_attitude(base1) @ np.swapaxes(_attitude(base0), -1, -2))
@@ -149,7 +149,7 @@ def _turned(S: Float64Array, v: Float64Array) -> Float64Array:
 
 
 def _joined(parts: list[Float64Array]) -> Float64Array:
-    """Return parts behind each other on the last axis, broadcast."""
+    """Return parts joined along the last axis, with their leading axes broadcast."""
     try:
         shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
     except ValueError:

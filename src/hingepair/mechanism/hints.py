@@ -40,12 +40,11 @@ SYNONYMS: Final = {
     "velocity_limits": "rate_limits",
     "view": "hp.view(robot)",
 }
-"""Names by those of other libraries: attributes of a robot, or calls."""
+"""What a robot has in place of a name of other libraries: an attribute, or a call."""
 
 
 def instead(name: str, known_names: list[str]) -> str:
-    """Return where a robot has what is called `name` elsewhere, for a message: its name here, the most similar of the
-    known names, or an argument; "" if there is nothing of the kind.
+    """Return the end of a message on a missing attribute: what a robot has instead, a similar known name, or "".
 
     >>> instead("rnea", [])
     ' (here: inverse_dynamics)'

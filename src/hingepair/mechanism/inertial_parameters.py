@@ -19,14 +19,14 @@ from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
 
 PARAMETERS: Final = ("m", "hx", "hy", "hz", "Jxx", "Jxy", "Jyy", "Jxz", "Jyz", "Jzz")
 """The parameters of a body: mass, first moment, and inertia about the reference point; Pinocchio's order."""
-# Where one of two must go, mass goes to the body that carries it, then first moments, then Jyy.
+# Of dependent parameters of a body, the first are kept; its mass goes first to the body that carries it.
 _KEPT_FIRST: Final = ("Jxx", "Jxy", "Jxz", "Jyz", "Jzz", "Jyy", "hx", "hy", "hz", "m")
-_DEPENDENT = 1e-7  # of the longest column of its kind (m, h or J); a shorter rest no recording tells from zero
-_STATES = 50  # at random, that tell which columns are independent; a joint has ten of its own
+_DEPENDENT = 1e-7  # of the longest column of its kind (m, h or J); a shorter rest counts as 0
+_STATES = 50  # random states that tell which columns are independent; a joint has ten columns
 
 
 def body_names(tree: Tree, with_base: bool) -> tuple[str, ...]:
-    """Return a name for each body: of the link whose frame is the body's, else of its joint or link."""
+    """Return a name for each body: of the link whose frame is the body's, else of the joint or the root link."""
     names = [next(iter(tree.links)), *(joint.name for joint in tree.joints)]
     for name, frame in reversed([*tree.links.items()]):
         if not frame.R.any() and np.array_equal(frame.S, np.eye(3)):
@@ -42,7 +42,7 @@ def inertial_parameters(tree: Tree, with_base: bool) -> Float64Array:
 
 
 def inertia_matrices(parameters: Float64Array) -> NDArray[np.float64]:
-    """Return J of all bodies; shape (bodies, 3, 3)."""
+    """Return J, about the reference point, of all bodies; shape (bodies, 3, 3)."""
     rows = parameters.reshape(-1, 10)
     J = np.empty((len(rows), 3, 3))
     for k, (i, j) in enumerate(INERTIA_ENTRIES):
@@ -53,7 +53,7 @@ def inertia_matrices(parameters: Float64Array) -> NDArray[np.float64]:
 def tree_with_parameters(
     tree: Tree, with_base: bool, parameters: Float64Array, armature: Float64Array | None = None
 ) -> Tree:
-    """Return a copy of a tree with other inertial parameters, and rotors of the coordinates if given."""
+    """Return a copy of a tree with other inertial parameters and, if given, rotors by coordinate."""
     names, masses, notes = body_names(tree.single(), with_base), [], []
     for name, row, J in zip(names, parameters.reshape(-1, 10), inertia_matrices(parameters), strict=True):
         m, h = float(row[0]), row[1:4]
@@ -122,6 +122,7 @@ class BaseParameters(Frozen, Shown):
         return " ".join(terms).removeprefix("+ ")
 
     def _sheet(self) -> Sheet:
+        """Return the printed table: name, value and combination."""
         rows = [("base parameter", "value", "combination")]
         for k, name in enumerate(self.names):
             rows.append((name, cell_text(self.values[k]), self.combination(k)))

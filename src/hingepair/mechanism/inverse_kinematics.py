@@ -33,21 +33,21 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import CoordinateNames, read_coordinates
 from hingepair.rotations.matrices import check_rotation
 
-_MAX_SOLVERS: Final = 32  # that a robot keeps
+_MAX_SOLVERS: Final = 32  # that a robot keeps; one more replaces all
 
 
 class Query(NamedTuple):
-    """What is asked of a robot, checked."""
+    """Checked arguments of inverse kinematics, and their answers."""
 
     solver: Solver
-    targets: Targets  # in one row
+    targets: Targets  # of all samples in one row
     shape: tuple[int, ...]  # of the targets
     by_frame: bool  # whether targets were given by frame
     seed: int
     workers: int
 
     def solve(self, count: int | None, nearest: bool) -> InverseKinematics:
-        """Return one solution of each target, or up to `count`."""
+        """Return one solution of each target, with `nearest` the nearest found to q0, or up to `count`."""
         solver, rows = self.solver, (len(self.targets.poses),)
         several = count or (1 if nearest else None)
         lead = rows if several is None else (*rows, several)
@@ -104,7 +104,7 @@ class Query(NamedTuple):
 
 
 class _FrameTargets(NamedTuple):
-    """What one frame is to reach."""
+    """What one frame is to reach, at all samples."""
 
     frame: Frame  # whose z axis is the one that has a direction
     goals: tuple[Goal, ...]
@@ -136,7 +136,7 @@ def read_query(
     workers: int,
     path: bool = False,
 ) -> Query:
-    """Check the arguments of inverse kinematics. Those of a path have an axis of samples, which q0 has not."""
+    """Return the checked arguments of inverse kinematics; with `path`, all but q0 have an axis of samples."""
     if not constants.names:
         raise ArgumentError("robot", "a joint that moves", "none")
     if tree.samples is not None and tree.samples.lengths:
@@ -186,7 +186,7 @@ def read_query(
 
 
 def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
-    """Check how many solutions are wanted, and which."""
+    """Return the argument `solutions`, checked with `select`; None: one solution, without an axis for it."""
     check_choice("select", select, ("any", "nearest"))
     if select == "nearest" and q0 is None:
         raise ArgumentError("q0", 'coordinates, since select="nearest" needs them', None)
@@ -199,7 +199,7 @@ def read_solutions(solutions: Any, select: str, q0: Any) -> int | None:
 
 
 def read_max_change(max_change: Any) -> float:
-    """Check a change of coordinates."""
+    """Return the argument `max_change`, a positive number."""
     number = finite_number("max_change", max_change)
     if number <= 0:
         raise ArgumentError("max_change", "a positive number", max_change)
@@ -207,7 +207,7 @@ def read_max_change(max_change: Any) -> float:
 
 
 def _frame_names(tree: Tree, frame: str | None, given: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the names of the frames that have targets."""
+    """Return the names of the frames that have targets, by default that of the only tip."""
     present = {name: value for name, value in given.items() if value is not None}
     if not present:
         raise ArgumentError("R", "positions, or attitudes in S or direction", None)
@@ -227,7 +227,7 @@ def _frame_names(tree: Tree, frame: str | None, given: Mapping[str, Any]) -> tup
 
 
 def _vectors_of_targets(label: str, value: Any, *tail: int) -> Any:
-    """Return positions or attitudes; the message on poses of other libraries says how to convert them."""
+    """Return positions or attitudes (..., *tail); the error on poses of other libraries says how to convert them."""
     try:
         return vectors(label, value, *tail)
     except ShapeError as error:
@@ -244,7 +244,7 @@ def _vectors_of_targets(label: str, value: Any, *tail: int) -> Any:
 def _read_target(
     tree: Tree, number: int, name: str, R: Any, S: Any, direction: Any, axis: Any, by_frame: bool
 ) -> _FrameTargets:
-    """Check the targets of one frame."""
+    """Return the checked targets of one frame, the one with this number; `by_frame`: arguments are dicts."""
     frame = tree.known_frame("frame", name)
     labels = {one: f"{one}[{name!r}]" if by_frame else one for one in ("R", "S", "direction", "axis")}
     given: list[Any] = [(one or {}).get(name) if by_frame else one for one in (R, S, direction)]
@@ -276,7 +276,7 @@ def _read_target(
 
 
 def _unit_vectors(name: str, values: Any) -> Float64Array:
-    """Return vectors of length 1; those that are not finite stay so."""
+    """Return vectors of length 1; refuse zero, and leave those that are not finite as they are."""
     values = np.asarray(values, np.float64)
     with np.errstate(all="ignore"):
         largest = np.abs(values).max(axis=-1, keepdims=True)
@@ -295,7 +295,7 @@ def _axes_about(z: Float64Array) -> Float64Array:
 
 
 def _read_posture(name: str, value: Any, names: CoordinateNames, path: bool) -> Float64Array:
-    """Return finite coordinates (..., dof), with an axis of one sample if there is one for each path."""
+    """Return finite coordinates (..., dof), or (..., 1, dof) for a `path`, at whose samples they are the same."""
     read, _ = read_coordinates(name, value, names)
     array = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
     array = np.asarray(array, np.float64)
@@ -305,7 +305,7 @@ def _read_posture(name: str, value: Any, names: CoordinateNames, path: bool) -> 
 
 
 def _read_limits(limits: Any, tree: Tree) -> Float64Array:
-    """Return the limits of all coordinates, shape (dof, 2)."""
+    """Return the argument `limits` as an array (dof, 2): the robot's own for True, infinite ones for False."""
     own = np.array([joint.position_limits for joint in tree.coordinates], np.float64)
     if isinstance(limits, bool | np.bool_):
         return own if limits else np.broadcast_to((-np.inf, np.inf), own.shape)
@@ -319,7 +319,7 @@ def _read_limits(limits: Any, tree: Tree) -> Float64Array:
 
 
 def _read_weights(weights: Any, reaches: Mapping[str, float]) -> list[tuple[float, float]]:
-    """Return for each frame what a metre and a radian count."""
+    """Return for each frame the weights of a metre and of a radian of error, by default 1 / reach and 1."""
     found = []
     for name, reach in reaches.items():
         pair = weights.get(name) if isinstance(weights, Mapping) else weights
@@ -368,7 +368,7 @@ def _solver(
     reaches: Mapping[str, float],
     weights: Any,
 ) -> Solver:
-    """Return the Solver, which is made at its first use and cached."""
+    """Return the Solver of these goals, limits and weights, which is made at its first use and cached."""
     frames = tuple(target.frame for target in targets.values())
     goals = tuple(goal for target in targets.values() for goal in target.goals)
     pairs, lengths = _read_weights(weights, reaches), [*reaches.values()]

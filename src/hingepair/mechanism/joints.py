@@ -102,6 +102,7 @@ class _JointOfRobot(Frozen, Shown):
         return f"{type(self).__name__}({', '.join(shown)})"
 
     def _sheet(self) -> Sheet:
+        """Return what notebooks show."""
         left_out = ("name", "body1", "body2")
         values = [(field, value) for field, value in self._shown_values().items() if field not in left_out]
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))

@@ -1,4 +1,4 @@
-"""The mechanism: a whole robot, a tree of hinges and sliders."""
+"""The mechanism: a whole robot, a tree of hinges, sliders and screws."""
 
 from __future__ import annotations
 
@@ -353,6 +353,7 @@ class Mechanism(MechanismMethods):
             raise AttributeError(f"Mechanism has no {name!r}{hint}", name=name, obj=self)
 
     def _instead(self, name: str) -> str:
+        """Return the end of a message on an attribute that does not exist, or cannot be set."""
         if hasattr(type(self), name):
             return "; methods such as with_payload and with_base return changed copies"
         if name in self.names:
@@ -402,11 +403,11 @@ class Mechanism(MechanismMethods):
         5.0
         """
         if mass is None:
-            return self._with_tree(changes.add_payload(self.tree, self.base, link, body))
+            return self._with_tree(changes.add_body(self.tree, self.base, link, body))
         if body is not None:
             raise ArgumentError("mass", "None, since `body` has a mass", quoted(mass))
         payload = read_payload(mass, centre_of_mass, inertia)
-        return self._with_tree(changes.add_matter(self.tree, link, payload))
+        return self._with_tree(changes.add_payload(self.tree, link, payload))
 
     def with_locked(self, positions: Mapping[str, float]) -> Mechanism:
         """Return a copy of the robot in which joints are held.

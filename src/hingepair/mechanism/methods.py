@@ -59,8 +59,8 @@ from hingepair.tables.sheets import Shown
 Wrenches: TypeAlias = Mapping[str, tuple[ArrayLike, ArrayLike]] | None
 """(force, torque) by link, world axes, at the link's origin [N, N m]; shape (..., 3) each, or the number 0."""
 
-_JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # tasks by axes
-_SOLVED: Final = TASKS["forward_dynamics"].outputs
+_JACOBIANS: Final = {"world": "jacobian", "frame": "jacobian_in_frame"}  # tasks by the argument `axes`
+_SOLVED: Final = TASKS["forward_dynamics"].outputs  # NaN where nothing resists
 _TORQUE_SLOPES: Final = ("tau_q", "tau_qd")  # derivatives whose rounding errors are bounded
 
 
@@ -87,7 +87,7 @@ class MechanismMethods(Frozen, Shown):
 
     @property
     def _whole_constants(self) -> RobotConstants:
-        """The constants in which all matter counts with its own body, for the wrenches of joints."""
+        """The constants without masses shifted to parent bodies (T9), for the wrenches of joints."""
         kept = self._constants.cache.others
         if "whole" not in kept:
             kept["whole"] = robot_constants(self.tree, self.base == "free", whole=True)
@@ -1307,6 +1307,7 @@ class MechanismMethods(Frozen, Shown):
         loads: Loads = MappingProxyType({}),
         key: tuple[Any, ...] | None = None,
     ) -> Any:
+        """Compute a derivative of a computation; refuse Dask arrays, and outputs that have none."""
         if holds_dask(coordinates, base_motion, loads):
             raise ArgumentError("q", "arrays in memory, to compute derivatives", "a Dask array among the arguments")
         computation.check_differentiable(derivative, tuple(coordinates))
@@ -1315,7 +1316,7 @@ class MechanismMethods(Frozen, Shown):
         )
 
     def _again(self, key: tuple[Any, ...], given: tuple[Any, ...], out: Out | FloatArray, workers: int) -> Any:
-        """Return the results of a call that differs from an earlier one by its arrays alone; None if it may not."""
+        """Return the results of a call that differs from one stored by `key` in its arrays alone; None if none is."""
         try:
             cache = self._cached_constants.cache
         except AttributeError:  # before the first call
@@ -1335,7 +1336,7 @@ class MechanismMethods(Frozen, Shown):
         derivative: Derivative | None = None,
         key: tuple[Any, ...] | None = None,
     ) -> Any:
-        """Compute the outputs of a computation, or a derivative; `_again` finds a plain call by `key`."""
+        """Compute the outputs of a computation, or a derivative; store the call by `key`, for `_again`."""
         execution, vector = execution_of(backend, workers), _checked_gravity(gravity)
         if computation.needs_masses:
             self._warn_of_masses()

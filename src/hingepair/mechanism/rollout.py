@@ -106,7 +106,7 @@ class Rollout(Results):
 
 
 def base_tracks(base_motion: BodyMotion | None) -> dict[str, Track]:
-    """Return the tracks S1, omega1, a1 and alpha1 of a base that moves as given; S1 alone where it rests."""
+    """Return the tracks S1, omega1, a1 and alpha1 of a base that moves as given; S1 alone if it has no rates."""
     if base_motion is None:
         return {}
     tracks = {}

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.arrays import Float64Array, Frozen, broadcast_shape, read_only, real_array
 
-_SECOND_MOMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # in the order of a program's numbers
-_ROUNDING = 1e-9  # of an inertia's trace, by which written inertias may miss being those of a body
+_SECOND_MOMENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # rows and columns, in the programs' order
+_ROUNDING = 1e-9  # of an inertia's trace: by so much it may miss being that of a body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ class Samples(Frozen):
         return replace(self, shape=shape, matter={**self.matter, body: read_only(np.array(total))})
 
     def with_points(self, points: Mapping[int, Float64Array], frames: Iterable[Float64Array]) -> Samples:
-        """Return a copy with points of joints, where origins of frames have samples, too."""
+        """Return a copy with points of joints; `frames` are origins with samples, whose leading shape counts too."""
         shapes = {str(k): array.shape[:-1] for k, array in enumerate((*points.values(), *frames))}
         shape = broadcast_shape({**shapes, "payloads": self.shape})
         return replace(self, shape=shape, points={**self.points, **points}, lengths=True)
@@ -48,7 +48,7 @@ class Samples(Frozen):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Payload(Frozen):
-    """Matter with leading axes, in the axes of the frame to which it is fixed."""
+    """Mass properties with leading axes, in the axes of the frame to which they are fixed."""
 
     mass: Float64Array  # [kg]; shape (...)
     centre: Float64Array  # centre of mass [m]; shape (..., 3)
@@ -60,7 +60,7 @@ class Payload(Frozen):
         return np.broadcast_shapes(self.mass.shape, self.centre.shape[:-1], self.inertia.shape[:-2])
 
     def moments(self, R: Float64Array, S: Float64Array) -> Float64Array:
-        """Return mass, first and second moments where the frame has the origins R, (..., 3), and the rotation S."""
+        """Return mass, first and second moments (..., 10) where the frame has origins R, (..., 3), and rotation S."""
         c = self.centre @ S.T + R
         half = np.trace(self.inertia, axis1=-2, axis2=-1)[..., None, None] / 2
         second = S @ (half * np.eye(3) - self.inertia) @ S.T
@@ -97,8 +97,8 @@ def read_payload(mass: ArrayLike, centre_of_mass: ArrayLike, inertia: ArrayLike 
     return Payload(arrays["mass"], arrays["centre_of_mass"], J)
 
 
-def moved_numbers(numbers: Float64Array, axes: Float64Array) -> Float64Array:
-    """Return mass, first and second moments (..., 10) in a program's axes; `axes` turns from those to the body's."""
+def turned_moments(numbers: Float64Array, axes: Float64Array) -> Float64Array:
+    """Return mass, first and second moments (..., 10) in a program's axes; `axes` rotates these to the body's."""
     N = np.empty((*numbers.shape[:-1], 3, 3))
     for k, (i, j) in enumerate(_SECOND_MOMENTS):
         N[..., i, j] = N[..., j, i] = numbers[..., 4 + k]

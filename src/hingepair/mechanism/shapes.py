@@ -164,6 +164,7 @@ def _placed(shape: Any, pose: FramePose) -> Any:
 
 
 def _shape_of_visual(visual: Visual) -> Shape:
+    """Return the box, cylinder or sphere of a URDF, in the axes of its link."""
     axes, center = (part + 0.0 for part in visual.pose)
     if visual.kind == "box":
         return Box(visual.sizes, center, axes)

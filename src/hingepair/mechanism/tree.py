@@ -60,7 +60,6 @@ class MassProperties(Frozen):
     inertia: NDArray[np.float64]
 
 
-# Mass properties of a body without mass.
 ZERO_MASS_PROPERTIES = MassProperties(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
 
 

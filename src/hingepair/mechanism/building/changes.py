@@ -60,14 +60,14 @@ def _body_or_none(label: str, masses: MassProperties) -> Body | None:
     return Body(masses.mass, masses.centre_of_mass, masses.inertia)
 
 
-def add_payload(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
-    """Return a copy of a tree with a Body fixed to a frame, and with notes on what of its masses is assumed."""
+def add_body(tree: Tree, base: str, link: str, body: Body | None) -> Tree:
+    """Return a copy of a tree with a Body fixed to the frame `link`, and with notes on its assumed masses."""
     frame = tree.known_frame("link", link)
     if not isinstance(body, Body):
         raise ArgumentError("body", "a Body", quoted(body))
     if frame.samples is not None:
         payload_with_samples = Payload(np.array(body.mass), body.centre_of_mass, body.inertia)
-        return add_matter(tree, link, payload_with_samples)
+        return add_payload(tree, link, payload_with_samples)
     payload = body_inertia(body).placed(FramePose(frame.S, frame.R))
     counts = frame.body > 0 or base == "free"
     notes = (*tree.notes, *(f"payload of {link}: {note}" for note in body.assumed if counts))
@@ -137,7 +137,7 @@ def _content(tree: Tree, number: int, masses: MassProperties) -> dict[str, Any]:
 
 
 def _with_mass(tree: Tree, number: int, payload: Inertia) -> Tree:
-    """Return a copy of a tree with more mass at the body of this number, in the body's axes."""
+    """Return a copy of a tree with a payload, given in the body's axes, added to the body of this number."""
     masses = tree.base if number == 0 else tree.joints[number - 1].body
     own = Inertia(masses.mass, masses.centre_of_mass, masses.inertia)
     total = mass_properties({"body": own, "payload": payload})
@@ -150,8 +150,8 @@ def _with_mass(tree: Tree, number: int, payload: Inertia) -> Tree:
     return replace(tree, joints=tuple(joints))
 
 
-def add_matter(tree: Tree, link: str, payload: Payload) -> Tree:
-    """Return a copy of a tree with a Payload fixed to a frame, as samples where it has leading axes."""
+def add_payload(tree: Tree, link: str, payload: Payload) -> Tree:
+    """Return a copy of a tree with a Payload fixed to the frame `link`, as samples where it has leading axes."""
     frame = tree.known_frame("link", link)
     if payload.shape or frame.samples is not None:
         samples = (tree.samples or Samples()).with_matter(frame.body, payload.moments(frame.origin, frame.S))
@@ -161,7 +161,7 @@ def add_matter(tree: Tree, link: str, payload: Payload) -> Tree:
 
 
 def add_frame(tree: Tree, name: str, frame: Frame, R: ArrayLike, S: ArrayLike | None) -> Tree:
-    """Return a copy of a tree with a further frame at position R [m], shape (..., 3), and rotation S in another."""
+    """Return a copy of a tree with a frame that has origin R [m], (..., 3), and rotation S in another, `frame`."""
     if not isinstance(name, str) or not name.strip():
         raise ArgumentError("name", "a text that is not empty", quoted(name))
     if tree.frame(name) is not None:

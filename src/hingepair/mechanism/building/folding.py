@@ -40,12 +40,10 @@ from hingepair.urdf.rigid import IDENTITY_POSE, FramePose, Inertia, combined_ine
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointPart:
-    """Record of a joint of any kind, fixed too, and of the body that it carries, whose origin is at the joint's
-    point.
-    """
+    """Joint of any kind, fixed ones included, and the body that it carries, whose origin is the joint's point."""
 
     name: str  # name of the joint
-    kind: JointKind  # "hinge", "slider" or "fixed"
+    kind: JointKind
     parent: int  # number of the part that carries it; 0 is the base, which is a fixed part without a parent (-1)
     pose: FramePose = IDENTITY_POSE  # pose of the body at position 0, in the parent's axes
     # unit axis in the body's axes; shape (3,)
@@ -61,13 +59,13 @@ class JointPart:
     armature: float = 0.0  # inertia of the motor's rotor, referred to the joint [kg m^2 or kg]
     load: HingeLoad = NO_LOAD  # spring, damper and dry friction
     mimic: records.MimicRecord | None = None  # rule of a joint that follows another joint; else None
-    pitch: float = 0.0
+    pitch: float = 0.0  # displacement of a screw for one radian [m/rad]
     notes: Sequence[str] = ()  # sentences about assumed masses
     without_mass: Sequence[str] = ()  # its links whose mass was never given; a URDF's link without inertia has 0 kg
 
 
 JointRule: TypeAlias = float | records.MimicRecord | None
-"""Rule of a joint: the position at which it is held, the joint that it follows, or None if it moves by itself."""
+"""How a joint moves: the position at which it is held, the joint that it follows, or None if by itself."""
 
 
 def fold_parts(name: str, parts: Sequence[JointPart], base: str, locked: Mapping[str, float] | None = None) -> Tree:
@@ -171,7 +169,7 @@ def _checked_positions(parts: Sequence[JointPart], positions: dict[str, float]) 
 
 
 def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> dict[str, JointRule]:
-    """Return the rule of each joint by name; followers of followers follow the last leader."""
+    """Return by name how each joint moves; a follower of a follower follows the last leader of its chain."""
     by_name = {part.name: part for part in parts}
 
     def rule(part: JointPart) -> JointRule:
@@ -196,7 +194,7 @@ def _joint_rules(parts: Sequence[JointPart], positions: Mapping[str, float]) -> 
 def _body_poses(
     parts: Sequence[JointPart], rules: Mapping[str, JointRule], body_numbers: Mapping[str, int]
 ) -> list[tuple[int, FramePose]]:
-    """Return the number of the body, and the pose in it, of each part."""
+    """Return for each part the number of the body into which it is merged, and its pose in the axes of that body."""
     body_poses: list[tuple[int, FramePose]] = []
     for part in parts:
         rule = rules[part.name]
@@ -227,7 +225,7 @@ def _tree_joint(
     body_numbers: Mapping[str, int],
     rules: Mapping[str, JointRule],
 ) -> Joint:
-    """Return a moving part as a Joint of the tree."""
+    """Return a moving part as a Joint; the part that carries it has `carrier_pose` in the body `parent_body`."""
     frame = _frame_in_body(f"joint {part.name!r}", parent_body, carrier_pose.placed(part.pose))
     rule = rules[part.name]
     lower, upper = part.limits or (-np.inf, np.inf)
@@ -275,14 +273,14 @@ def _links_and_frames(
 
 
 def _frame_in_body(label: str, body_number: int, pose: FramePose) -> Frame:
-    """Return a FramePose in the body with the number `body_number` as a Frame."""
+    """Return a pose in the axes of a body as a Frame; refuse numbers that overflow."""
     if not all(np.isfinite(values).all() for values in pose):
         raise ArgumentError(label, "a position that does not overflow", "numbers that overflow")
     return Frame(body_number, read_only(pose.origin + 0.0), read_only(pose.rotation + 0.0))
 
 
 def mass_properties(inertias: Mapping[str, Inertia]) -> MassProperties:
-    """Return the sum of the mass properties of rigidly joined links, by name, all in the axes of their body."""
+    """Return the sum of the mass properties of links, by name, in the axes of one body; refuse an overflow."""
     heavy = {link: inertia for link, inertia in inertias.items() if inertia.mass or inertia.tensor.any()}
     if not heavy:
         return ZERO_MASS_PROPERTIES

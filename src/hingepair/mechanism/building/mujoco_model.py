@@ -1,4 +1,4 @@
-"""The reader of robots in MJCF, by MuJoCo.
+"""The reader of robots in MJCF, which MuJoCo parses.
 
 MuJoCo's compiler resolves defaults, included files, angles and inertias of geoms; its result is read here.
 """
@@ -27,8 +27,8 @@ from hingepair.rotations.matrices import quaternion_to_matrix
 from hingepair.urdf.records import MimicRecord
 from hingepair.urdf.rigid import FramePose, Inertia, exact_quarter_turns
 
-_KINDS: dict[int, JointKind] = {2: "slider", 3: "hinge"}  # by mjtJoint
-_JOINT_EQUALITY = 2  # mjEQ_JOINT, a joint that follows another
+_KINDS: dict[int, JointKind] = {2: "slider", 3: "hinge"}  # by mjtJoint, MuJoCo's type of a joint
+_JOINT_EQUALITY = 2  # mjEQ_JOINT, the type of an equality by which a joint follows another
 _FREE, _TYPE_NAMES = 0, ("free", "ball", "slide", "hinge")
 
 
@@ -40,6 +40,7 @@ def tree_of_mjcf(model: Any, base: str | None, locked: Mapping[str, float] | Non
 
 
 def _compiled(model: Any) -> Any:
+    """Return the MjModel of a path, a text or an MjModel."""
     mujoco = require("mujoco", "from_mjcf")
     if isinstance(model, mujoco.MjModel):
         return model
@@ -112,6 +113,7 @@ class _Reader:
         return _pose(self._model.body_pos[body], self._model.body_quat[body])
 
     def _inertia(self, body: int) -> Inertia:
+        """Return the mass properties of a body in its own axes; the world has none."""
         model = self._model
         if body == 0:
             return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
@@ -119,7 +121,7 @@ class _Reader:
         return principal.placed(_pose(model.body_ipos[body], model.body_iquat[body]))
 
     def _part(self, joint: int, parent: int, pose: FramePose) -> JointPart:
-        """Return a joint as a part; `pose` is that of the joint's body in the part that carries it."""
+        """Return a joint as a part; `pose` is that of the joint's body in the part `parent`, which carries it."""
         model, name = self._model, self._name("joint", joint)
         kind = _KINDS.get(int(model.jnt_type[joint]))
         if kind is None:
@@ -145,17 +147,17 @@ class _Reader:
         )
 
     def _mimic(self, joint: int) -> MimicRecord | None:
-        """Return the rule of a joint that a linear equality ties to another joint."""
+        """Return the rule by which a linear equality makes a joint follow another; None if there is none."""
         model = self._model
-        for number in self._rules():
+        for number in self._mimic_equalities():
             if model.eq_obj1id[number] == joint:
                 leader, (constant, factor) = int(model.eq_obj2id[number]), model.eq_data[number, :2].tolist()
                 own, its = (float(model.qpos0[model.jnt_qposadr[one]]) for one in (joint, leader))
                 return MimicRecord(self._name("joint", leader), factor, constant + own - factor * its)
         return None
 
-    def _rules(self) -> list[int]:
-        """Return the numbers of the equalities that are rules of mimic joints."""
+    def _mimic_equalities(self) -> list[int]:
+        """Return the numbers of the active, linear equalities by which a joint follows another."""
         model = self._model
         return [
             number for number in range(model.neq)
@@ -164,11 +166,11 @@ class _Reader:
         ]  # fmt: skip
 
     def _warn(self) -> None:
-        """Warn of what acts in MuJoCo and is not read."""
+        """Issue a DynamicsWarning that names what acts in MuJoCo and is not read."""
         model = self._model
         left_out = [f"{count} {noun}" for count, noun in (
-            (model.neq - len(self._rules()), "equality constraints"), (model.ntendon, "tendons"),
-            (model.nu, "actuators"),
+            (model.neq - len(self._mimic_equalities()), "equality constraints"),
+            (model.ntendon, "tendons"), (model.nu, "actuators"),
             (np.count_nonzero(model.body_gravcomp), "bodies with gravity compensation"),
             (np.count_nonzero(getattr(model, "dof_dampingpoly", ())), "damping polynomials"),
             (np.count_nonzero(getattr(model, "jnt_stiffnesspoly", ())), "stiffness polynomials"),
@@ -183,7 +185,7 @@ class _Reader:
 
 
 class _Part:
-    """A part to which links are added."""
+    """A JointPart to which links and frames are added one by one."""
 
     def __init__(self, part: JointPart) -> None:
         self._part = part
@@ -198,7 +200,7 @@ class _Part:
         self._leaves += [link] if is_leaf else []
 
     def made(self) -> JointPart:
-        """Return the part with its links."""
+        """Return the JointPart with all that was added."""
         return replace(
             self._part, links=self._links, inertias=self._inertias, leaves=self._leaves, frames=self.frames,
             drawing=LinkDrawing(None),

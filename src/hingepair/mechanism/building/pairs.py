@@ -45,7 +45,7 @@ def tree_of_pairs(pairs: Iterable[RobotJoint], parents: Sequence[int] | None, ba
 
 
 def _with_points(tree: Tree, link: str, points: Points) -> Tree:
-    """Return a tree with frames at points of a link."""
+    """Return a copy of a tree with frames at the named points of a link."""
     for name, position in points.items():
         if tree.frame(name) is not None:
             expected = "points with names that no link, joint or other point has"
@@ -55,7 +55,7 @@ def _with_points(tree: Tree, link: str, points: Points) -> Tree:
 
 
 def _numbered(pairs: list[Any]) -> list[Any]:
-    """Return pairs in which those without a name of their own are told apart by their places: hinge_pair_2."""
+    """Return pairs in which default names that repeat end in the place of the pair, such as hinge_pair_2."""
     kinds, width = tuple(JOINT_CLASSES.values()), len(str(len(pairs)))
     names = [pair.name if isinstance(pair, kinds) else None for pair in pairs]
     repeated = {name for name in DEFAULT_NAMES if names.count(name) > 1}
@@ -66,7 +66,7 @@ def _numbered(pairs: list[Any]) -> list[Any]:
 
 
 def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tree:
-    """Return a tree of single pairs with the points u1 and u2 of pairs that have leading axes."""
+    """Return the tree of the pairs `single` with the samples of u1 and u2 that `pairs` have in leading axes."""
     points, links, samples = {}, dict(tree.links), Samples()
     for number, (joint, pair, one) in enumerate(zip(tree.joints, pairs, single, strict=True), 1):
         u2 = pairs[joint.parent - 1].u2 if joint.parent else np.zeros(3)
@@ -83,7 +83,7 @@ def _with_lengths(tree: Tree, pairs: Sequence[Any], single: Sequence[Any]) -> Tr
 
 
 def _parts(pairs: Iterable[RobotJoint], parents: Sequence[int] | None) -> list[JointPart]:
-    """Return the parts of joints that share bodies: the base, then the pairs in order."""
+    """Return the parts of checked pairs: the base, then the joints in order; refuse any but depth-first order."""
     checked = _checked_pairs(pairs)
     parent_numbers = _checked_parents(checked, parents)
     names = [pair.name for pair in checked]
@@ -162,7 +162,7 @@ def _checked_pairs(pairs: Iterable[RobotJoint]) -> list[RobotJoint]:
 
 
 def _checked_parents(pairs: Sequence[RobotJoint], parents: Sequence[int] | None) -> list[int]:
-    """Return the number of body 1 of each pair (0 is the base), whether or not they form a tree."""
+    """Return the argument `parents`, by default the pairs in series; whether they form a tree is not checked."""
     count = len(pairs)
     if parents is None:
         return list(range(count))
@@ -176,7 +176,7 @@ def _checked_parents(pairs: Sequence[RobotJoint], parents: Sequence[int] | None)
 
 
 def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> list[int]:
-    """Return the pairs in depth-first order, siblings by name."""
+    """Return the indices of the pairs in depth-first order, siblings by name; refuse pairs in a circle."""
     carried: dict[int, list[int]] = {}
     for place, parent in enumerate(parent_numbers):
         carried.setdefault(parent, []).append(place)
@@ -196,7 +196,7 @@ def _depth_first_order(names: Sequence[str], parent_numbers: Sequence[int]) -> l
 
 
 def _shared_body(sides_of_pairs: Sequence[tuple[str, RobotJoint]]) -> Body | None:
-    """Return the Body that the sides of several pairs share; None if no pair gives it."""
+    """Return the Body that these sides of pairs describe, None if none does; refuse those that differ."""
     first_given: tuple[str, Body] | None = None
     for side, pair in sides_of_pairs:
         body: Body | None = getattr(pair, side)

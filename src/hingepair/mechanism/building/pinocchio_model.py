@@ -53,7 +53,7 @@ def _parts(model: Any) -> tuple[Literal["fixed", "free"], list[JointPart]]:
     if not np.array_equal(model.gravity.linear, DEFAULT_GRAVITY):
         message = f"the model's gravity {model.gravity.linear.tolist()} is not the robot's: methods take gravity="
         warnings.warn(message, DynamicsWarning, stacklevel=4)
-    bodies = _BodyContents(model, root)
+    bodies = _BodyContents(model)
     numbers = {root: 0}  # number of the part of each joint's body, by the joint's number
     parts = [JointPart("", "fixed", -1, **bodies.content(root))]
     for joint in range(root + 1, model.njoints):
@@ -78,7 +78,7 @@ def _unsupported_joint_error(model: Any, joint: int, expected: str) -> ArgumentE
 def _parts_of_joint(
     model: Any, joint_number: int, parent_part: int, first_part: int, body_content: dict[str, Any]
 ) -> list[JointPart]:
-    """Return a joint as parts, several of a composite one; the last gets the joint's body."""
+    """Return a joint as parts numbered from `first_part`, several of a composite one, whose last gets the body."""
     joint, name, pose = (
         model.joints[joint_number],
         model.names[joint_number],
@@ -160,6 +160,7 @@ def _part_of_joint(
 
 
 def _load(name: str, damping: float, friction: float) -> HingeLoad:
+    """Return a HingeLoad, or an error that names the joint."""
     try:
         return HingeLoad(damping=damping, friction=friction)
     except ArgumentError as error:
@@ -178,10 +179,10 @@ def _unit_axis(motion: Float64Array) -> Float64Array:
 
 
 class _BodyContents:
-    """Links, further frames and mass properties of all bodies, behind the joint with the number `root`."""
+    """Links, further frames and mass properties of the bodies of a model, by the number of the body's joint."""
 
-    def __init__(self, model: Any, root: int) -> None:
-        self._model, self._root = model, root
+    def __init__(self, model: Any) -> None:
+        self._model = model
         self._links: dict[int, dict[str, FramePose]] = {}
         self._frames: dict[int, dict[str, FramePose]] = {}
         bodies = {i for i, frame in enumerate(model.frames) if frame.type.name == "BODY"}

@@ -20,14 +20,14 @@ from hingepair.urdf import records
 from hingepair.urdf.reader import read_urdf
 from hingepair.urdf.rigid import IDENTITY_POSE
 
-# Kinds of parts, by the type of a URDF joint.
+# Kind of a `JointPart`, by the type of its URDF joint; others are refused.
 _KIND_OF_TYPE: Mapping[str, JointKind] = {
     "revolute": "hinge",
     "continuous": "hinge",
     "prismatic": "slider",
     "fixed": "fixed",
 }
-_MAX_SNAP = 0.1  # rad; every angle is within pi/4 of a multiple of pi/2
+_MAX_SNAP = 0.1  # rad; a tolerance of pi/4 would replace every angle
 
 
 def tree_of_urdf(
