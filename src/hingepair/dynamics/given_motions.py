@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -19,20 +20,42 @@ JointCallable: TypeAlias = Callable[[Array], Any]
 """Coordinate of a joint and its first two derivatives at instants (n,) [s]; (n,) each."""
 
 
-class GivenBase(NamedTuple):
-    """Motion of a base that moves as given."""
+class GivenMotion(ABC):
+    """Motion that a callable prescribes; `label` names it in messages.
 
-    label: str  # in messages
-    motion: BaseCallable
+    Raises:
+        ArgumentError: it is no callable of t.
+    """
+
+    rates: ClassVar[Mapping[str, str]]  # of what each is the derivative
+
+    def __init__(self, label: str, motion: Callable[[Array], Any]) -> None:
+        check_callable(label, motion, "t")
+        self.label, self._motion = label, motion
 
     def at(self, t: Array) -> dict[str, Array]:
-        """Return the motion, arrays of n rows by name: R1, S1, v1, omega1, a1 and alpha1.
+        """Return the motion at n instants, arrays of n rows by name.
 
         Raises:
             ArgumentError: the callable returns something else.
         """
-        letters = ("R", "S", "v", "omega", "a", "alpha")
-        arrays = motion_arrays(f"{self.label}1", call_with_arrays(self.label, self.motion, t), *letters)
+        return self._read(call_with_arrays(self.label, self._motion, t), t)
+
+    def check(self, t: Array) -> None:
+        """Raise an ArgumentError unless the rates are derivatives, and do not jump, from t[0] to t[-1]."""
+        _check_rates(self.label, self.at, t, self.rates)
+
+    @abstractmethod
+    def _read(self, returned: Any, t: Array) -> dict[str, Array]: ...
+
+
+class GivenBase(GivenMotion):
+    """Motion of a base that moves as given: R1, S1, v1, omega1, a1 and alpha1."""
+
+    rates: ClassVar = {"v1": "R1", "omega1": "S1", "a1": "v1", "alpha1": "omega1"}
+
+    def _read(self, returned: Any, t: Array) -> dict[str, Array]:
+        arrays = motion_arrays(f"{self.label}1", returned, "R", "S", "v", "omega", "a", "alpha")
         shapes = SPATIAL_MOTION_KIND.shapes
         try:
             return {name: np.broadcast_to(x, (len(t), *shapes[name])) for name, x in arrays.items()}
@@ -40,40 +63,20 @@ class GivenBase(NamedTuple):
             expected = f"a callable that returns the motion of the base at {len(t)} instants"
             raise ArgumentError(self.label, expected, {name: array.shape for name, array in arrays.items()}) from None
 
-    def check(self, t: Array) -> None:
-        """Raise an ArgumentError unless the rates are the derivatives of R and S at times from t[0] to t[-1]."""
-        check_callable(self.label, self.motion, "t")
-        _check_rates(self.label, self.at, t, {"v1": "R1", "omega1": "S1", "a1": "v1", "alpha1": "omega1"})
 
+class GivenJoint(GivenMotion):
+    """Motion of a joint that moves as given: psi, psid and psidd, in this order."""
 
-class GivenJoint(NamedTuple):
-    """Motion of a joint that moves as given."""
+    rates: ClassVar = {"psid": "psi", "psidd": "psid"}
 
-    label: str  # in messages
-    motion: JointCallable
-
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return the coordinate, rate and acceleration, (n,) each.
-
-        Raises:
-            ArgumentError: the callable returns something else.
-        """
-        values = call_with_arrays(self.label, self.motion, t)
+    def _read(self, returned: Any, t: Array) -> dict[str, Array]:
+        names = ("psi", *self.rates)
         try:
-            q, qd, qdd = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in values)
+            values = (np.broadcast_to(np.asarray(value, np.float64), t.shape) for value in returned)
+            return dict(zip(names, values, strict=True))
         except (TypeError, ValueError):
             expected = f"a callable that returns (psi, psi', psi'') at {len(t)} instants"
-            raise ArgumentError(self.label, expected, values) from None
-        return q, qd, qdd
-
-    def check(self, t: Array) -> None:
-        """Raise an ArgumentError unless psi' and psi'' are the derivatives of psi at times from t[0] to t[-1]."""
-        check_callable(self.label, self.motion, "t")
-
-        def motion(times: Array) -> dict[str, Array]:
-            return dict(zip(("psi", "psid", "psidd"), self.at(times), strict=True))
-
-        _check_rates(self.label, motion, t, {"psid": "psi", "psidd": "psid"})
+            raise ArgumentError(self.label, expected, returned) from None
 
 
 def check_rest(label: str, base: str, start: BodyMotion) -> None:

@@ -13,7 +13,7 @@ from hingepair.dynamics.events import JointEvents
 from hingepair.dynamics.linearize_robot import linearize_robot
 from hingepair.dynamics.pair_loads import BaseArgument, LoadArgument, pair_loads
 from hingepair.dynamics.robot_motion import RobotMotion
-from hingepair.dynamics.simulate import initial_state, pair_motion, to_spatial_pair
+from hingepair.dynamics.simulate import initial_state, pair_motion, read_base, to_spatial_pair
 from hingepair.dynamics.small_motion import SmallMotion
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
@@ -162,11 +162,12 @@ def linearize(
     if gravity is None:
         gravity = PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    start = initial_state(base, body1, is_planar, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
+    held = read_base(base)
+    start = initial_state(held, body1, is_planar, finite_number("psi_0", psi_0), finite_number("psid_0", psid_0))
     if equilibrium and (start.v.any() or start.omega.any() or start.psid):
         raise ArgumentError("psid_0, body1", "a state at rest, from which an equilibrium is sought", quoted(body1))
     loads = pair_loads(forces, hinge_torque, gravity, is_planar=is_planar)
-    motion = pair_motion(space, base, start, loads, backend)()
+    motion = pair_motion(space, held, start, loads, backend)()
     JointEvents(motion, 0.0, 0.0, None)  # sets the side of each kink
     if motion.held.any() or (equilibrium and loads.joint_loads[0].sticking_friction):
         expected = (

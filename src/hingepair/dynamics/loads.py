@@ -212,20 +212,18 @@ def called_load(name: str, function: Callable[..., Any], t: Array, now: Any, tai
     """
     result = call_with_arrays(name, function, t, now)
     values = broadcast_load(name, result, (len(t), *tail))
-    if np.ndim(result) > len(tail):
+    if np.ndim(result) > len(tail) or len(t) < 2:
         return values
-    for one in (slice(0, 1), slice(-1, None)):  # now.q[0] is the first instant, not the first coordinate
-        try:
-            again = np.broadcast_to(np.asarray(function(t[one], type(now)(*(x[one] for x in now)))), (1, *tail))
-            is_constant = np.array_equal(again[0], values[0], equal_nan=True)
-        except (IndexError, ValueError):
-            is_constant = False
-        if not is_constant:
-            example = "-50 * now.q, where now.q[:, 1] is joint 2" if name == "tau" else "-20 * now.v1"
-            expected = (
-                f"shape ({', '.join(['n', *map(str, tail)])}), a row for each of the n instants, such as {example}"
-            )
-            raise ShapeError(name, expected, f"shape {np.shape(result)}, of one instant")
+    ends = [-1, 0]  # now.q[0] is the first instant, not the first coordinate: in this order, it is the last
+    try:
+        again = np.broadcast_to(np.asarray(function(t[ends], type(now)(*(x[ends] for x in now)))), (2, *tail))
+        is_constant = np.array_equal(again, values[:2], equal_nan=True)
+    except (IndexError, ValueError):
+        is_constant = False
+    if not is_constant:
+        example = "-50 * now.q, where now.q[:, 1] is joint 2" if name == "tau" else "-20 * now.v1"
+        expected = f"shape ({', '.join(['n', *map(str, tail)])}), a row for each of the n instants, such as {example}"
+        raise ShapeError(name, expected, f"shape {np.shape(result)}, of one instant")
     return values
 
 

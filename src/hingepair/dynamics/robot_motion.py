@@ -359,7 +359,7 @@ class RobotMotion:
         if self._driven:
             q, qd = q.copy(), qd.copy()
             for k, joint in self._driven.items():
-                q[:, k], qd[:, k], qdd[:, k] = joint.at(t)
+                q[:, k], qd[:, k], qdd[:, k] = joint.at(t).values()
         return q, qd, qdd
 
     def _base_inputs(self, t: Array) -> dict[str, Array]:

@@ -29,7 +29,7 @@ from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays, motion_of_rotations
 from hingepair.pair.constants import check_pair, check_single_pair
 from hingepair.pair.dynamics import DEFAULT_GRAVITY, check_masses, tree_constants
-from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable
+from hingepair.pair.hinge_load import HingeLoad, HingeTorque
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.pair.states import Energy, Momentum
@@ -300,17 +300,21 @@ def simulate(
     is_planar = space is not pair
     gravity = (PLANAR_GRAVITY if is_planar else DEFAULT_GRAVITY) if gravity is None else gravity
     forces = {"force1": force1, "torque1": torque1, "force2": force2, "torque2": torque2}
-    driven = {} if isinstance(hinge, str) else {0: GivenJoint("hinge", hinge)}
+    held, driven = read_base(base), {} if isinstance(hinge, str) else {0: GivenJoint("hinge", hinge)}
     loads = pair_loads(forces, HingeLoad() if driven else hinge_torque, gravity, is_planar=is_planar)
-    initial_hinge = _initial_hinge_motion(hinge, hinge_torque, instants, psi_0, psid_0)
-    start = initial_state(base, body1, is_planar, *initial_hinge)
-    if callable(base):
-        GivenBase("base", base).check(instants)
+    if driven:
+        initial_hinge = _given_start(driven[0], hinge_torque, instants, psi_0, psid_0)
+    else:
+        check_choice("hinge", hinge, ("free",))
+        initial_hinge = finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
+    start = initial_state(held, body1, is_planar, *initial_hinge)
+    if isinstance(held, GivenBase):
+        held.check(instants)
     check_start(loads, ["psi_0"], np.array([start.psi]))
-    found = Simulation(pair_motion(space, base, start, loads, backend, driven), instants, options)
+    found = Simulation(pair_motion(space, held, start, loads, backend, driven), instants, options)
     samples = found.samples
     psi_range, passed = joint_range(found.run, 0, "psi", space.limits or (-np.inf, np.inf), options.tol)
-    for sentence in (*_unit_doubts(space, base, start, loads.joint_loads[0].tightest_stops, samples), *passed):
+    for sentence in (*_unit_doubts(space, held, start, loads.joint_loads[0].tightest_stops, samples), *passed):
         warnings.warn(sentence, DynamicsWarning, stacklevel=3)
     body1_motion, psi, psid, psidd = samples.base, samples.motion.q[:, 0], samples.motion.qd[:, 0], samples.qdd[:, 0]
     fields: dict[str, Any] = {
@@ -329,7 +333,7 @@ def simulate(
         "loads": {name: read_only(np.array(load)) for name, load in loads_of_pair(samples.loads).items()},
         "space": space,
         "gravity": loads.gravity,
-        "base": "prescribed" if callable(base) else base,
+        "base": "prescribed" if isinstance(held, GivenBase) else held,
     }
     if isinstance(pair, PlanarPair):
         now = samples.motion
@@ -344,9 +348,17 @@ def simulate(
 simulate.register(Mechanism, cast(Any, simulate_robot))
 
 
+def read_base(base: BaseArgument) -> str | GivenBase:
+    """Return what holds body 1: one of BASES, or a motion that is given."""
+    if callable(base):
+        return GivenBase("base", base)
+    check_choice("base", base, BASES)
+    return base
+
+
 def pair_motion(
     pair: HingePair,
-    base: BaseArgument,
+    base: str | GivenBase,
     start: InitialState,
     loads: Loads,
     backend: str,
@@ -361,7 +373,7 @@ def pair_motion(
     _check_masses(pair, moves_body1=moves_body1)
     robot = Mechanism([replace(pair, name=BODY2)], base="free" if moves_body1 else "fixed")
     at_start = motion_of_rotations(R=start.R, S=start.S, v=start.v, omega=start.omega)
-    kind, base_motion = ("moving", GivenBase("base", base)) if callable(base) else (base, at_start)
+    kind, base_motion = ("moving", base) if isinstance(base, GivenBase) else (base, at_start)
     programs = RobotPrograms(robot, kind, tuple(loads.wrenches), loads.gravity, backend)
     q, qd = np.array([start.psi]), np.array([start.psid])
     return functools.partial(RobotMotion, robot, kind, base_motion, q, qd, loads, programs, driven)
@@ -381,37 +393,31 @@ def to_spatial_pair(pair: object) -> HingePair:
     return pair  # type: ignore[return-value]
 
 
-def _initial_hinge_motion(
-    hinge: object, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
+def _given_start(
+    given: GivenJoint, hinge_torque: object, t: Array, psi_0: float | None, psid_0: float | None
 ) -> tuple[float, float]:
-    """Return psi and psi' at the first instant, of a hinge that is free or moves as given."""
-    if isinstance(hinge, str):
-        check_choice("hinge", hinge, ("free",))
-        return finite_number("psi_0", psi_0), finite_number("psid_0", psid_0)
-    given = GivenJoint("hinge", hinge)  # type: ignore[arg-type]
+    """Check the motion of a hinge that moves as given, and return psi and psi' at the first instant."""
     given.check(t)
     for name, value in (("psi_0", psi_0), ("psid_0", psid_0)):
         if value is not None:
             raise ArgumentError(name, "None for a hinge that moves as given", quoted(value))
     if callable(hinge_torque) or np.any(hinge_torque != 0):
         raise ArgumentError("hinge_torque", "0 for a hinge that moves as given", quoted(hinge_torque))
-    psi, psid, _ = given.at(t[:1])
-    return finite_number("psi_0", psi[0]), finite_number("psid_0", psid[0])
+    first = given.at(t[:1])
+    return finite_number("psi_0", first["psi"][0]), finite_number("psid_0", first["psid"][0])
 
 
-def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
+def initial_state(base: str | GivenBase, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
     """Return (R, S, v, omega, psi, psid) at the start.
 
     Raises:
-        ArgumentError: base or body1 cannot be used.
+        ArgumentError: body1 cannot be used.
     """
     zero = np.zeros(3)
-    if callable(base):
-        check_callable("base", base, "t")
+    if isinstance(base, GivenBase):
         if body1 is not None:
             raise ArgumentError("body1", "None for a base that moves as given", quoted(body1))
         return InitialState(zero, np.eye(3), zero, zero, psi, psid)
-    check_choice("base", base, BASES)
     if not isinstance(body1, BodyMotion):
         example = _PLANAR_START if is_planar else "hp.BodyMotion(R=(x, y, z), S=np.eye(3))"
         raise ArgumentError("body1", f"the start of body 1, a BodyMotion such as {example}", quoted(body1))
@@ -430,7 +436,7 @@ def initial_state(base: BaseArgument, body1: object, is_planar: bool, psi: float
 
 
 def _unit_doubts(
-    pair: HingePair, base: BaseArgument, start: InitialState, stops: tuple[float, float], samples: RobotSamples
+    pair: HingePair, base: str | GivenBase, start: InitialState, stops: tuple[float, float], samples: RobotSamples
 ) -> list[str]:
     """Return sentences on angles or rates that look like degrees, on instants that look like milliseconds, and on
     inertias that are probably not in kg m^2.

@@ -29,7 +29,7 @@ from hingepair.numeric.arrays import Frozen, check_choice, finite_number, read_o
 from hingepair.pair.body import DynamicsWarning
 from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
-from hingepair.pair.hinge_load import HingeTorque, check_callable
+from hingepair.pair.hinge_load import HingeTorque
 from hingepair.pair.results import Result
 from hingepair.pair.states import Energy, Momentum
 from hingepair.plans.arguments import Coordinates, read_coordinates
@@ -217,7 +217,8 @@ def simulate_robot(
     moves = _driven(robot, driven, loads or {}, instants)
     q, qd = (_start(name, value, robot) for name, value in (("q0", q0), ("qd0", 0.0 if qd0 is None else qd0)))
     for k, move in moves.items():
-        q[k], qd[k] = (x[0] for x in move.at(instants[:1])[:2])
+        first = move.at(instants[:1])
+        q[k], qd[k] = first["psi"][0], first["psid"][0]
     check_start(all_loads, [f"q0[{name!r}]" for name in robot.names], q)
     if isinstance(start, GivenBase):
         start.check(instants)
@@ -272,7 +273,6 @@ def _base_of(robot: Mechanism, base: str | None, base_motion: Any) -> tuple[str,
         expected = "a callable of times that returns a BodyMotion, for base='moving' and no other"
         raise ArgumentError("base_motion", expected, quoted(base_motion))
     if callable(base_motion):
-        check_callable("base_motion", base_motion, "t")
         return kind, GivenBase("base_motion", base_motion)
     start = _REST if base_motion is None else base_motion
     if not isinstance(start, BodyMotion) or start.shape != ():
