@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.collocation import event_margin
-from hingepair.dynamics.complementarity import forces_within_limits
 from hingepair.errors import ArgumentError, DtypeError, ShapeError, quoted
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import real_array
+from hingepair.numeric.complementarity import forces_within_limits
 from hingepair.pair.hinge_load import HingeLoad, call_with_arrays
 
 UserEvent: TypeAlias = Callable[[Array, Any], ArrayLike]

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.dynamics.events import JointEvents
-from hingepair.dynamics.linearize_robot import linearize_robot
+from hingepair.dynamics.linearize_robot import SmallMotion, linearize_robot
 from hingepair.dynamics.pair_loads import BaseArgument, LoadArgument, pair_loads
 from hingepair.dynamics.robot_motion import RobotMotion
 from hingepair.dynamics.simulate import initial_state, pair_motion, read_base, to_spatial_pair
-from hingepair.dynamics.small_motion import SmallMotion
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array as Array
