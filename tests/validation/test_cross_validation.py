@@ -50,7 +50,7 @@ def test_given_attitudes_agree_with_pinocchio():
     wrong = BodyMotion(R=R, S=S, v=v, omega=omega * (1 + 1e-6), a=a, alpha=alpha)
     state = pair.forward_kinematics_from_body1(wrong, *hinge)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(HingePair, "forward_kinematics_from_body1", lambda *_: state)
+        patch.setattr(HingePair, "forward_kinematics_from_body1", lambda *_, **__: state)
         failed = [row.output for row in cross_validate_from_body1(pair, body1, *hinge).rows if not row.ok]
     assert "omega2" in failed
 
@@ -125,6 +125,39 @@ def test_the_level_follows_the_inputs(levels, outputs):
     assert report.ok
 
 
+POINTS = {"points1": {"sensor": (100, -2, 3)}, "points2": {"handle": (-3, 40, 1)}}
+OF_POINTS = [f"{name}{ending}" for name in ("sensor", "handle") for ending in ("", "_v", "_a")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("levels", [1, 2, 3])
+def test_points_are_compared_with_frames_of_pinocchio(levels):
+    rng = states.generator(66)
+    pair = pair_of(states.pair(rng), **POINTS)
+    report = cross_validate(pair, *states.coordinates(rng, 20)[:levels], sequence="ZYX")
+    assert report.ok, report
+    expected = {name for name in OF_POINTS if name[-2:] not in ("_v", "_a")[levels - 1 :]}
+    assert {row.output for row in report.rows[2 * levels + 1 :]} == expected
+    assert max(row.max_ratio for row in report.rows[2 * levels + 1 :]) > 0.2
+    R, S, v, omega, a, alpha = states.body1(rng, 10)
+    body1 = BodyMotion(R=R, S=S, v=v, omega=omega, a=a, alpha=alpha)
+    report = cross_validate_from_body1(pair, body1, *rng.uniform(-3, 3, (3, 10))[:levels])
+    assert report.ok, report
+    flat = hp.PlanarPair((1, 0.5), (-1, 0.2), points1={"sensor": (100, 2)}, points2={"handle": (0.3, 40)})
+    report = cross_validate(flat, *rng.normal(size=(3, 10, 4))[:levels])
+    assert report.ok, report
+    assert expected <= {row.output for row in report.rows}
+
+
+@pytest.mark.parametrize("output", ["handle", "handle_v", "sensor_a"])
+def test_a_fault_of_a_point_is_found(output):
+    rng = states.generator(67)
+    pair, motion = pair_of(states.pair(rng), **POINTS), states.coordinates(rng, 10)
+    fault = lambda _p, found, *_m: {output: found[output] * (1 + 1e-13)}  # noqa: E731
+    report = cross_validate(Faulty(pair, fault), *motion)
+    assert {row.output for row in report.rows if not row.ok} == {output}
+
+
 def test_coordinates_may_be_seven_that_broadcast():
     t = np.linspace(0, 1, 11)
     pair = pair_of(states.REFERENCE_PAIR)
@@ -144,15 +177,13 @@ class Faulty:
         self.u1, self.u2, self.n, self.home, self.name = pair.u1, pair.u2, pair.n, pair.home, "faulty"
         self.constants = pair.constants
         self.limits = self.torque_limit = self.rate_limit = self.body1 = self.body2 = None
-        self.points1 = self.points2 = {}
+        self.points1, self.points2 = pair.points1, pair.points2
 
     def forward_kinematics(self, q, qd, qdd, **options):
-        state = self.pair.forward_kinematics(
-            q, qd, qdd, outputs=("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "omega1", "R1"), **options
-        )
-        found = dict(state.arrays())
+        outputs = (*options.pop("outputs"), "omega1", "R1")
+        found = dict(self.pair.forward_kinematics(q, qd, qdd, outputs=outputs, **options).arrays())
         found |= self.fault(self.pair, found, q, qd, qdd)
-        return type("State", (), found)
+        return type("State", (), found | {"arrays": staticmethod(lambda: found)})
 
 
 def other_pair(**change):

@@ -80,7 +80,8 @@ def derive_command(
 ) -> None:
     """Derive closed formulas of a motion, and print or write them.
 
-    The outputs are omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t) by default. A scene without a motion
+    The outputs are omega1(t), R2(t), S2(t), v2(t), omega2(t), a2(t), alpha2(t) by default, and position, velocity and
+    acceleration of points of the bodies. A scene without a motion
     or with a simulated one, and a hinge of a robot, give the formulas of an arbitrary motion. A whole robot gives R,
     S, jacobian, v and omega of a frame, in terms of the joint coordinates q_1, q_2 and so on.
     """
@@ -136,7 +137,8 @@ def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_forma
     forms, title, named = derived
     planar = forms.kind is PLANAR_MOTION_KIND
     usual = named or (default_outputs(ACCELERATION, PLANAR_MOTION_KIND) if planar else _DERIVED)
-    names = usual if outputs is None else check_outputs(outputs, forms.kind.levels)
+    of_points = () if named else tuple(name for name in forms.names if name not in forms.kind.levels)
+    names = (*usual, *of_points) if outputs is None else check_outputs(outputs, forms.names)
     text = _write(forms, names, output_format, short, title)
     is_long = short is None and output_format == "text" and "\n      " in text
     return forms.to_text(names, short=True) if is_long else text

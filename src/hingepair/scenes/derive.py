@@ -11,6 +11,7 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
+from hingepair.plans.points import INPUT
 from hingepair.scenes.load import SceneFile
 from hingepair.scenes.pair_scene import PairScene
 from hingepair.scenes.robot_scene import RobotScene
@@ -69,11 +70,12 @@ def derive(
             name is required if several links have no children. Only for a robot.
 
     Returns:
-        For a scene or a pair, a Derivation: `.R2`, `.omega2` and so on are SymPy matrices in the symbol `.t`. For a
-        planar pair, `.phi2`, `.omega2` and `.alpha2` are SymPy expressions. For a robot, FrameForms: position `.R`,
-        rotation `.S`, `.jacobian`, velocity `.v` and angular velocity `.omega` of the frame, in world axes, are SymPy
-        matrices in the symbols `.q` and `.qd`. A Derivation and a FrameForms have the methods `.to_text()`,
-        `.to_latex()` and `.to_python()`, which return the forms as text.
+        For a scene or a pair, a Derivation: `.R2`, `.omega2` and so on are SymPy matrices in the symbol `.t`; of a
+        point named tip also `.tip`, `.tip_v` and `.tip_a`. For a planar pair, `.phi2`, `.omega2` and `.alpha2` are
+        SymPy expressions. For a robot, FrameForms: position `.R`, rotation `.S`, `.jacobian`, velocity `.v` and
+        angular velocity `.omega` of the frame, in world axes, are SymPy matrices in the symbols `.q` and `.qd`. A
+        Derivation and a FrameForms have the methods `.to_text()`, `.to_latex()` and `.to_python()`, which return the
+        forms as text.
 
     Raises:
         ArgumentError: the derivatives of an expression are too long. The message names the argument.
@@ -150,7 +152,9 @@ def _exact_pair_values(
 ) -> dict[str, tuple[Expr, ...]]:
     """Return u1, u2, n and home (row by row) as [pair] writes them, by key, where the pair has the same values."""
     table, planar = tables.table("pair"), isinstance(pair, PlanarPair)
-    numbers = pair.constants.values  # of a scene whose pair was replaced, not those of the file
+    # Of a scene whose pair was replaced, not those of the file.
+    points = {INPUT + name: position.tolist() for name, position in {**pair.points1, **pair.points2}.items()}
+    numbers = {**pair.constants.values, **points}
     same = {
         key
         for key, exprs in _pair_expressions(table, planar).items()
@@ -162,8 +166,8 @@ def _exact_pair_values(
 def _pair_expressions(
     table: Table, planar: bool, symbolic_constants: Collection[str] = ()
 ) -> dict[str, tuple[Expr, ...]]:
-    """Return u1, u2, n (scaled to length 1) and home (row by row) of the table [pair], as far as it has them; not an
-    axis n in plain numbers.
+    """Return u1, u2, n (scaled to length 1), home (row by row) and points of the table [pair], as far as it has them;
+    not an axis n in plain numbers.
     """
 
     def exact(key: str, *shape: int) -> tuple[Expr, ...]:
@@ -171,6 +175,11 @@ def _pair_expressions(
 
     written: dict[str, tuple[Expr, ...]] = {}
     written |= {key: exact(key, 2 if planar else 3) for key in ("u1", "u2") if key in table.values}
+    for key in ("points1", "points2"):
+        points = table.table(key, required=False)
+        for name in points.values:
+            position = points.expressions(name, 2 if planar else 3, symbolic_constants=symbolic_constants)
+            written[INPUT + name] = _in_sympy(name, position)
     if any(isinstance(component, str) for component in table.values.get("n", ())):
         written["n"] = exact_unit_axis(exact("n", 3))
     if isinstance(table.values.get("home"), list):

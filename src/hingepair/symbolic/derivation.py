@@ -15,7 +15,6 @@ from typing import Any, Final, TypeAlias
 
 import sympy
 
-from hingepair.equations.quantities import unit_of
 from hingepair.errors import ArgumentError
 from hingepair.numeric.blocks import components
 from hingepair.numeric.names import Names
@@ -24,6 +23,7 @@ from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, make_plan
+from hingepair.plans.points import INPUT, point_outputs, result_of, unit_among
 from hingepair.symbolic.abbreviations import abbreviated
 from hingepair.symbolic.exact_constants import MAX_ROOT_DENOMINATOR, exact
 from hingepair.symbolic.exact_expressions import derivatives, time_symbol
@@ -65,9 +65,9 @@ class Derivation(WrittenForms):
     """Closed forms of a pair's motion (E1-E11) as functions of t, written as text, LaTeX, Python or SymPy source.
 
     The outputs are attributes: `R2`, `S2`, `d`, `v2`, `omega2`, `a2`, `alpha2`, and `R1`, `S1`, `v1`, `omega1`, `a1`,
-    `alpha1`; of a planar pair those that `names` lists. Each is an immutable SymPy matrix, (3, 1) or (3, 3). Vectors
-    of a planar pair are (2, 1), and its angles, angular velocities and accelerations are expressions. An output is
-    derived at the first access; intermediate results are kept.
+    `alpha1`, and of a point `tip` also `tip`, `tip_v`, `tip_a`; of a planar pair those that `names` lists. Each is an
+    immutable SymPy matrix, (3, 1) or (3, 3). Vectors of a planar pair are (2, 1), and its angles, angular velocities
+    and accelerations are expressions. An output is derived at the first access; intermediate results are kept.
 
     Args:
         pair: one pair; its numbers are made exact as `hingepair.derive` describes.
@@ -75,13 +75,13 @@ class Derivation(WrittenForms):
             function of t. By default all are.
         sequence: sequence of the Euler angles; ignored in the plane.
         symbolic: names of constants, out of u1, u2 and n, that stay symbols; n counts as having length 1.
-        exact_values: exact components of u1, u2, n (of length 1) and home, by name, where they are known.
+        exact_values: exact components of u1, u2, n (of length 1), home and points, by name, where they are known.
 
     Raises:
         ArgumentError: `pair` holds more than one pair, or the derivatives of a coordinate are too long.
     """
 
-    __slots__ = ("_display_forms", "_home", "_planar", "_sequence", "_working_forms")
+    __slots__ = ("_display_forms", "_home", "_planar", "_points", "_sequence", "_working_forms")
     _writers = to_text, str, to_latex
     _abbreviated = False
 
@@ -94,7 +94,7 @@ class Derivation(WrittenForms):
         exact_values: Mapping[str, SumTerms] | None = None,
     ) -> None:
         check_single_pair(pair)
-        self._planar = isinstance(pair, PlanarPair)
+        self._planar, self._points = isinstance(pair, PlanarPair), pair.constants.points
         given = {name: expr for name, expr in (motion or {}).items() if expr is not None}
         written = {key: tuple(map(sympy.sympify, exprs)) for key, exprs in (exact_values or {}).items()}
         renamed = self._distinct_constants([*given.values(), *sum(written.values(), ())], given, symbolic)
@@ -124,7 +124,12 @@ class Derivation(WrittenForms):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the closed forms."""
-        return tuple(self.kind.levels)
+        return (*self.kind.levels, *point_outputs(self._points))
+
+    def _shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of an output."""
+        shape = self.kind.shapes.get(name)
+        return (3 - self._planar,) if shape is None else shape
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # while a copy is being made
@@ -132,7 +137,7 @@ class Derivation(WrittenForms):
         if name not in self.names:
             raise AttributeError(f"{type(self).__name__} has no {name!r}; it has t, {', '.join(self.names)}")
         parts = [sympy.Add(*terms) for terms in self.terms(name)]
-        tail = self.kind.shapes[name]
+        tail = self._shape(name)
         return parts[0] if not tail else sympy.ImmutableMatrix(tail[0], len(parts) // tail[0], parts)
 
     def __dir__(self) -> list[str]:
@@ -143,7 +148,7 @@ class Derivation(WrittenForms):
 
     def labels(self, name: str) -> list[str]:
         """Return the labels of the components of the output called `name`: omega1_x, S2_xy, phi2."""
-        places = map("".join, itertools.product("xyz"[: 3 - self._planar], repeat=len(self.kind.shapes[name])))
+        places = map("".join, itertools.product("xyz"[: 3 - self._planar], repeat=len(self._shape(name))))
         return [f"{name}_{place}" if place else name for place in places]
 
     def _distinct_constants(
@@ -166,15 +171,9 @@ class Derivation(WrittenForms):
         Raises:
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
-        check_outputs((name,), self.kind.levels)
-        plan = make_plan(
-            (name,),
-            self._sequence,
-            self._home,
-            TRIG_FUNCTIONS,
-            self.kind,
-            _COORDINATES,
-        )
+        check_outputs((name,), self.names)
+        plan = make_plan((name,), self._sequence, self._home, TRIG_FUNCTIONS, self.kind, _COORDINATES, self._points)
+        result_name = name if name in self.kind.levels else result_of(name)
         for result, function, arguments in plan.steps:
             if result not in self._working_forms:
                 value = function(*[self._working_forms[key] for key in arguments])
@@ -184,7 +183,9 @@ class Derivation(WrittenForms):
                     or isinstance(components(value)[0], tuple)
                 )
                 self._working_forms[result] = value if keep else self._shorten(result, value)
-        return tuple(map(sorted_terms, self._display_forms.get(name, components(self._working_forms[name]))))
+        return tuple(
+            map(sorted_terms, self._display_forms.get(result_name, components(self._working_forms[result_name])))
+        )
 
     def _shorten(self, result_name: str, value: Any) -> Any:
         """Return a result in the form that further steps use, and store the form that is displayed."""
@@ -221,11 +222,17 @@ class Derivation(WrittenForms):
     def _module(self, names: Iterable[str] | None, title: str) -> list[str]:
         head = f'"""Closed forms{title_suffix(title)}."""\n\nimport numpy\n'
         chosen = self.names if names is None else names
-        return [head, *(_function_source(name, [expr for _, expr in self._components((name,))]) for name in chosen)]
+        return [head, *(self._function_source(name) for name in chosen)]
+
+    def _function_source(self, name: str) -> str:
+        unit = unit_among(self.names, name)
+        return _function_source(name, f" [{unit}]" if unit != "1" else "", [e for _, e in self._components((name,))])
 
 
-def _function_source(name: str, component_exprs: list[Expr]) -> str:
-    """Return the source of a NumPy function that computes an output from t and the symbols of its components."""
+def _function_source(name: str, unit: str, component_exprs: list[Expr]) -> str:
+    """Return the source of a NumPy function that computes an output, with a unit, from t and the symbols of its
+    components.
+    """
     t = time_symbol()
     expressions = with_symbols([*map(with_short_constants, component_exprs), t], "d")[:-1]
     symbols = set().union(*(part.free_symbols for part in expressions)) - {t}
@@ -241,7 +248,6 @@ def _function_source(name: str, component_exprs: list[Expr]) -> str:
     temporary = sympy.numbered_symbols("w", exclude=reserved, real=True)
     steps, results = sympy.cse(expressions, symbols=temporary, order="none", list=True)
     tail = {1: (), 9: (3, 3)}.get(len(component_exprs), (len(component_exprs),))
-    unit = f" [{unit_of(name)}]" if unit_of(name) != "1" else ""
     return function_source(
         name,
         f"{unit}; the arguments broadcast, shape (...) gives {shape_text(tail)}.",
@@ -273,6 +279,9 @@ def constant_inputs(
             inputs[key] = exact_values[key]
         else:
             inputs[key] = exact_axis(value) if key == "n" else tuple(map(exact, value))
+    for name, position in {**pair.points1, **pair.points2}.items():
+        point = INPUT + name
+        inputs[point] = exact_values[point] if point in exact_values else tuple(map(exact, position.tolist()))
     return inputs
 
 

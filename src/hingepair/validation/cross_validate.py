@@ -17,6 +17,7 @@ from hingepair.pair.accuracy import (
     PROMISED_BOUND_BY_OUTPUT,
     angular_rate_sizes,
     euler_rate_sizes,
+    norm,
     output_scales,
     unit_roundoff,
 )
@@ -26,7 +27,8 @@ from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import PairState, PlanarState
 from hingepair.plans.arguments import Coordinates
-from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND
+from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, default_outputs
+from hingepair.plans.points import POINT_ENDINGS, Point, point_outputs
 from hingepair.validation.pinocchio_twin import PairTwin, frame_motions, import_pinocchio, to_pinocchio
 from hingepair.validation.report import Comparison, CrossValidation
 from hingepair.validation.robot_check import cross_validate_robot
@@ -75,8 +77,9 @@ def cross_validate(
 
     The two computations share no code. For a pair, Pinocchio also computes the attitude and the angular velocity of
     body 1 from the Euler angles, with a chain of three revolute joints in the order of the Euler sequence. R2, S2 and
-    d = R2 - R1 are compared, with qd also v2 and omega2, with qdd also a2 and alpha2. Pinocchio computes d as the
-    position of body 2 for R1 = 0, because the difference of R2 and R1 would contain the rounding errors of both.
+    d = R2 - R1 are compared, with qd also v2 and omega2, with qdd also a2 and alpha2, and the motion of points, which
+    are frames there. Pinocchio computes d as the position of body 2 for R1 = 0, because the difference of R2 and R1
+    would contain the rounding errors of both.
 
     A robot that was read from a URDF is compared with the model that Pinocchio itself makes of the same text: names
     and placements of joints, masses and inertias, and all results. Pinocchio also holds the locked joints. A robot
@@ -147,11 +150,12 @@ def cross_validate(
     if isinstance(pair, PlanarPair):
         space, kind, subject = pair.to_spatial(), PLANAR_MOTION_KIND, "in the plane"
         twin = to_pinocchio(space)
-        state = pair.forward_kinematics(q, qd, qdd)
+        state = pair.forward_kinematics(q, qd, qdd, outputs=_compared_outputs(pair, kind, qd, qdd))
     else:
         space, kind, subject = pair, SPATIAL_MOTION_KIND, f"Euler sequence {sequence}"
         twin = to_pinocchio(space)
-        state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
+        outputs = _compared_outputs(pair, kind, qd, qdd)
+        state = pair.forward_kinematics(q, qd, qdd, outputs=outputs, sequence=sequence)
     parts = read_rows(kind, q, qd, qdd).values
     flat, _ = finite_samples(parts, np.shape(state.R2)[:-1], {})
     planar = kind is PLANAR_MOTION_KIND
@@ -194,7 +198,8 @@ def cross_validate_from_body1(
     True
     """
     twin = to_pinocchio(pair)
-    state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd)
+    outputs = _compared_outputs(pair, SPATIAL_MOTION_KIND, psid, psidd)
+    state = pair.forward_kinematics_from_body1(body1, psi, psid, psidd, outputs=outputs)
     angles = {name: c for name, c in (("psi", psi), ("psid", psid), ("psidd", psidd)) if c is not None}
     letters = ("R", "S", "v", "omega", "a", "alpha")[: 2 * len(angles)]
     values = angles | {letter: getattr(body1, letter) for letter in letters}
@@ -202,6 +207,13 @@ def cross_validate_from_body1(
     motion = BodyMotion(**{letter: flat[letter] for letter in letters})
     sizes = angular_rate_sizes(motion.omega, motion.alpha)
     return _compare(_Given(pair, twin, motion, [flat[name] for name in angles], sizes), state, "attitude given", None)
+
+
+def _compared_outputs(pair: HingePair | PlanarPair, kind: MotionKind, *derivatives: Any) -> tuple[str, ...]:
+    """Return the outputs that coordinates and those derivatives that are not None determine."""
+    level = sum(given is not None for given in derivatives)
+    of_points = point_outputs(pair.constants.points)
+    return *default_outputs(level, kind), *(name for name, own in of_points.items() if own.order <= level)
 
 
 class _Given(NamedTuple):
@@ -218,22 +230,40 @@ def _compare(given: _Given, state: PairState | PlanarState, subject: str, sequen
     """Return the report on `state`, which the equations computed."""
     pair, _, body1, hinge, (W1, A1) = given
     _, psid, psidd = (*hinge, None, None)[:3]
-    scales = output_scales(
-        u1=pair.u1, u2=pair.u2, R1=body1.R, v1=body1.v, a1=body1.a,
-        W1=W1, A1=A1, psid=psid, psidd=psidd, pinocchio=True,
-    )  # fmt: skip
-    outputs = _body2_by_pinocchio(given)
+    moving: dict[str, Any] = {"R1": body1.R, "v1": body1.v, "a1": body1.a, "W1": W1, "A1": A1, "pinocchio": True}
+    scales = output_scales(u1=pair.u1, u2=pair.u2, psid=psid, psidd=psidd, **moving)
+    outputs, formulas = _body2_by_pinocchio(given), {name: _scale_formula(name) for name in scales}
+    for point in pair.constants.points:
+        # A point of body 2 is the end of a longer lever, a point of body 1 of one that psi does not turn.
+        own, lever = _point_scales(pair, point, psid, psidd, moving)
+        for output, ending in zip(("R2", "v2", "a2"), POINT_ENDINGS.values(), strict=True):
+            if output in own:
+                scales[point.name + ending] = own[output]
+                formulas[point.name + ending] = f"{formulas[output]}, with {lever}"
     if isinstance(state, PlanarState):
         phi2 = np.asarray(state.phi2, np.float64).reshape(-1)
         outputs, scales["phi2"] = _planar_part(outputs, phi2), 1 + np.abs(phi2) + np.abs(hinge[0])
+        formulas["phi2"] = _scale_formula("phi2")
     shape, u = np.shape(state.R2)[:-1], unit_roundoff(np.asarray(state.R2).dtype)
     rows = tuple(
-        Comparison.of(
-            name, getattr(state, name), expected, np.asarray(scales[name]), u, shape, scale=_scale_formula(name)
-        )
+        Comparison.of(name, state.arrays()[name], expected, np.asarray(scales[name]), u, shape, scale=formulas[name])
         for name, expected in outputs.items()
     )
     return CrossValidation(pair.name, shape, int(np.isnan(hinge[0]).sum()), u, rows, subject, sequence)
+
+
+def _point_scales(
+    pair: HingePair, point: Point, psid: Float64Array | None, psidd: Float64Array | None, moving: Mapping[str, Any]
+) -> tuple[dict[str, Float64Array], str]:
+    """Return the scales of a point as those of R2, v2 and a2 of a pair with other levers, and these in words."""
+    if point.body == 2:
+        u2 = float(norm(pair.u2)) + float(norm(pair.points2[point.name]))
+        scales = output_scales(u1=pair.u1, u2=(u2, 0, 0), psid=psid, psidd=psidd, **moving)
+        return scales, "U2 + |p| in place of U2"
+    rates = [None if rate is None else 0 * rate for rate in (psid, psidd)]
+    u1 = pair.points1[point.name]
+    scales = output_scales(u1=u1, u2=(0, 0, 0), psid=rates[0], psidd=rates[1], **moving)
+    return scales, "|p| and 0 in place of U1 and U2"
 
 
 def _scale_formula(output: str) -> str:
@@ -243,15 +273,24 @@ def _scale_formula(output: str) -> str:
 
 
 def _body2_by_pinocchio(given: _Given) -> dict[str, Float64Array]:
-    """Compute the motion of body 2 by Pinocchio; d is its position if R1 is zero."""
-    _, twin, body1, hinge, _ = given
+    """Compute the motion of body 2 and of points by Pinocchio; d is the position of body 2 if R1 is zero."""
+    pair, twin, body1, hinge, _ = given
     states = [twin.configuration(body1, hinge[0])]
     states += [twin.velocity(body1, *hinge[:2])] if len(hinge) > 1 else []
     states += [twin.acceleration(body1, *hinge)] if len(hinge) > 2 else []
     body2 = twin.body2(*states)
+    names = [point.name for point in pair.constants.points]
+    frames = [twin.model.getFrameId(name) for name in names]
+    points = frame_motions(twin.model, twin.data, frames, states) if names else {}
     states[0][:, :3] = 0
     outputs = {"R2": body2.R, "S2": body2.S, "d": twin.body2(states[0]).R, "v2": body2.v, "omega2": body2.omega}
     outputs |= {"a2": body2.a, "alpha2": body2.alpha}
+    outputs |= {
+        name + ending: points[letter][:, k]
+        for k, name in enumerate(names)
+        for letter, ending in POINT_ENDINGS.items()
+        if letter in points
+    }
     return {name: values for name, values in outputs.items() if values is not None}
 
 
