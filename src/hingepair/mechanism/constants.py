@@ -20,13 +20,13 @@ from hingepair.mechanism.samples import turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
 from hingepair.numeric.balls import Ball, axes_balls, error_bound, rotation_balls
+from hingepair.pair.dynamics import PIVOT_ROUNDING
 from hingepair.plans.computation import Cache
 from hingepair.plans.trees import Form, constant_place
 
 Exact: TypeAlias = list[Any]
 """Fractions, or `Ball`s around fractions."""
 
-_PIVOT_ROUNDING: Final = 64 * 2.0**-53  # a pivot below this share of all inertia beyond the joint is rounding
 _FOLDED: Final = {0.0, 1.0, -1.0}  # operations with these vanish from programs
 # A program's axes x, y, z in the body's axes, by the absolute components of a joint axis along x, y or z.
 _AXES_ALONG: Final = {
@@ -399,7 +399,7 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
         p, axis = joint.parent, joint.axis
         reach = float(np.abs(joint.u).sum())
         reach += joint.reach
-        smallest = _PIVOT_ROUNDING * (axis.turns**2 * spread[k] + axis.shifts**2 * mass[k])
+        smallest = PIVOT_ROUNDING * (axis.turns**2 * spread[k] + axis.shifts**2 * mass[k])
         turning = _inertia_about_axis(joint.body, axes[k][:, 2]) if axis.turns else 0.0
         own_inertia = axis.turns**2 * turning + axis.shifts**2 * joint.body.mass
         # The threshold of a joint that carries no mass is 1e-300, since 0 stands for a pivot that is never small.
@@ -407,7 +407,7 @@ def _pivot_thresholds(tree: Tree, axes: Sequence[NDArray[np.float64]]) -> tuple[
         mass[p] += mass[k]
         moment[p] += moment[k] + mass[k] * reach
         spread[p] += spread[k] + 2 * reach * moment[k] + mass[k] * reach * reach
-    smallest_force, smallest_torque = (_PIVOT_ROUNDING * size for size in (mass[0], spread[0]))
+    smallest_force, smallest_torque = (PIVOT_ROUNDING * size for size in (mass[0], spread[0]))
     is_regular = False
     if tree.base.mass > 0:
         c, least = tree.base.centre_of_mass, float(np.linalg.eigvalsh(tree.base.inertia)[0])

@@ -145,7 +145,7 @@ def output_scales(
 def _scale_formulas(
     U1: Any, U2: Any, R1: Any, V1: Any, a1: Any, W1: Any, A1: Any, W: Any, A: Any, pinocchio: bool
 ) -> Any:
-    """Return the scales by output, of sizes of vectors, angular velocities and rates; None where one is missing."""
+    """Return the scales by output from sizes, such as U1 of u1, W of psi', A of psi''; None where one is missing."""
     W2 = None if W1 is None or W is None else W1 + W
     A2 = None if A1 is None or A is None or W1 is None or W is None else A1 + A + W1 * W
     alpha2, a2 = A2, None
@@ -240,15 +240,15 @@ def error_bounds(
     names = requested_outputs(outputs, None, pair.levels, default_outputs(level, kind))
     check_inputs(computation_of(kind, pair, names, sequence), given)
     arguments = read_arguments(given, pair.shapes, COORDINATES[kind], INPUT_LABELS)
-    values = {name: _without_library(value) for name, value in arguments.values.items()}
+    values = {name: _as_numpy(value) for name, value in arguments.values.items()}
     plan = make_plan(names, sequence, "home" in pair.values, kind=kind, given_names=tuple(values), points=pair.points)
     return _plan_error_bounds(pair, plan, values, arguments.shapes)
 
 
-def _without_library(value: Any) -> Any:
-    """Return an array of another library, or a tuple of such components, as NumPy's."""
+def _as_numpy(value: Any) -> Any:
+    """Return an array of another library, or a tuple of components, as NumPy's."""
     if isinstance(value, tuple):
-        return tuple(map(_without_library, value))
+        return tuple(map(_as_numpy, value))
     return np.asarray(value) if is_foreign(value) else value
 
 
@@ -262,11 +262,9 @@ def _plan_error_bounds(
     source_names = {name: parts for name, parts in _SOURCES.items() if name != "n" or not aligned}
 
     def bounds(numbers: Named) -> Mapping[str, Any]:
-        """Run the plan on `numbers`, a dict of its inputs as components, after error bounds have been attached to
-        them. Return a dict of the largest error bound among the components of each output, by output name.
-        """
+        """Run the plan on inputs and their errors, and return by output the largest bound of its components."""
         bounded = {
-            name: _bounded_inputs(numbers[name], errors, source_names.get(name, ()), numbers, kind)
+            name: _bounded_input(numbers[name], errors, source_names.get(name, ()), numbers, kind)
             for name, errors in ((name, numbers[f"{name} error"]) for name in groups)
         }
         plan.run(bounded)
@@ -295,10 +293,10 @@ def _as_components(quantity: Any, sample_shape: tuple[int, ...]) -> Any:
     return components_of(quantity, len(sample_shape))
 
 
-def _bounded_inputs(
+def _bounded_input(
     quantity: Any, errors: Any, source_names: tuple[str, ...], numbers: Named, number_type: type[Bounded]
 ) -> Any:
-    """Return an input of a plan with bounds: of its conversion to a precision, and of what it was computed from."""
+    """Return an input of a plan with bounds on the errors of its conversion or, if it has sources, of computation."""
     if not isinstance(quantity, tuple):
         return number_type.rounded(quantity, errors)
     if not source_names:

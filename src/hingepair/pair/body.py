@@ -18,7 +18,7 @@ from hingepair.rotations.matrices import check_rotation
 from hingepair.tables.sheets import percent
 
 _ASSUMED_MASS: Final = 1.0  # kg, of a body whose mass is not given
-_ASSUMED_GYRATION = 0.01  # m^2, of a body whose inertia is not given
+_ASSUMED_GYRATION = 0.01  # m^2: inertia per mass of a body without shapes whose inertia is not given
 INERTIA_ENTRIES: Final = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 """Rows and columns of the six entries that stand for an inertia matrix, in Pinocchio's order."""
 
@@ -264,7 +264,9 @@ def inertial_parameters(
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the centre of mass [m] of shapes of one density, and their inertia about it per mass [m^2]."""
+    """Return the centre of mass [m] of shapes of one density, and their inertia about it per mass [m^2]; assume both
+    where there are no shapes.
+    """
     if not shapes:
         return read_only(np.zeros(3)), _ASSUMED_GYRATION * np.eye(3)
     with np.errstate(all="ignore"):
@@ -297,7 +299,7 @@ def _inertia_matrix(inertia: ArrayLike) -> NDArray[np.float64]:
 
 
 def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an inertia as a read-only, exactly symmetric matrix; warn of an excess that rounding explains."""
+    """Return an inertia, read-only and exactly symmetric; refuse that of no body, but warn if it may be rounding."""
     size = float(np.abs(inertia).max())
     if not np.isfinite(size):
         raise ArgumentError("inertia", "finite numbers (mass times the size of the shapes overflows)", inertia)
@@ -325,7 +327,7 @@ def _checked_inertia(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _positive_number(name: str, value: object) -> float:
-    """Return a value as a float."""
+    """Return a value as a float; refuse what is not above 0."""
     number = finite_number(name, value)
     if number <= 0:
         raise ArgumentError(name, "a number above 0", value)

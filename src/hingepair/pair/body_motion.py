@@ -170,7 +170,7 @@ def _motion_with_attitude(S: Any, **users_arrays: Any) -> BodyMotion:
 
 
 def _set_arrays(body: BodyMotion, arrays: Mapping[str, Any], copied: Collection[str] = ()) -> None:
-    """Set the arrays of a BodyMotion, read-only, and copied where named, and the shape that they share."""
+    """Set the arrays of a BodyMotion, read-only, those named in `copied` as copies, and the shape that they share."""
     shapes = {}
     for name, tail in MOTION_SHAPES.items():
         value = arrays.get(name)

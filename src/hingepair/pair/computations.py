@@ -70,7 +70,7 @@ COORDINATES: Mapping[Any, CoordinateNames] = {
 
 
 class Task(NamedTuple):
-    """What can be asked of a pair: by the method of this name, and by `prepare`."""
+    """Arguments and outputs of what is computed of a pair under one name: a method's, or one for `prepare`."""
 
     given: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -79,19 +79,20 @@ class Task(NamedTuple):
     hint: str = ""  # end of the message where body 1 has none: what to call instead
 
 
-_BODIES: Final = ("body1", "body2")
-_ROWS: Final = ("q", "qd", "qdd")
+BODIES: Final = ("body1", "body2")  # attributes of a pair that hold its mass properties
+ROWS: Final = ("q", "qd", "qdd")  # all coordinates of a pair, and their derivatives
 _HINGE: Final = ("psi", "psid", "psidd")
-_MOVED: Final = ("S1", "omega1", "a1", "alpha1", *_HINGE)
+_MOVED: Final = ("S1", "omega1", "a1", "alpha1", *_HINGE)  # inputs of inverse dynamics
 _WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")
-_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"
+_HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"  # where body 1 has no mass
+# Derivatives of the pose, such as that of d by u1, and of the velocities.
 POSE_SENSITIVITIES: Final = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
 VELOCITY_SENSITIVITIES: Final = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
 
 
 def _motion_tasks(kind: MotionKind) -> dict[str, Task]:
     levels = enumerate(("pose", "velocity", "acceleration"))
-    return {level: Task(_ROWS[: order + 1], default_outputs(order, kind), STATES[kind]) for order, level in levels}
+    return {level: Task(ROWS[: order + 1], default_outputs(order, kind), STATES[kind]) for order, level in levels}
 
 
 TASKS: Final[Mapping[MotionKind, Mapping[str, Task]]] = {
@@ -106,21 +107,21 @@ TASKS: Final[Mapping[MotionKind, Mapping[str, Task]]] = {
         ),
         "constraint_jacobian": Task(("S1", "S2"), ("constraint_jacobian",)),
         "constraint_bias": Task(("S1", "omega1", "S2", "omega2"), ("constraint_bias",)),
-        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), masses=_BODIES),
-        "inverse_dynamics": Task(_MOVED, FORCES, Forces, _BODIES, _HINT),
+        "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), masses=BODIES),
+        "inverse_dynamics": Task(_MOVED, FORCES, Forces, BODIES, _HINT),
         "hinge_wrench": Task(_MOVED, _WRENCH, HingeWrench, ("body2",)),
-        "forward_dynamics": Task(("S1", "omega1", "psi", "psid", *FORCES), ACCELERATIONS, Accelerations, _BODIES),
+        "forward_dynamics": Task(("S1", "omega1", "psi", "psid", *FORCES), ACCELERATIONS, Accelerations, BODIES),
         "energy": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("kinetic", "potential"), Energy, ("body2",)),
-        "momentum": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("linear", "angular"), Momentum, _BODIES),
+        "momentum": Task(("R1", "S1", "v1", "omega1", "psi", "psid"), ("linear", "angular"), Momentum, BODIES),
     },
     PLANAR_MOTION_KIND: {
         **_motion_tasks(PLANAR_MOTION_KIND),
-        "mass_matrix": Task(("q",), ("mass_matrix",), masses=_BODIES),
-        "inverse_dynamics": Task(_ROWS, FORCES, Forces, _BODIES, _HINT),
-        "hinge_wrench": Task(_ROWS, _WRENCH, HingeWrench, ("body2",)),
-        "forward_dynamics": Task(("q", "qd", *FORCES), ("qdd",), masses=_BODIES),
+        "mass_matrix": Task(("q",), ("mass_matrix",), masses=BODIES),
+        "inverse_dynamics": Task(ROWS, FORCES, Forces, BODIES, _HINT),
+        "hinge_wrench": Task(ROWS, _WRENCH, HingeWrench, ("body2",)),
+        "forward_dynamics": Task(("q", "qd", *FORCES), ("qdd",), masses=BODIES),
         "energy": Task(("q", "qd"), ("kinetic", "potential"), Energy, ("body2",)),
-        "momentum": Task(("q", "qd"), ("linear", "angular"), Momentum, _BODIES),
+        "momentum": Task(("q", "qd"), ("linear", "angular"), Momentum, BODIES),
     },
 }
 """All that can be asked of pairs in space and in the plane."""
@@ -187,8 +188,8 @@ def compute(
     key: Any = None,
     cache: Cache | None = None,
 ) -> Any:
-    """Compute outputs of a pair from inputs by name, as users give them. `Cache.again` of the pair's cache, or of
-    another one, finds the call by `key`.
+    """Compute outputs of a pair from inputs by name, as users give them. The call is stored by
+    `key` in `cache`, by default the pair's, for `Cache.again`.
 
     Raises:
         ArgumentError: an output needs an input that is not given.
@@ -301,7 +302,7 @@ def body1_inputs(body1: BodyMotion, psi: Any, psid: Any = None, psidd: Any = Non
 
 
 def lazily(pair: Any, method: Callable[..., Returned], **arguments: Any) -> Returned:
-    """Return lazy Dask arrays of the results of a method of a pair."""
+    """Return lazy Dask arrays of the results of a method of a pair, which is called chunk by chunk."""
     check_single_pair(pair, " if the arguments are Dask arrays")
     kind = pair.constants.kind
     shapes = {**kind.shapes, **dict.fromkeys(("body1", "body2"), MOTION_SHAPES)}

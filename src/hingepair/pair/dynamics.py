@@ -12,7 +12,7 @@ from hingepair.equations.spatial import ZERO_VECTOR
 from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import Float64Array, FloatArray, is_zero, one_constant
 from hingepair.pair.body import Body, inertial_parameters, warn_of_dynamics
-from hingepair.pair.computations import TASKS, compute, compute_arrays
+from hingepair.pair.computations import BODIES, TASKS, compute, compute_arrays
 from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.plans.dynamics_steps import LOADS
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
@@ -20,9 +20,7 @@ from hingepair.plans.plan import SPATIAL_MOTION_KIND
 DEFAULT_GRAVITY = SPATIAL_MOTION_KIND.gravity
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
-_BODIES: Final = ("body1", "body2")
-_ZERO: Final = np.zeros(())
-_ROUNDING = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding
+PIVOT_ROUNDING: Final = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding
 
 
 def ask(
@@ -37,8 +35,8 @@ def ask(
     sequence: str | None = None,
     outputs: tuple[str, ...] | None = None,
 ) -> Any:
-    """Compute a row of TASKS, or some of its outputs; the other arguments are those of the methods. Issue a
-    DynamicsWarning for each assumed mass.
+    """Compute the outputs of the row `name` of TASKS, or those named in `outputs`; issue a DynamicsWarning for each
+    assumed mass. The other arguments are those of the methods.
 
     Raises:
         ArgumentError: a body that is needed has no mass.
@@ -56,7 +54,7 @@ def ask(
     if task.masses:
         default = constants.kind.gravity
         vector = tuple(one_constant("gravity", default if gravity is None else gravity, len(default)).tolist())
-        bodies = {one: getattr(pair, one) for one in _BODIES}
+        bodies = {one: getattr(pair, one) for one in BODIES}
         check_masses({one: body for one, body in bodies.items() if body is not None or one in task.masses}, task.hint)
         if any(body is not None and body.assumed for body in bodies.values()):
             key = None  # each call warns
@@ -107,7 +105,7 @@ def watch(pair: Any, output: str, result: Any, _: Any) -> None:
 
 
 def tree_constants(constants: Constants, bodies: Bodies) -> Constants:
-    """Return the Constants of a pair with its numbers as a tree, which are computed once.
+    """Return the Constants of a pair, extended by its numbers as a tree of one hinge; they are computed once.
 
     Raises:
         ArgumentError: a mass times the square of a length overflows.
@@ -115,7 +113,7 @@ def tree_constants(constants: Constants, bodies: Bodies) -> Constants:
     extended: Constants | None = constants.cache.others.get("tree")
     if extended is None:
         arrays = tree_numbers(constants, *bodies) | body_numbers(*bodies)
-        arrays |= {name: np.zeros(3) for name in LOADS[:-1]} | {"hinge_torque": _ZERO}
+        arrays |= {name: np.zeros(3) for name in LOADS[:-1]} | {"hinge_torque": np.zeros(())}
         extended = constants.extended(arrays | {"least_pivots": _limits(arrays)})
         constants.cache.others["tree"] = extended
     return extended
@@ -184,8 +182,8 @@ def body_numbers(*bodies: Body | None) -> dict[str, Float64Array]:
 
 
 def _moments(body: Body | None, turn: Any, u: Any) -> tuple[float, Any, Any, float, Any]:
-    """Return mass, first and second moment of a body about the point u in turned axes, its least moment of inertia,
-    and a bound on its inertia about that point.
+    """Return mass, first and second moment of a body about the point u, in axes to which `turn` rotates; its least
+    moment of inertia; and a bound on its inertia about that point.
     """
     if body is None:
         return 0.0, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
@@ -204,9 +202,9 @@ def _lowest_pivots(
     where they cannot be that small, as `mechanism.constants` has them for robots.
     """
     reach = np.abs(u1).sum(axis=-1)
-    hinge = _ROUNDING * spread2
-    force = _ROUNDING * (m1 + m2)
-    torque = _ROUNDING * (spread1 + spread2 + 2 * reach * np.abs(h2).sum(axis=-1) + m2 * reach**2)
+    hinge = PIVOT_ROUNDING * spread2
+    force = PIVOT_ROUNDING * (m1 + m2)
+    torque = PIVOT_ROUNDING * (spread1 + spread2 + 2 * reach * np.abs(h2).sum(axis=-1) + m2 * reach**2)
     c = np.zeros(3) if body1 is None else body1.centre_of_mass
     resists = least1 > torque
     if m1 > 0 and least1 > 0:

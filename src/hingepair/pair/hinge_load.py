@@ -16,7 +16,7 @@ from hingepair.numeric.arrays import Float64Array, Frozen, finite_number
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 TORQUE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
 """The parts of the torque of a `HingeLoad`. In records of all loads, their names end in _torque."""
-# Of NumPy, where an array is used as a number.
+# Parts of the errors of NumPy and Python where an array is used as a number.
 _SCALAR_MESSAGES = ("truth value of an array", "arrays can be converted to Python scalars")
 
 
@@ -191,9 +191,7 @@ class HingeLoad(Frozen):
         return sum(self._terms(side, t, psi, psid).values())
 
     def parts(self, t: Any, psi: Any, psid: Any, side: tuple[Any, Any] | None = None) -> dict[str, Any]:
-        """Compute the terms of the torque [N m]: those of the motor, the spring, the damper, friction and the stops.
-        Return a dict of torques by name. The pair `side` = (angle, rate) decides which stop acts and in which
-        direction dry friction acts, as for the method `HingeLoad.smooth`; by default, it is (psi, psid).
+        """Return the terms of the torque [N m] by name: those of motor, spring, damper, friction and stops.
 
         Args:
             t: instants [s]; shape (...,).
@@ -283,7 +281,7 @@ def check_callable(name: str, function: Callable[..., Any], *arguments: str) -> 
 
 
 def call_with_arrays(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function of arrays.
+    """Return what a user's function of arrays returns; explain the errors of one that takes single numbers.
 
     Raises:
         ArgumentError: it compares or converts an array as if it were one number, or takes instants for columns; other

@@ -41,8 +41,8 @@ from hingepair.plans.prepared import Prepared
 from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
-_MOVED: Final = ("S", "omega", "a", "alpha")
-_PLACED: Final = ("R", "S", "v", "omega")
+_MOVED: Final = ("S", "omega", "a", "alpha")  # arrays of body 1 on which forces depend
+_PLACED: Final = ("R", "S", "v", "omega")  # and those on which energy and momentum depend
 WRENCH_OUTPUTS: Final = {"force": "hinge_force", "torque": "hinge_moment"}
 """Outputs by the attributes of a HingeWrench."""
 
@@ -853,7 +853,7 @@ class HingePair(Frozen, Shown):
 
 
 def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
-    """Return the argument `limits` as floats (lower, upper)."""
+    """Return the argument `limits` as floats (lower, upper) in this order, or None."""
     if limits is None:
         return None
     both = one_constant("limits", limits, 2)
@@ -863,7 +863,7 @@ def _checked_limits(limits: ArrayLike | None) -> tuple[float, float] | None:
 
 
 def checked_mass_properties(name: str, body: Body | None) -> Body | None:
-    """Return a body, or None, unchanged."""
+    """Return the argument `name` unchanged: a Body, or None; refuse all else."""
     if body is None:
         return None
     if not isinstance(body, Body):

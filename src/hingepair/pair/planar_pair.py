@@ -393,7 +393,7 @@ class PlanarPair(Frozen, Shown):
         return dynamics.ask(self, "momentum", {"q": q, "qd": qd}, out=out, workers=workers, backend=backend)
 
     def with_masses(self) -> Constants:
-        """Return the constants with those of the pair as a tree."""
+        """Return the pair's constants, extended by its masses in the form of a tree of one hinge."""
         kept = self.constants.cache.others
         if "tree" not in kept:
             tree = self.massive().with_masses().arrays

@@ -16,16 +16,16 @@ from hingepair.plans.points import INPUT, POINT_ENDINGS, Point
 
 Points: TypeAlias = Mapping[str, NDArray[np.float64]]
 
-_RESERVED: Final = {
+_RESERVED: Final = {  # names that a point cannot have
     *QUANTITIES,
     *("quat1", "quat2", "qx", "qy", "qz", "qw"),  # in scenes
     *("body1", "body2", "body2_at_hinge", "hinge", "base", "world"),  # in models and pages
 }
-_COMPONENTS: Final = ("_x", "_y", "_z")
+_COMPONENTS: Final = ("_x", "_y", "_z")  # endings of the columns of a vector
 
 
 def checked_points(argument: str, points: Mapping[str, ArrayLike] | None, size: int) -> Points:
-    """Return the argument points1 or points2 as read-only positions of shape (..., size) by name."""
+    """Return the argument points1 or points2 as read-only positions (..., size) by name; refuse names in use."""
     if points is None:
         return MappingProxyType({})
     if not isinstance(points, Mapping):

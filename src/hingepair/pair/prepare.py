@@ -12,7 +12,7 @@ from hingepair.engine.backend import Execution
 from hingepair.errors import ArgumentError, choices, quoted
 from hingepair.numeric.arrays import one_constant
 from hingepair.pair import dynamics
-from hingepair.pair.computations import STATES, TASKS, computation_of
+from hingepair.pair.computations import ROWS, STATES, TASKS, computation_of
 from hingepair.pair.constants import HINGE_FRAMES, with_hinge_frames
 from hingepair.plans.arguments import check_outputs
 from hingepair.plans.computation import QUATERNIONS
@@ -22,13 +22,12 @@ from hingepair.plans.prepared import Prepared
 from hingepair.plans.steps import ATTITUDE_STEPS
 from hingepair.rotations.sequences import find_sequence
 
-_ROWS: Final = ("q", "qd", "qdd")  # all coordinates of the pair, and their derivatives
 _INPUTS: Final = {  # that a prepared call can take
     SPATIAL_MOTION_KIND: (
-        *(*_ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
+        *(*ROWS, "psi", "psid", "psidd", "R1", "S1", "v1", "omega1", "a1", "alpha1"),
         *("R2", "S2", "v2", "omega2", "a2", "alpha2", *QUATERNIONS, *LOADS),
     ),
-    PLANAR_MOTION_KIND: (*_ROWS, *LOADS),
+    PLANAR_MOTION_KIND: (*ROWS, *LOADS),
 }
 _OF_BOTH_BODIES: Final = (  # outputs that need the motions of both
     *("gap", "tilt", "tilt_angle", "psi", "gap_rate", "tilt_rate", "slip", "psid", "gap_acceleration"),

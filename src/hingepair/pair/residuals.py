@@ -292,9 +292,8 @@ class LazyResiduals(Results):
         return f"LazyResiduals(shape={self.shape}, not computed, outputs=({', '.join(self.outputs)}))"
 
 
-# Attributes of `Residuals` beside those of all results, and those of them that a LazyResiduals does not have.
-_ABSENT_WHEN_LAZY = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
-_OF_REPORTS = (*_ABSENT_WHEN_LAZY, "name", "t", "u")
+_ABSENT_WHEN_LAZY = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")  # in a LazyResiduals
+_OF_REPORTS = (*_ABSENT_WHEN_LAZY, "name", "t", "u")  # attributes of `Residuals` beside those of all results
 
 
 def lazy_residuals(
@@ -400,7 +399,7 @@ def _merge_checks(checks: Sequence[ResidualCheck]) -> ResidualCheck:
 
 
 def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -> Residuals | LazyResiduals:
-    """Return the report of arrays and a summary: lazy if they are."""
+    """Return the report of arrays and a summary, a LazyResiduals if they are Dask arrays."""
     arrays = {key: value for key, value in values.items() if key != "summary"}
     if holds_dask(arrays):
         return LazyResiduals(arrays, arrays["psi"].shape, name, t, u, values["summary"])
@@ -653,7 +652,7 @@ def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None
 
 
 def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the argument `tolerances` as a dict of floats."""
+    """Return the argument `tolerances` as positive floats by kind of residual."""
     if tolerances is None:
         return {}
     if not isinstance(tolerances, Mapping):

@@ -219,7 +219,7 @@ class Record(Result):
 
 
 class OverInstants:
-    """What has arrays over instants, as tables."""
+    """Base class of what has arrays over instants and can be made a table; subclasses define `record()`."""
 
     __slots__ = ()
 
@@ -281,7 +281,7 @@ def check_ending(path: Path) -> None:
 def _converted(
     columns: Columns, t: NDArray[Any], arrays: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Return instants and arrays in units."""
+    """Return instants and arrays in the units of `columns`."""
     return columns.converted("t", t), {name: columns.converted(name, array) for name, array in arrays.items()}
 
 

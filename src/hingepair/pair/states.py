@@ -124,6 +124,7 @@ class PairState(_StateWithPoints):
         return [*super().__dir__(), *bodies]
 
     def _motion(self, body: str) -> BodyMotion:
+        """Return the motion of body "1" or "2"; refuse one without R or S."""
         for letter in "RS":
             if letter + body not in self.outputs:
                 raise ArgumentError("outputs", f"R{body} and S{body}, of which body{body} is made", self.outputs)

@@ -39,10 +39,11 @@ PointTolerances: TypeAlias = Mapping[str, Any] | None
 
 # A comma between two digits is a decimal comma.
 _SEPARATOR = re.compile(r"\s*(?:;|,(?=\s|[+±])|(?<!\d),)\s*")
+# Size, exponent, unit and distribution of a limit such as "+-0.2 mm uniform".
 _LIMIT = re.compile(
     r"(?:±|\+/?-)\s*(\d+(?:[.,]\d*)?|[.,]\d+)(e[+-]?\d+)?\s*([A-Za-z°µμ]+)(?:\s+(normal|uniform))?", re.ASCII
 )
-_UNIT_ALIASES: Final = {"°": "deg", "µm": "um", "μm": "um"}
+_UNIT_ALIASES: Final = {"°": "deg", "µm": "um", "μm": "um"}  # units as drawings write them
 
 
 _UNIFORM: Final = np.sqrt(3.0)  # end of a uniform distribution, in standard deviations
@@ -68,7 +69,7 @@ class Scatter(NamedTuple):
 
 
 def _std(covariance: Any) -> Any:
-    """Return standard deviations, the roots of the diagonal; shape (..., k)."""
+    """Return standard deviations, the roots of the diagonal, of which rounding below 0 is 0; shape (..., k)."""
     xp = namespace_of(covariance)
     variances = xp.linalg.diagonal(covariance)
     return xp.sqrt(xp.where(variances < 0, 0 * variances, variances))
@@ -301,7 +302,7 @@ def sample_pairs(
 
 
 def _unit_draws(rng: np.random.Generator, samples: int, n: Float64Array, uniform: NDArray[np.bool_]) -> Float64Array:
-    """Return random numbers (samples, 12) of variance 1, of the tilt of the axis in each direction across n."""
+    """Return random numbers (samples, 12) of variance 1; those of the axis have it in each direction across n."""
     draws = rng.standard_normal((samples, 12))
     if uniform[6]:  # evenly over a disk
         across = draws[:, 6:9] - (draws[:, 6:9] @ n)[:, None] * n
@@ -428,7 +429,7 @@ def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
 
 
 def _checked_covariance(value: ArrayLike) -> Float64Array:
-    """Return the argument `covariance`, exactly symmetric."""
+    """Return the argument `covariance`, (12, 12), exactly symmetric; refuse what is none, or 0."""
     matrix = one_constant("covariance", value, 12, 12)
     largest = np.diagonal(matrix).max()
     allowed = 1e-9 * largest  # by which rounding may make a covariance asymmetric, and an eigenvalue negative
