@@ -53,16 +53,18 @@ def interpolation_matrix(times: Array) -> Array:
     return legendre.legvander(2 * times - 1, NODES - 1) @ _SERIES
 
 
-_INTEGRALS: Final[Array] = integration_matrix(NODE_TIMES)  # to the integrals up to each node; (8, 8)
-_DERIVATIVES: Final[Array] = np.asarray(np.linalg.inv(_INTEGRALS), np.float64)  # and back
+_INTEGRALS: Final[Array] = integration_matrix(NODE_TIMES)  # from values to integrals up to each node; (8, 8)
+_DERIVATIVES: Final[Array] = np.asarray(np.linalg.inv(_INTEGRALS), np.float64)  # from these integrals to values
 WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
 """Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
-# Where the residual is checked: between the nodes and at both ends; (9,). And how far the nodes there are apart.
+# Where the residual is checked: between the nodes and at both ends; (9,).
 _BETWEEN: Final[Array] = np.hstack([0.0, (NODE_TIMES[1:] + NODE_TIMES[:-1]) / 2, 1.0])
+# Distances between the nodes there; (9, 1).
 _GAPS: Final[Array] = np.diff(NODE_TIMES, prepend=0.0, append=1.0)[:, None]
 _TO_STATES, _TO_RATES = integration_matrix(_BETWEEN), interpolation_matrix(_BETWEEN)
-# Where distances from events are evaluated, at least, (17,), and the matrix to their Legendre series.
+# Where distances from events are evaluated, at least; (17,).
 _EVENT_TIMES: Final[Array] = np.sort(np.hstack([NODE_TIMES, _BETWEEN]))
+# From these distances to the coefficients of their Legendre series; (17, 17).
 _EVENT_SERIES: Final[Array] = np.asarray(np.linalg.inv(legendre.legvander(2 * _EVENT_TIMES - 1, 16)), np.float64)
 
 
@@ -196,13 +198,14 @@ class Stepper:
         self.state = state
 
     def _apply_event(self, event_index: int) -> None:
+        """Apply an event to the present state, or set `ended` if it ends the motion."""
         state = self.events.apply(event_index, self.t, self.state) if self.events else None
         self.ended = state is None
         if state is not None:
             self.set_state(state)
 
     def _extra_check_times(self, length: float) -> Array:
-        """Return further times at which residual and events are looked at, since callables may do anything."""
+        """Return further times, in parts of the step, for checks of residual and events: callables may jump."""
         first, last = np.searchsorted(self.instants, (self.t, self.t + length), side="right")
         count = int(length / self.spacing)
         return np.hstack([(self.instants[first:last] - self.t) / length, np.arange(1, count + 1) / (count + 1)])
@@ -210,7 +213,7 @@ class Stepper:
     def _find_first_event(
         self, node_rates: Array, length: float, time_rounding: float, extra_times: Array, expected_event: int | None
     ) -> tuple[float, int] | None:
-        """Return the time in the step at which the first event happens, and its index; None if there is none. An
+        """Return when the first event happens, in parts of the step, and its index; None if there is none. An
         `expected_event` has ended a longer step before.
         """
         if self.events is None:
@@ -245,7 +248,7 @@ class Stepper:
         return min(crossings, default=None)
 
     def _advance(self, change: Array) -> None:
-        """Add to the state by compensated summation."""
+        """Add a change to the present state by compensated summation."""
         change = change + self._rounding_residue
         state = self.state + change
         self._rounding_residue = change - (state - self.state)
@@ -350,7 +353,7 @@ class Stepper:
         return errors
 
     def _predict_rates(self, times: Array) -> Array:
-        """Return the derivatives at the nodes that the polynomial of the last step predicts, (8, k)."""
+        """Return the derivatives at the nodes that the polynomial of the last step predicts, (8, k); 0 at first."""
         last_step = self._last_step
         if last_step is None:
             return np.zeros((NODES, len(self.state)))
@@ -412,7 +415,8 @@ def _bracket_crossing(
     times: Array, distances: Array, sampled_distances: Array, margin: float, distance_at: Callable[[Array], Array]
 ) -> tuple[float, float] | None:
     """Return two times between which the distance from an event first falls below -margin, or None. Between the given
-    times, a crossing is searched for where the polynomial through `sampled_distances` is negative.
+    times, a crossing is searched for where the polynomial through `sampled_distances`, those at _EVENT_TIMES, is
+    negative.
     """
     below = np.flatnonzero(~(distances >= -margin))
     bracket = (float(times[max(below[0] - 1, 0)]), float(times[below[0]])) if below.size else None

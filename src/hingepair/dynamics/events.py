@@ -107,8 +107,8 @@ class JointEvents:
         return bool(self._user_event or any(load.kinks or load.rate_kinks for load in self._motion.joint_loads))
 
     def distances(self, t: Array, states: Array) -> tuple[Array, Array]:
-        """Return the distances from each event, (m, e), at instants from the start on, and the sizes (e,) that scale
-        their rounding errors.
+        """Return the distances from each event, (m, e), positive until it happens, at times t since the start [s],
+        and the sizes (e,) that scale their rounding errors.
         """
         motion = self._motion
         rows: dict[tuple[str, int], tuple[Array, float]] = {}
@@ -174,6 +174,7 @@ class JointEvents:
         return state
 
     def _check_user_value(self, t: float, state: Array) -> None:
+        """Refuse a value of the user's event that is not finite."""
         value = float(self._user_values(np.array([self._start + t]), state[None])[0])
         if not np.isfinite(value):
             raise ArgumentError("until", "a finite number at every instant", f"{value} at t = {self._start + t:.9g}")

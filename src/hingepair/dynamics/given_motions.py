@@ -80,7 +80,7 @@ class GivenJoint(GivenMotion):
 
 
 def check_rest(label: str, base: str, start: BodyMotion) -> None:
-    """Refuse a start of the base with a speed that what holds it does not allow."""
+    """Refuse a start of the base with a speed that `base`, "free", "pinned" or "fixed", does not allow."""
     for name in {"free": (), "pinned": ("v",), "fixed": ("v", "omega")}[base]:
         speed = getattr(start, name)
         if speed is not None and np.any(speed):

@@ -28,7 +28,7 @@ from hingepair.tables.sheets import ruled_table
 _STEP: Final = 1e-5  # of differences of order 4, in sizes of the state's components
 _MAX_CHANGE = 0.3  # rad: of an angle in one iteration towards an equilibrium
 
-_OUT_OF_PLANE: Final = (2, 5, 6, 7, 9, 10)  # z of R and P, x and y of L and phi
+_OUT_OF_PLANE: Final = (2, 5, 6, 7, 9, 10)  # places in the state of z of R and P, x and y of L and phi
 # Components of the state of a free or pinned pair; a carried pair has the last two.
 _NAMES: Final = (
     *(f"{vector}_{axis}" for vector in ("R", "P", "L", "phi") for axis in "xyz"),

@@ -228,7 +228,7 @@ def called_load(name: str, function: Callable[..., Any], t: Array, now: Any, tai
 
 
 def broadcast_load(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return the result of a callable load in its shape.
+    """Return what a callable load has returned, broadcast to `shape`.
 
     Raises:
         ArgumentError: it has another shape; the error names the load.

@@ -69,6 +69,7 @@ def robot_loads(
 
 
 def _check_wrenches(robot: Mechanism, wrenches: Any) -> None:
+    """Refuse wrenches on unknown links, and such that are no pairs (force, torque)."""
     if wrenches is not None and not isinstance(wrenches, Mapping):
         raise ArgumentError("wrenches", "(force, torque) by the link's name", quoted(wrenches))
     for link, pair in (wrenches or {}).items():

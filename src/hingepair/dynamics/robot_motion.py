@@ -36,7 +36,7 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 _P, _G = slice(3, 6), slice(9, 12)  # momentum and Cayley coordinates in the state
 _Q = 12  # index of q in the state of a free or pinned base
 _ZERO = np.zeros(3)
-_REST = BodyMotion(R=_ZERO, S=np.eye(3))
+REST = BodyMotion(R=_ZERO, S=np.eye(3))  # a base at rest at the origin
 
 
 class RobotSamples(NamedTuple):
@@ -69,8 +69,8 @@ class StepRecord(NamedTuple):
     held: NDArray[np.bool_]  # whether each joint is held
 
 
-class _Moment(NamedTuple):
-    """Motion, mass matrix and Jacobians in n states."""
+class _Terms(NamedTuple):
+    """Terms of the equations of motion in n states."""
 
     now: RobotMotionAtInstants
     a1: Array  # of a base that moves as given
@@ -120,7 +120,7 @@ class RobotMotion:
         self.side: Side = (np.zeros(self.dof), np.zeros(self.dof))
         self._resting: dict[int, dict[str, Array]] = {}  # motion of a base at rest, by the number of instants
         self.held: NDArray[np.bool_] = np.zeros(self.dof, np.bool_)
-        start = _REST if isinstance(base_motion, GivenBase) else base_motion
+        start = REST if isinstance(base_motion, GivenBase) else base_motion
         R, S, v, omega = (_ZERO if x is None else x for x in (start.R, start.S, start.v, start.omega))
         self._R, self._S = np.asarray(R, np.float64), np.asarray(S, np.float64)
         self.quat = matrix_to_quaternion(self._S)
@@ -140,7 +140,7 @@ class RobotMotion:
             return
         self.q = slice(_Q, _Q + self.dof)
         rest = np.hstack([np.zeros(12), q0, np.zeros(self.dof)])[None]
-        found, _ = programs.moment(state=rest, S0=self._S[None])
+        found, _ = programs.terms(state=rest, S0=self._S[None])
         M, centre = found["mass_matrix"][0], found["centre"][0]
         mass = M[0, 0]
         velocities = np.hstack([np.zeros(3) if base == "pinned" else v, omega, qd0])
@@ -176,7 +176,7 @@ class RobotMotion:
         """Return what nothing resists in a state, where the smallest eigenvalue of the scaled mass matrix is below
         `least`; "" elsewhere.
         """
-        M = self._moment(np.array([t]), state[None]).M[0][np.ix_(~self._known, ~self._known)]
+        M = self._terms(np.array([t]), state[None]).M[0][np.ix_(~self._known, ~self._known)]
         scale = np.sqrt(np.abs(np.diag(M)))
         names = np.array([*["the base"] * 6 * self.has_momenta, *self.robot.names])[~self._known]
         if not (scale > 0).all():
@@ -214,13 +214,13 @@ class RobotMotion:
         return rates
 
     def _rates_with_known(self, t: Array, states: Array) -> Array:
-        """Return the same where some accelerations are known."""
-        moment = self._moment(t, states)
-        loads = self._generalized(t, moment, self.side)
-        qdd = self._solve(moment, loads, self.held)[0][:, -self.dof :]
+        """Return what `rates` does, where joints are held or move as given."""
+        terms = self._terms(t, states)
+        loads = self._generalized(t, terms, self.side)
+        qdd = self._solve(terms, loads, self.held)[0][:, -self.dof :]
         if not self.has_momenta:
-            return np.concatenate([moment.now.qd, qdd], axis=1)
-        external, centre, mass = loads[:, :6], moment.centre, moment.M[:, :1, 0]
+            return np.concatenate([terms.now.qd, qdd], axis=1)
+        external, centre, mass = loads[:, :6], terms.centre, terms.M[:, :1, 0]
         weight = mass * np.asarray(self.loads.gravity)
         if self.base == "free":
             momentum_rates = external[:, :3] + weight, external[:, 3:] - _cross(centre, external[:, :3])
@@ -228,26 +228,26 @@ class RobotMotion:
         else:
             momentum_rates = np.zeros_like(weight), external[:, 3:] + _cross(centre, weight)
             velocity = np.zeros_like(weight)
-        g_rate = np.stack(dyn.cayley_rate(tuple(states[:, _G].T), tuple(moment.now.omega1.T)), axis=-1)
-        return np.concatenate([velocity, *momentum_rates, g_rate, moment.now.qd, qdd], axis=1)
+        g_rate = np.stack(dyn.cayley_rate(tuple(states[:, _G].T), tuple(terms.now.omega1.T)), axis=-1)
+        return np.concatenate([velocity, *momentum_rates, g_rate, terms.now.qd, qdd], axis=1)
 
     def joint_accelerations(self, t: float, state: Array) -> Array:
         """Return the accelerations of the joints in one state, (dof,); 0 of held ones."""
         instants = np.array([t])
-        moment = self._moment(instants, state[None])
-        return self._solve(moment, self._generalized(instants, moment, self.side), self.held)[0][0, -self.dof :]
+        terms = self._terms(instants, state[None])
+        return self._solve(terms, self._generalized(instants, terms, self.side), self.held)[0][0, -self.dof :]
 
     def joint_mobility(self, t: float, state: Array) -> Array:
         """Return the derivatives of the accelerations by efforts at the joints, none of which is held; (dof, dof)."""
-        M = self._moment(np.array([t]), state[None]).M
+        M = self._terms(np.array([t]), state[None]).M
         inverse: Array = np.linalg.inv(_with_known(M, self._known[None]))[0]
         inverse[self._known] = 0.0
         return inverse[-self.dof :, -self.dof :]
 
     def holding_efforts(self, t: Array, states: Array) -> Array:
         """Return the efforts that hold the held joints, (n, dof); 0 of others."""
-        moment = self._moment(t, states)
-        efforts = self._solve(moment, self._generalized(t, moment, self.side), self.held)[1][:, -self.dof :]
+        terms = self._terms(t, states)
+        efforts = self._solve(terms, self._generalized(t, terms, self.side), self.held)[1][:, -self.dof :]
         return np.where(self.held, efforts, 0.0)
 
     def callable_loads(self, t: Array, states: Array) -> dict[str, Array]:
@@ -279,17 +279,17 @@ class RobotMotion:
             quats = _rotate_by_cayley(states[:, _G], quats)
             S0, states = quaternions_to_matrices(quats), states.copy()
             states[:, _G] = 0.0
-        moment = self._moment(t, states, S0)
-        accelerations, holding = self._solve(moment, self._generalized(t, moment, side), held)
-        a1, alpha1 = moment.a1, moment.alpha1
+        terms = self._terms(t, states, S0)
+        accelerations, holding = self._solve(terms, self._generalized(t, terms, side), held)
+        a1, alpha1 = terms.a1, terms.alpha1
         if self.has_momenta:
             a1, alpha1 = accelerations[:, :3], accelerations[:, 3:6]
         else:
-            quats = matrix_to_quaternion(moment.now.S1)
+            quats = matrix_to_quaternion(terms.now.S1)
             phi = np.unwrap(2 * np.arctan2(quats[:, 3], quats[:, 0]))
-        loads = self.loads.all_at(t, moment.now, side, holding[:, -self.dof :], tuple(self._driven))
+        loads = self.loads.all_at(t, terms.now, side, holding[:, -self.dof :], tuple(self._driven))
         qdd = accelerations[:, -self.dof :]
-        return RobotSamples(t, quats, moment.now, qdd, a1, alpha1, phi, loads)
+        return RobotSamples(t, quats, terms.now, qdd, a1, alpha1, phi, loads)
 
     # ---- what the energy balance asks
 
@@ -324,23 +324,24 @@ class RobotMotion:
 
     # ---- the equations
 
-    def _moment(self, t: Array, states: Array, S0: Array | None = None) -> _Moment:
+    def _terms(self, t: Array, states: Array, S0: Array | None = None) -> _Terms:
+        """Return the terms in n states whose steps begin at attitudes S0, (n, 3, 3); None: of the present step."""
         q, qd, qdd = self._joints(t, states)
         if self.has_momenta:
             if self._driven:
                 states = states.copy()
                 states[:, self.q], states[:, self._qd] = q, qd
             S0 = np.broadcast_to(self._S0 if S0 is None else S0, (len(t), 3, 3))
-            found, jacobians = self._programs.moment(state=states, S0=S0)
+            found, jacobians = self._programs.terms(state=states, S0=S0)
             now = RobotMotionAtInstants(q, qd, *(found[name] for name in MOTION))
             a1 = alpha1 = np.zeros_like(now.v1)
             centre = found["centre"]
         else:
             base = self._base_inputs(t)
-            found, jacobians = self._programs.moment(q=q, qd=qd, **base)
+            found, jacobians = self._programs.terms(q=q, qd=qd, **base)
             now = RobotMotionAtInstants(q, qd, *(base[name] for name in MOTION))
             a1, alpha1, centre = base["a1"], base["alpha1"], np.zeros((len(t), 3))
-        return _Moment(now, a1, alpha1, qdd, found["mass_matrix"], found["bias_forces"], jacobians, centre)
+        return _Terms(now, a1, alpha1, qdd, found["mass_matrix"], found["bias_forces"], jacobians, centre)
 
     def _now(self, t: Array, states: Array, *, with_base: bool = False) -> RobotMotionAtInstants:
         """Return the motion in states of the present step; of the base only if loads or `with_base` ask for it."""
@@ -373,30 +374,30 @@ class RobotMotion:
             self._resting[len(t)] = found
         return found
 
-    def _generalized(self, t: Array, moment: _Moment, side: Side) -> Array:
+    def _generalized(self, t: Array, terms: _Terms, side: Side) -> Array:
         """Return the generalized forces of all loads but gravity, (n, velocities)."""
-        base, wrenches = self.loads.on_bodies(t, moment.now)
-        efforts = self.loads.efforts_at(t, moment.now, side)
+        base, wrenches = self.loads.on_bodies(t, terms.now)
+        efforts = self.loads.efforts_at(t, terms.now, side)
         forces = np.concatenate([base, efforts], axis=1) if self.has_momenta else efforts
-        return forces + np.einsum("nlij,nli->nj", moment.jacobians, wrenches) if wrenches.size else forces
+        return forces + np.einsum("nlij,nli->nj", terms.jacobians, wrenches) if wrenches.size else forces
 
-    def _solve(self, moment: _Moment, loads: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _solve(self, terms: _Terms, loads: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the accelerations, and the generalized forces that make those come true that are known; (n,
         velocities) each. `held` has the shape (dof,) or (n, dof).
         """
         known = np.broadcast_to(self._known, loads.shape).copy()
         known[:, -self.dof :] |= held
-        forces = loads - moment.bias
+        forces = loads - terms.bias
         if not known.any():
-            return _solved(moment.M, forces), np.zeros_like(forces)
+            return _solved(terms.M, forces), np.zeros_like(forces)
         if self._driven:
             given = np.zeros_like(forces)
-            given[:, -self.dof :] = moment.qdd
-            rest = np.where(known, given, forces - (moment.M @ given[..., None])[..., 0])
+            given[:, -self.dof :] = terms.qdd
+            rest = np.where(known, given, forces - (terms.M @ given[..., None])[..., 0])
         else:
             rest = np.where(known, 0.0, forces)
-        accelerations = _solved(_with_known(moment.M, known), rest)
-        needed = (moment.M @ accelerations[..., None])[..., 0] - forces
+        accelerations = _solved(_with_known(terms.M, known), rest)
+        needed = (terms.M @ accelerations[..., None])[..., 0] - forces
         return accelerations, np.where(known, needed, 0.0)
 
 

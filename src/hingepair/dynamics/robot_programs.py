@@ -17,7 +17,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.plans.simulation import MOTION, state_loop
 from hingepair.plans.trees import request_loop
 
-_BASE_INPUTS = ("S1", "omega1", "a1", "alpha1")  # of a base that rests or moves as given
+_BASE_INPUTS = ("S1", "omega1", "a1", "alpha1")  # inputs of programs of a base that rests or moves as given
 
 
 class RobotPrograms:
@@ -45,12 +45,12 @@ class RobotPrograms:
         if self.has_momenta:
             pinned, blank = base == "pinned", request._replace(outputs=())
             self._motion = self._call(state_loop(form, blank, pinned, MOTION), ("state", "S0"))
-            moment = state_loop(form, blank, pinned, (*MOTION, "centre", *matrices))
+            terms = state_loop(form, blank, pinned, (*MOTION, "centre", *matrices))
             rates = state_loop(form, blank, pinned, ("rates",))
-            self._moment = self._call(moment, ("state", "S0"))
+            self._terms = self._call(terms, ("state", "S0"))
         else:
             without_loads = request._replace(outputs=matrices, loaded=())
-            self._moment = self._call(request_loop(form, without_loads), ("q", "qd", *_BASE_INPUTS))
+            self._terms = self._call(request_loop(form, without_loads), ("q", "qd", *_BASE_INPUTS))
             rates = request_loop(form, request)
         of_links = [f"{kind}_{k}" for k in loads for kind in ("force", "torque")]
         needed = {name for name, _ in rates.inputs}
@@ -63,11 +63,11 @@ class RobotPrograms:
         """Return R1, S1, v1 and omega1 of a free or pinned base, by name."""
         return _run(self._motion, {"state": states, "S0": S0})
 
-    def moment(self, **inputs: Array) -> tuple[Any, Array]:
+    def terms(self, **inputs: Array) -> tuple[Any, Array]:
         """Return the mass matrix and bias forces, of a free or pinned base also its motion and the centre of mass
         from R1, by name; and the Jacobians of the loaded links, (n, links, 6, velocities).
         """
-        found = _run(self._moment, inputs)
+        found = _run(self._terms, inputs)
         M = found["mass_matrix"]
         shape = (len(M), self._links, 6, M.shape[-1])
         return found, found["jacobian"].reshape(shape) if self._links else np.zeros(shape)
@@ -91,6 +91,7 @@ class RobotPrograms:
         return found
 
     def _call(self, loop: Loop, given: tuple[str, ...]) -> Call:
+        """Return the call of a loop with the arguments `given`, as far as it has them; other inputs are constants."""
         known: dict[str, Any] = {**self._computation.known, "gravity": self._gravity}
         shapes = dict(loop.inputs)
         given = tuple(name for name in given if name in shapes)

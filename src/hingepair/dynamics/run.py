@@ -31,7 +31,7 @@ from hingepair.pair.hinge_load import check_callable
 from hingepair.tables.suspicions import suspicions
 
 _EVALUATIONS = 509 * 17  # of callables over the whole motion, at least
-_FINER = 1e-3  # tolerance of the second run, from which errors are estimated, to that of the first
+_FINER = 1e-3  # tolerance of the second run, which tells the errors, in parts of that of the first
 _MORE_EVALUATIONS = 4.3  # in the second run, by a factor with which its instants do not fall on those of the first
 
 
@@ -54,7 +54,7 @@ class RunOptions(NamedTuple):
     breaks: Array  # instants at which loads jump, increasing [s]
     until: UserEvent | None  # the user's event
     max_steps: float  # steps tried, at most
-    evaluations: float = _EVALUATIONS
+    evaluations: float = _EVALUATIONS  # of callables over the whole motion, at least
 
     @property
     def finer(self) -> RunOptions:

@@ -37,7 +37,7 @@ from hingepair.plans.arguments import Outputs
 from hingepair.tables.instants import instants_of
 from hingepair.tables.suspicions import suspicions
 
-BASES: Final = ("free", "pinned", "fixed")
+BASES: Final = ("free", "pinned", "fixed")  # what may hold body 1, beside a callable
 _PLANAR_START = "hp.BodyMotion(R=(x, y, 0), S=hp.rodrigues((0, 0, 1), phi))"  # in messages
 
 
@@ -54,6 +54,8 @@ class InitialState(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _SimulatedMotionBase:
+    """What simulated motions of spatial and of planar pairs share."""
+
     body1: BodyMotion
     psid: Array
     psidd: Array
@@ -408,7 +410,7 @@ def _given_start(
 
 
 def initial_state(base: str | GivenBase, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
-    """Return (R, S, v, omega, psi, psid) at the start.
+    """Return the checked start; of a base that moves as given, body 1 rests at the origin in it.
 
     Raises:
         ArgumentError: body1 cannot be used.

@@ -16,7 +16,7 @@ from hingepair.dynamics.events import UserEvent
 from hingepair.dynamics.given_motions import GivenBase, GivenJoint, JointCallable, check_rest
 from hingepair.dynamics.loads import check_start
 from hingepair.dynamics.robot_loads import EffortArgument, RobotLoadArgument, robot_loads
-from hingepair.dynamics.robot_motion import RobotMotion
+from hingepair.dynamics.robot_motion import REST, RobotMotion
 from hingepair.dynamics.robot_programs import RobotPrograms
 from hingepair.dynamics.run import Simulation, joint_range, read_options
 from hingepair.errors import ArgumentError, choices, nearest, quoted
@@ -36,9 +36,8 @@ from hingepair.plans.arguments import Coordinates, read_coordinates
 from hingepair.tables.instants import instants_of
 from hingepair.tables.suspicions import suspicions
 
-BASES = ("fixed", "free", "pinned", "moving")
+BASES = ("fixed", "free", "pinned", "moving")  # what may hold the base of a robot
 BaseArgument = BodyMotion | Callable[[Array], BodyMotion] | None
-_REST = BodyMotion(R=(0.0, 0.0, 0.0), S=np.eye(3))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,7 +78,7 @@ class SimulatedRobotMotion(Frozen, Result):
 
     @property
     def described(self) -> str:
-        """The robot's name."""
+        """The robot's name, and that it is simulated."""
         return f"{self.robot.name}, simulated"
 
     @property
@@ -139,8 +138,8 @@ class SimulatedRobotMotion(Frozen, Result):
         )  # fmt: skip
 
     def recorded(self) -> dict[str, NDArray[Any]]:
-        """Return arrays (N,) by name: of each joint, such as an elbow, elbow, elbowd, elbowdd and tau_elbow; of a
-        base that moves also R1, S1, v1 and omega1.
+        """Return arrays (N,) by name: of a joint `elbow` elbow, elbowd, elbowdd and tau_elbow; of a base that moves
+        also R1, S1, v1 and omega1, (N, ...).
         """
         columns = {"": self.q, "d": self.qd, "dd": self.qdd}
         found = {
@@ -259,7 +258,7 @@ def simulate_robot(
 
 
 def _described_loads(robot: Mechanism, loads: object, joint_loads: bool) -> Mapping[str, HingeTorque]:
-    """Return the loads of joints that a file describes, without stops, or none."""
+    """Return the loads of joints that a file describes, without stops; none unless `joint_loads` is true."""
     if loads is not None:
         raise ArgumentError("joint_loads", "None beside loads", quoted(joint_loads))
     return {name: replace(load, stops=None) for name, load in robot.joint_loads.items()} if joint_loads else {}
@@ -274,7 +273,7 @@ def _base_of(robot: Mechanism, base: str | None, base_motion: Any) -> tuple[str,
         raise ArgumentError("base_motion", expected, quoted(base_motion))
     if callable(base_motion):
         return kind, GivenBase("base_motion", base_motion)
-    start = _REST if base_motion is None else base_motion
+    start = REST if base_motion is None else base_motion
     if not isinstance(start, BodyMotion) or start.shape != ():
         raise ArgumentError("base_motion", "one BodyMotion, the start of the base", quoted(base_motion))
     motion_arrays("base_motion", start, "S")
