@@ -165,7 +165,7 @@ def mujoco_job(states: States) -> Job:
         else:
             text = to_mjcf(system)
     else:
-        text = to_urdf(system)
+        text = to_urdf(system, meshes=False)
     model = mj.MjModel.from_xml_string(text)
     model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT  # limits would exert forces beyond them
     model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0

@@ -210,7 +210,7 @@ def mink_job(task: Task) -> Job:
     import mink
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(to_urdf(task.robot))
+    model = mujoco.MjModel.from_xml_string(to_urdf(task.robot, meshes=False))
     configuration = mink.Configuration(model)
     goal = mink.FrameTask(task.link, "body", position_cost=1.0, orientation_cost=1.0, lm_damping=_DAMPING)
     limits = [mink.ConfigurationLimit(model)]
@@ -244,7 +244,7 @@ def ikpy_job(task: Task) -> Job:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of fixed joints
         path = Path(folder) / "robot.urdf"
-        path.write_text(to_urdf(task.robot))
+        path.write_text(to_urdf(task.robot, meshes=False))
         links = Chain.from_urdf_file(str(path), base_elements=_elements(path, task.link, root)).links
     moving = [k for k, link in enumerate(links) if link.name in task.robot.names]
     links = links[: moving[-1] + 1]  # it goes on to the end of the robot

@@ -155,7 +155,7 @@ def mujoco_job(task: Task) -> Job:
     import mujoco as mj
     from mujoco import rollout
 
-    model = mj.MjModel.from_xml_string(to_urdf(task.robot))
+    model = mj.MjModel.from_xml_string(to_urdf(task.robot, meshes=False))
     model.opt.timestep = DT
     model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT
     model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0

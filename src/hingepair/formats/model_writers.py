@@ -101,7 +101,8 @@ def to_urdf(
             cannot hold.
         body1: pose of body 1 of a pair in `world` (R and S of a `BodyMotion`), only if `base` is "fixed". By default,
             R is the origin and S is the identity.
-        meshes: False: the meshes of a robot are left out, for programs that cannot find or load their files.
+        meshes: False: the meshes of a robot are left out, for programs that cannot find or load their files, such as
+            MuJoCo, which knows no packages.
 
     Raises:
         ArgumentError: `base` is unknown; a name holds a character that XML does not allow; the argument body1 is
