@@ -53,7 +53,8 @@ def test_a_robot_in_mjcf_comes_back(base, root):
 
 
 def test_mujoco_moves_the_written_robot():
-    robot = arm(locked={"grip": 0.3})
+    text = ARM.replace('<mimic joint="bend" multiplier="-0.5" offset="0.1"/>', "").format(links=LINKS)
+    robot = hp.Mechanism.from_urdf(text, locked={"grip": 0.3})
     model = mujoco.MjModel.from_xml_string(hp.to_mjcf(robot, gravity=(1, 2, -9)))
     data = mujoco.MjData(model)
     data.qpos, data.qvel, data.qfrc_applied = (0.1, 0.5), (2, -3), (0.5, 0.25)
