@@ -65,7 +65,7 @@ def read_varied_number(table: Table, design: str) -> VariedNumber:
 def _read_two_numbers(
     table: Table, first_key: str, second_key: str, allowed_keys: tuple[str, ...]
 ) -> tuple[float, float]:
-    """Return the numbers under `first_key` and `second_key` of a Table as a tuple of two floats."""
+    """Return the numbers under two keys of a Table; refuse keys other than `allowed_keys`."""
     for key in table.values:
         if key not in allowed_keys:
             table.refuse(key, f"only the keys {', '.join(allowed_keys)}", "this key")
@@ -75,10 +75,8 @@ def _read_two_numbers(
 def design_values(
     table: Table, design: str, varied: tuple[VariedNumber, ...], samples: int | None, seed: int
 ) -> Float64Array:
-    """Return the values of the VariedNumbers `varied` in every variant of a design, an array of shape (variants,
-    numbers).
-
-    In a grid, the last number changes fastest.
+    """Return the values of varied numbers in every variant of a design, shape (variants, numbers); in a grid, the
+    last number changes fastest.
 
     Args:
         table: the sweep file's table, which error messages name.
@@ -111,7 +109,7 @@ def design_values(
 
 
 def _sobol_points(table: Table, dimensions: int, samples: int, seed: int) -> Float64Array:
-    """Return scrambled Sobol points in the open unit cube, an array of shape (samples, dimensions)."""
+    """Return scrambled Sobol points in the open unit cube; shape (samples, dimensions)."""
     if dimensions > _MAX_SOBOL:
         table.refuse("vary", f"at most {_MAX_SOBOL} numbers of a Sobol design", dimensions)
     sobol = require("scipy.stats.qmc", "design").Sobol(dimensions, scramble=True, seed=seed)

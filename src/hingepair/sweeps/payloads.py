@@ -37,9 +37,7 @@ class _VariedPayload(NamedTuple):
     varied: tuple[_VariedProperty, ...]  # the mass properties that are varied
 
     def mass_properties(self, numbers: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Return the payload's mass (variants,), centre of mass (variants, 3) and inertia (variants, 3, 3) as three
-        arrays in SI units.
-        """
+        """Return masses (variants,), centres of mass (variants, 3) and inertias (variants, 3, 3), in SI units."""
         count = len(numbers)
         mass = np.full(count, self.body.mass)
         centre = np.tile(self.body.centre_of_mass, (count, 1))
@@ -54,8 +52,8 @@ class _VariedPayload(NamedTuple):
         return mass, centre, inertia * mass[:, None, None] if self.inertia_per_mass else inertia
 
     def is_clearly_valid(self, numbers: Float64Array) -> bool:
-        """Return True if all mass properties of all variants are below 1e100 in SI units, all masses are positive,
-        and varied principal moments of inertia are possible for a rigid body.
+        """Return whether no variant needs a closer check: mass properties are below 1e100, masses positive, and
+        varied principal moments those of a rigid body.
         """
         mass, centre, inertia = self.mass_properties(numbers)
         sizes = (np.abs(part).max(initial=0.0) for part in (mass, centre, inertia))
@@ -89,9 +87,8 @@ class PayloadVariantComputer:
         self._links = tuple(payloads)
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return (t, arrays) for all variants: the instants [s] and a dict of read-only arrays of the outputs by
-        name, shape (variants, samples, ...). Return None if a payload may be invalid, so that variants must be
-        computed one by one. `numbers` are the values of the varied numbers; shape (variants, numbers).
+        """Return t, (samples,) s, and the outputs by name, read-only, (variants, samples, ...), for `numbers`
+        (variants, numbers); None if a payload may be invalid, so that variants must be computed one by one.
         """
         if not all(payload.is_clearly_valid(numbers) for payload in self._payloads):
             return None
@@ -135,8 +132,8 @@ def payload_variant_computer(
     keys: Sequence[Sequence[str | int]],
     outputs: Sequence[str] | None,
 ) -> PayloadVariantComputer | None:
-    """Return a PayloadVariantComputer of variants of a RobotScene if all `keys`, paths of the varied numbers in
-    the scene file, lead to masses, centres of mass or principal inertias of payloads; otherwise return None.
+    """Return a PayloadVariantComputer if all varied numbers are masses, components of centres of mass or principal
+    moments of payloads; otherwise None.
 
     Args:
         scene: scene as its file describes it.
@@ -167,9 +164,7 @@ def payload_variant_computer(
 
 
 def _read_payload(table: Table, varied: tuple[_VariedProperty, ...]) -> _VariedPayload:
-    """Return the _VariedPayload with the body that the Table of a payload describes, and with the tuple `varied` of
-    _VariedProperty records.
-    """
+    """Return the payload of a Table, of which some properties are varied."""
     values = table.read(BODY_KEYS, ("mass",))
     per_mass = "inertia" not in values and any(number.name == "mass" for number in varied)
     return _VariedPayload(

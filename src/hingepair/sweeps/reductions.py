@@ -37,7 +37,7 @@ A NaN at an instant makes a reduction NaN; of t_min, t_max and t_absmax, it make
 # Name of a quantile; its group is the percentage, 0 to 100.
 _QUANTILE: Final = re.compile(r"q(\d{1,2}(?:\.\d+)?|100)")
 
-
+# Name of the time at a level; its groups are the kind and the level.
 _LEVEL: Final = re.compile(r"(t_below|t_above|t_at|t_settled)\(([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\)")
 
 
@@ -58,7 +58,8 @@ def reduction_ending(column: str) -> str | None:
 
 def _time_at_level(kind: str, level: Any, x: Float64Array, t: Float64Array) -> Float64Array:
     """Return when components are below, above or at a level for the first time, or stay within it of their last value
-    from then on; linear between instants, and NaN if never. x has shape (variants, samples, components).
+    from then on; linear between instants, and NaN if never; shape (variants, components). x is (variants, samples,
+    components).
     """
     if kind == "t_settled":
         x = x - x[:, -1:]

@@ -25,7 +25,7 @@ from hingepair.tables.sheets import align_columns, cell_text
 Range = tuple[float, float] | None
 """Lower and upper end of a number; None for any."""
 
-_CONDITION = re.compile(r"\s*(\S+?)\s*(<=|>=|=|<|>)\s*(\S+)\s*")
+_CONDITION = re.compile(r"\s*(\S+?)\s*(<=|>=|=|<|>)\s*(\S+)\s*")  # result, sign and value
 _TOLERANCE = 1e-6  # of a wanted value, relative to it or to the size of the result at the start
 _BRACKET_STEPS = 40  # of a factor of 1.5 each: seven decades to either side
 _SCAN = 25  # places at which a number with a range is tried before the search is local
@@ -39,7 +39,7 @@ class Condition(NamedTuple):
     value: float
 
     def miss(self, got: float) -> float:
-        """Return by how much a result misses the condition; 0 for an inequality that holds."""
+        """Return by how much a result is above (or, negative, below) the value; 0 for an inequality that holds."""
         excess = got - self.value
         if self.sign == "<=":
             return max(0.0, excess)
@@ -291,6 +291,7 @@ def _column(name: str) -> tuple[str, str]:
 
 
 def _number(key: str, values: Mapping[str, Any], steps: Sequence[str | int]) -> float:
+    """Return the number of a scene to which `steps` lead; refuse an expression."""
     here: Any = values
     for step in steps:
         here = here[step]
@@ -300,7 +301,7 @@ def _number(key: str, values: Mapping[str, Any], steps: Sequence[str | int]) -> 
 
 
 def _ends(key: str, ends: Range, start: float) -> tuple[float, float]:
-    """Return the lower and the upper end of a number: without a range, it keeps its sign."""
+    """Return the lower and the upper end of a number; one without a range keeps the sign of `start`, if not 0."""
     if ends is None:
         return (0.0, math.inf) if start > 0 else (-math.inf, 0.0) if start < 0 else (-math.inf, math.inf)
     try:
@@ -344,8 +345,8 @@ def _root(scipy: Any, variants: _Variants, miss: Any) -> Float64Array:
 
 
 def _bracket(missed: Callable[[float], float], x: float, y: float) -> tuple[float, float] | None:
-    """Return two numbers between which `missed` changes its sign. Where it is NaN at one of them, as the time of what
-    does not happen within the motion, look for the other one up to where it becomes NaN.
+    """Return two numbers from x to y between which `missed` changes its sign, if any. An end at which it is NaN, as
+    the time of what does not happen within the motion, is moved inwards first.
     """
     at, to = (x, y) if math.isfinite(missed(x)) else (y, x)
     if not math.isfinite(missed(at)):
@@ -401,7 +402,7 @@ def _smallest(scipy: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) 
     first = aim(variants.start)
     scales = [abs(miss(variants.start)) or 1.0 for miss in misses]
 
-    def cost(x: Float64Array) -> float:
+    def penalised_aim(x: Float64Array) -> float:
         x = np.clip(x, variants.low, variants.high)
         missed = sum((miss(x) / scale) ** 2 for miss, scale in zip(misses, scales, strict=True))
         total = float(aim(x) + 1e3 * max(abs(first), 1e-9) * missed)
@@ -415,12 +416,15 @@ def _smallest(scipy: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) 
 
         shares = qmc.Sobol(count, seed=0).random(64)
     tried = [variants.start, *(variants.low + share * width for share in shares)]
-    best = min(tried, key=cost)
+    best = min(tried, key=penalised_aim)
     simplex = np.clip([best, *(best + 0.05 * np.diag(width))], variants.low, variants.high)
     for k in range(count):  # a corner at an end would leave the simplex flat
         if simplex[k + 1, k] == best[k]:
             simplex[k + 1, k] = best[k] - 0.05 * width[k]
     found = scipy.minimize(
-        cost, best, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12}
+        penalised_aim,
+        best,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12},
     )
     return np.asarray(np.clip(found.x, variants.low, variants.high), np.float64)

@@ -28,7 +28,8 @@ STORE_SUFFIXES: Final = (".csv", ".parquet", ".zarr")
 
 _LOCK_NAME: Final = "lock"  # file in the folder of the chunks, locked while a sweep runs
 
-Columns = Mapping[str, NDArray[Any]]
+ChunkColumns = Mapping[str, NDArray[Any]]
+"""Arrays by name, with a row for each variant of a chunk."""
 
 
 class Store:
@@ -81,10 +82,8 @@ class Store:
         """Return the list of the indices of chunks, from 0 to `chunk_count` - 1, that are not finished."""
         return [chunk for chunk in range(chunk_count) if not self._part(chunk).exists()]
 
-    def add(self, chunk: int, columns: Columns) -> None:
-        """Write the columns of a finished chunk, a dict of arrays by name, to the file of the chunk, completely or
-        not at all. `chunk` is its index.
-        """
+    def add(self, chunk: int, columns: ChunkColumns) -> None:
+        """Write the columns of the chunk with this index to its file, completely or not at all."""
         with whole_file(self._part(chunk)) as file:
             write_npz(file, columns)
 
@@ -98,9 +97,7 @@ class Store:
             shutil.rmtree(self.parts)
 
     def read(self, chunk: int) -> dict[str, NDArray[Any]]:
-        """Return the columns of the finished chunk with the index `chunk`, read from its file, as a dict of arrays by
-        name.
-        """
+        """Return the columns of the finished chunk with this index from its file."""
         path = self._part(chunk)
         try:
             with np.load(path) as archive:
@@ -114,7 +111,7 @@ class Store:
 
 
 def _lock(path: Path) -> IO[bytes]:
-    """Open a file and lock it until it is closed or the process ends."""
+    """Return a file, locked until it is closed or the process ends; refuse it if another process has locked it."""
     file = path.open("ab")
     try:
         import fcntl
@@ -136,9 +133,7 @@ def _lock(path: Path) -> IO[bytes]:
 
 @contextlib.contextmanager
 def _convert_os_errors(path: Path) -> Iterator[None]:
-    """Return a context manager that converts an OSError in its block into an ArgumentError about `out`, whose message
-    names `path`.
-    """
+    """Convert an OSError in a block into an ArgumentError about `out`, whose message names `path`."""
     try:
         yield
     except OSError as error:
@@ -184,9 +179,9 @@ def _write_parquet(store: Store, chunk_count: int, _chunk_size: int) -> None:
             writer.write_table(table.replace_schema_metadata(schema.metadata))
 
 
-def _scalar_columns(columns: Columns) -> dict[str, NDArray[Any]]:
-    """Return the columns of a chunk as a dict of one-dimensional arrays by name, one for each component, such as
-    R2_x, with a row for each variant and instant.
+def _scalar_columns(columns: ChunkColumns) -> dict[str, NDArray[Any]]:
+    """Return outputs of a chunk by component, such as R2_x, with a row for each variant and instant; reductions as
+    they are.
     """
     t = next((array for name, array in columns.items() if _split_heading(name)[0] == "t"), None)
     if t is None:
@@ -213,8 +208,8 @@ def _split_heading(heading: str) -> tuple[str, str]:
 
 
 def _write_zarr(store: Store, chunk_count: int, chunk_size: int) -> None:
-    """Write a Store as a Zarr group of arrays from the files of its `chunk_count` chunks, each of which, except the
-    last, has `chunk_size` variants.
+    """Write a Store as a Zarr group of arrays from the files of its chunks; all but the last have `chunk_size`
+    rows.
     """
     import zarr
 

@@ -47,8 +47,7 @@ _SWEEP_FILE_KEYS: Final = (
 _SCENE_TABLES: Final = frozenset({"pair", "mechanism", "joint", "motion"})  # one of which every scene has
 # States (variants times instants) whose arrays are in memory at a time, unless one variant has more.
 _MAX_STATES: Final = 200_000
-# Time after which a scheduler that does not answer is given up.
-_TIMEOUT: Final = 10.0
+_TIMEOUT: Final = 10.0  # s; a scheduler that does not answer until then is given up
 
 Progress = Callable[[int, int], None]
 """Takes the number of finished chunks and the number of all chunks."""
@@ -183,7 +182,7 @@ def load_sweep(path: str | Path, units: str | None = None) -> Sweep:
 
 
 def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
-    """Return the integer under a key of a Table, or None if the key is missing."""
+    """Return the integer from `minimum` to 10,000,000 under a key of a Table, or None if the key is missing."""
     value = table.values.get(key)
     if value is None:
         return None
@@ -203,9 +202,7 @@ def _read_units(table: Table) -> str:
 
 
 def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
-    """Return the names in the list under a key of a Table, without repetitions, as a tuple, or None if the key is
-    missing.
-    """
+    """Return the names in the list under a key of a Table, each once, or None if the key is missing."""
     value = table.values.get(key)
     if value is None:
         return None
@@ -215,8 +212,8 @@ def _read_names(table: Table, key: str) -> tuple[str, ...] | None:
 
 
 def _identity_json(task: SweepTask, numbers: Float64Array, chunk_size: int, data_files: Sequence[Path]) -> str:
-    """Return JSON text of all that the results of a sweep depend on: a SweepTask, the values of the varied numbers,
-    the chunk size, the version of hingepair, and the contents of `data_files`, which are read and hashed.
+    """Return JSON text of all that the results of a sweep depend on, the version of hingepair and hashes of the
+    contents of `data_files` among it.
     """
     from hingepair import __version__
 
@@ -259,14 +256,13 @@ def run_sweep(
 
 
 def _compute_missing_chunks(sweep: Sweep, store: Store, client: Any, workers: int, progress: Progress | None) -> None:
-    """Compute the chunks of a Sweep that a Store lacks, on the cluster of the Dask client `client` or, if it is None,
-    on `workers` threads, and then write the store.
+    """Compute the chunks that a Store lacks, on the cluster of a Dask client or, if it is None, on `workers` threads,
+    and then write the store.
     """
     missing = store.missing(sweep.chunks)
     finished, lock = itertools.count(sweep.chunks - len(missing) + 1), threading.Lock()
 
     def store_chunk(chunk_index: int, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Write the columns of a finished chunk, a dict of arrays by name, to the store."""
         store.add(chunk_index, columns)
         with lock:
             done = next(finished)
@@ -293,9 +289,7 @@ ChunkWriter = Callable[[int, Mapping[str, NDArray[Any]]], None]
 def _compute_on_threads(
     sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter, thread_count: int
 ) -> None:
-    """Compute the chunks of a Sweep with the given indices on threads of this process, and call `store_chunk` with
-    the index and the columns of each chunk when it is finished.
-    """
+    """Compute chunks of a Sweep on threads of this process, and hand each to `store_chunk` when it is finished."""
     stopped = threading.Event()
 
     def compute_and_store(chunk_index: int) -> None:
@@ -333,9 +327,7 @@ def _connect(scheduler_address: str) -> Any:
 
 
 def _compute_on_cluster(client: Any, sweep: Sweep, chunk_indices: Sequence[int], store_chunk: ChunkWriter) -> None:
-    """Compute the chunks of a Sweep with the given indices on the workers of a Dask client's cluster, and call
-    `store_chunk` with the index and the columns of each chunk when it is finished.
-    """
+    """Compute chunks of a Sweep on a Dask client's cluster, and hand each to `store_chunk` when it is finished."""
     from distributed import as_completed as as_finished
 
     if not client.scheduler_info()["workers"]:
@@ -370,7 +362,7 @@ def _key(sweep: Sweep) -> str:
 
 
 def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
-    """Return the exception to raise for an error of a worker, which names the chunk unless it names an argument."""
+    """Return the exception to raise for an error of a worker; it names the chunk unless it names an argument."""
     if isinstance(error, ArgumentError):
         return error
     if isinstance(error, HingePairError | MemoryError):
@@ -382,8 +374,7 @@ def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
 def compute_chunk(
     task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> dict[str, NDArray[Any]]:
-    """Compute the variants of one chunk of a sweep, and return a dict of arrays with one row for each variant:
-    "variant", the index; the varied numbers by key; and either the reductions or "t" and the outputs by name.
+    """Return the columns of one chunk of a sweep, computed, with a row for each variant.
 
     Args:
         task: what to compute for each variant.
@@ -392,8 +383,8 @@ def compute_chunk(
         numbers: values of the varied numbers; (variants, numbers).
 
     Returns:
-        "variant", the varied numbers by key, and either the reductions, (variants,) each, or "t",
-        (variants, samples), and the outputs, (variants, samples, ...).
+        "variant" (the index in the sweep), the varied numbers by key, and either the reductions, (variants,) each, or
+        "t", (variants, samples), and the outputs, (variants, samples, ...).
     """
     computer = _variant_computer(task)
     step = max(1, _MAX_STATES // computer.samples)
@@ -417,9 +408,7 @@ def compute_chunk(
 def _compute_one_by_one(
     computer: VariantComputer, task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Compute variants one at a time with a VariantComputer; for each variant, yield a dict from a column's name to
-    an array of one row.
-    """
+    """Yield the columns of each variant, with one row; an error names the chunk and the variant."""
     for i, row in enumerate(numbers):
         try:
             t, arrays = computer.compute(row)
@@ -439,8 +428,8 @@ def _variant_text(task: SweepTask, variant_index: int, numbers: Float64Array) ->
 def _result_columns(
     t: Float64Array, arrays: Mapping[str, NDArray[Any]], task: SweepTask, columns: Columns
 ) -> dict[str, NDArray[Any]]:
-    """Return a dict of the columns to store for some variants: the reductions that the SweepTask names, (variants,),
-    or, if it names none, "t" and the outputs, (variants, samples, ...).
+    """Return the reductions, (variants,), that a SweepTask names, or else "t" and the outputs, (variants, samples,
+    ...), under headings in the units of `columns`.
     """
     if task.reductions:
         return {**reduce_arrays(t, arrays, task.reductions, columns)}

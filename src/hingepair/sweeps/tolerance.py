@@ -33,7 +33,7 @@ POSE_COMPONENTS: Final = ("R2_x", "R2_y", "R2_z", "attitude_x", "attitude_y", "a
 
 # States (sampled pairs times instants) that are computed at a time.
 _MAX_STATES: Final = 200_000
-# Ends of the band, the middle 95 %.
+# Quantiles at the ends of the band, the middle 95 %.
 _BAND: Final = (0.025, 0.975)
 # Half the width of this band of a normal distribution, in standard deviations.
 _HALF_BAND: Final = 1.96

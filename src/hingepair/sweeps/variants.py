@@ -29,7 +29,7 @@ _KEY_PART: Final = re.compile(r"([A-Za-z0-9_-]+)((?:\[(?:0|[1-9][0-9]{0,8})\])*)
 
 
 class CachedMotion:
-    """Motion of a scene that the scenes of all variants share."""
+    """Source of a motion that the scenes of all variants share; a part at a slice of instants is computed once."""
 
     def __init__(self, motion: Any) -> None:
         self.level, self.sequence = motion.level, getattr(motion, "sequence", None)
@@ -37,10 +37,7 @@ class CachedMotion:
         self._parts: dict[Any, Any] = {}
 
     def part(self, rows: Any, order: int) -> Any:
-        """Return the motion at the instants with the indices `rows`, a slice or an array, with derivatives up to
-        `order`, as the `part` of the original motion returns it. If `rows` is a slice, cache the result and return
-        the same object in later calls.
-        """
+        """Return the motion at the instants with the indices `rows`, with derivatives up to `order`."""
         key = (rows.start, rows.stop, rows.step, order) if isinstance(rows, slice) else None
         if key is None or key not in self._parts:
             part = self._motion.part(rows, order)
@@ -51,9 +48,7 @@ class CachedMotion:
 
 
 def parse_key(table: Table, key: str) -> tuple[str | int, ...]:
-    """Parse the string `key` into a path of keys and list indices, and return the path as a tuple of strings and
-    integers: "pair.u1[0]" gives ("pair", "u1", 0).
-    """
+    """Return the path of keys and indices that a key states: ("pair", "u1", 0) of "pair.u1[0]"."""
     steps: list[str | int] = []
     for part in key.split("."):
         match = _KEY_PART.fullmatch(part)
@@ -86,8 +81,7 @@ def check_number_path(table: Table, values: Mapping[str, Any], steps: Sequence[s
 
 
 class VariantComputer:
-    """Computer of the outputs of a scene for any values of the varied numbers: the method `compute` computes one
-    variant, and `compute_together` many.
+    """Computer of the outputs of a scene for any values of the varied numbers, one variant at a time or together.
 
     Args:
         path: path of the scene file.
@@ -111,6 +105,7 @@ class VariantComputer:
         self.samples = self._scene.samples
 
     def _share_motion(self, values: dict[str, Any]) -> None:
+        """Prepare what all variants have in common if their numbers do not change the motion."""
         scene, keys = self._scene, self._keys
         if isinstance(scene, PairScene):
             scene = scene.by_body1(self._outputs)
@@ -130,16 +125,15 @@ class VariantComputer:
         return self._scene.in_units(units or "")
 
     def compute(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]]:
-        """Return (t, arrays) for one variant: the instants [s], (samples,), and the outputs by name, (samples, ...).
-        `numbers` are the values of the varied numbers; shape (numbers,).
+        """Return t, (samples,) s, and the outputs by name, (samples, ...), for one variant; `numbers` is
+        (numbers,).
         """
         scene = self.scene(numbers)
         return scene.times(), scene.arrays(self._outputs)
 
     def compute_together(self, numbers: Float64Array) -> tuple[Float64Array, dict[str, NDArray[Any]]] | None:
-        """Return (t, arrays) for many variants: the instants [s] and a dict of the outputs by name, (variants,
-        samples, ...). Return None if variants must be computed one by one. `numbers` are the values of the varied
-        numbers; shape (variants, numbers).
+        """Return t, (samples,) s, and the outputs by name, (variants, samples, ...), for `numbers` (variants,
+        numbers); None if variants must be computed one by one.
         """
         return None if self._payload_computer is None else self._payload_computer.compute(numbers)
 
@@ -164,8 +158,8 @@ class VariantComputer:
 
 
 def _evaluate_unvaried_expressions(table: Table, keys: Sequence[Sequence[str | int]]) -> dict[str, Any]:
-    """Return the values of the Table [pair] as a dict, with numbers in place of expressions except under varied keys,
-    the paths `keys`.
+    """Return the values of [pair] with numbers in place of expressions, except under varied keys, and without shapes
+    of bodies that have their mass properties without them.
     """
     varied = {steps[1] for steps in keys}
     size = 2 if len(table.values.get("u1", ())) == 2 else 3
