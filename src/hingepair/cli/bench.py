@@ -40,9 +40,7 @@ SizesOption = Annotated[str, typer.Option(help="Batch sizes [samples], separated
 
 
 def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | None = None) -> None:
-    """Call `measure()`, which returns a Report, and print the table and the notes of the Report and the facts of the
-    machine, or all of them as JSON if `show_json` is True.
-    """
+    """Print the Report that `measure` returns, or its JSON, and draw it to `plot`, if any."""
     from hingepair.bench.harness import machine_facts, print_progress
 
     with contextlib.ExitStack() as exit_stack:
@@ -64,9 +62,7 @@ def _run_benchmark(measure: Callable[[], Report], show_json: bool, plot: Path | 
 
 @contextlib.contextmanager
 def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
-    """Return a context manager that opens the picture file `path` for writing and yields a function that draws a
-    Report into the file.
-    """
+    """Open a picture file before anything is measured, and yield a function that draws a Report into it."""
     from hingepair.bench.plot import write_picture
     from hingepair.numeric.optional import new_figure
 
@@ -81,7 +77,7 @@ def _open_picture(path: Path) -> Iterator[Callable[[Report], None]]:
 
 
 def _parse_sizes(sizes: str) -> list[int]:
-    """Parse batch sizes, a string of integers separated by commas, and return them as a list of ints."""
+    """Return the batch sizes, 1 to 10,000,000 each, in a text with commas."""
     counts = [int(part) if part.strip().isdecimal() else 0 for part in sizes.split(",")]
     if not all(1 <= count <= 10**7 for count in counts):
         raise ArgumentError("sizes", "integers from 1 to 10000000, separated by commas", quoted(sizes))

@@ -129,7 +129,7 @@ def _pair_forms(source: Source, symbols: Sequence[str]) -> _PairForms:
 
 
 def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_format: str, short: bool | None) -> str:
-    """Return the formulas of a pair as text of one of the formats."""
+    """Return the formulas of a pair in a format; text that would be long is abbreviated unless `short` is given."""
     from hingepair.equations.quantities import ACCELERATION
     from hingepair.plans.arguments import check_outputs
     from hingepair.plans.plan import PLANAR_MOTION_KIND, default_outputs
@@ -147,6 +147,7 @@ def _write_pair(derived: _PairForms, outputs: Sequence[str] | None, output_forma
 def _write(
     forms: WrittenForms, names: Sequence[str] | None, output_format: str, short: bool | None, title: str = ""
 ) -> str:
+    """Return formulas in a format: "text", "latex", "python" or "json"."""
     match output_format:
         case "latex":
             return forms.to_latex(names, short=short)
@@ -158,8 +159,8 @@ def _write(
 
 
 def _load_snapped_robot(source: Source, snap: float | None) -> tuple[Mechanism, tuple[str, ...]] | None:
-    """Return a tuple (robot, notes): the Mechanism of the robot or URDF file that `source` names, and a tuple of at
-    most one sentence.
+    """Return (robot, notes) of a scene of a robot, or of a robot or URDF file with angles within `snap` [rad] of
+    right angles taken for these, with a note if any is changed; None for anything else.
     """
     if source.is_scene:
         described = source.scene_file.mechanism if snap is None else None
@@ -180,9 +181,7 @@ def _load_snapped_robot(source: Source, snap: float | None) -> tuple[Mechanism, 
 
 
 def _largest_rotation_change(robot: Mechanism, other: Mechanism) -> float:
-    """Return the largest absolute difference, a float, between entries of the fixed rotation matrices of the
-    Mechanisms `robot` and `other`, which are two versions of one robot.
-    """
+    """Return the largest absolute difference between entries of the fixed rotations of two versions of a robot."""
     first, second = (
         [*(joint.S for joint in version.tree.joints), *(link.S for link in version.tree.links.values())]
         for version in (robot, other)

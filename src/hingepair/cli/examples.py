@@ -73,7 +73,7 @@ def missing_file_hint(path: str) -> str | None:
 
 
 def _files_by_example() -> dict[str, Path]:
-    """Return a dict from the name of each example to the path of its scene or sweep file."""
+    """Return the scene or sweep file of each example by its name."""
     folder = _examples_folder()
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
 
@@ -106,7 +106,7 @@ def _referenced_files(path: Path) -> list[Path]:
 
 
 def _copy_all(files: Sequence[Path], targets: Sequence[Path], directory: Path) -> None:
-    """Copy each of `files` to the path at the same position in `targets`, and make missing folders."""
+    """Copy files to targets in `directory`, with the folders that are missing; refuse to overwrite anything."""
     existing = [target for target in targets if target.exists() or target.is_symlink()]
     if existing:
         expected = "a directory without files of these names, since nothing is overwritten"

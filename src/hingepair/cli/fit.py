@@ -158,12 +158,14 @@ def fit_command(
     raise typer.Exit(0 if fitted.ok else 1)
 
 
+# What messages on columns advise.
 _COLUMN_OPTIONS = ColumnAdvice(
     "--column '{ours}={name}'", "--column '{ours}={name}:{unit}'", "--encoder {name!r}", "--ignore {name!r}"
 )
 
 
 def _parse_direction(text: str) -> list[float]:
+    """Return the numbers in the value of --n-along; how many is checked later."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
@@ -236,8 +238,8 @@ class _Outputs:
 
 
 def _save_scene(path: Path, fitted: HingeFit, body1: BodyMotion, inputs: list[Path]) -> list[Path]:
-    """Write a scene of a HingeFit's pair to `path`, and beside it a log (.csv) with the recorded BodyMotion `body1`
-    and the fitted psi.
+    """Write a scene of the fitted pair, and beside it a log (.csv) with the recorded motion of body 1 and the fitted
+    psi; return both paths.
     """
     log = path.with_suffix(".csv")
     t = np.asarray(fitted.t)
@@ -275,9 +277,7 @@ def _save_text(path: Path, text: str, inputs: list[Path]) -> None:
 
 
 def _report_without_hinge(error: FitError, inputs: list[Path]) -> str:
-    """Return the Markdown text of the report on recordings that determine no hinge: the names of the files `inputs`
-    and the message of the FitError.
-    """
+    """Return the Markdown text of the report on recordings that determine no hinge."""
     return "\n".join((*_heading(inputs), "**No hinge.** These recordings determine none:", "", f"- {error}", ""))
 
 
@@ -327,9 +327,7 @@ def _heading(inputs: list[Path]) -> list[str]:
 
 
 def _hinge_table(fitted: HingeFit, lengths: Units, fine: Units) -> list[str]:
-    """Return a list of the lines of a Markdown table of a HingeFit: u1, u2, n and, if body 2 has attitudes, home with
-    standard deviations, the range of psi, and the clock offset and the encoder if they were fitted.
-    """
+    """Return the lines of a Markdown table of what was fitted, u1 and u2 in `lengths` and angles in `fine`."""
     pair, angle = fitted.pair, fine.unit("rad")
     vectors = [(name, getattr(pair, name), lengths.factor("m"), lengths.unit("m")) for name in ("u1", "u2")]
     vectors += [("n", pair.n, 1.0, "1")]
@@ -360,10 +358,7 @@ def _hinge_table(fitted: HingeFit, lengths: Units, fine: Units) -> list[str]:
 
 
 def _residual_table(fitted: HingeFit, fine: Units) -> list[str]:
-    """Return a list of the lines of a Markdown table of the residuals of a HingeFit: the rms, median, 95 % quantile,
-    largest value (with its time or sample) and noise of the position gap and, if body 2 has attitudes, of the tilt of
-    the axis.
-    """
+    """Return the lines of a Markdown table of the gap at the hinge and, if known, of the tilt of the axis."""
     kinds = [("gap", fitted.gap, fitted.rms_position, fitted.noise_position, "m")]
     if fitted.body2.S is not None:
         kinds.append(("tilt", fitted.tilt, fitted.rms_angle, fitted.noise_angle, "rad"))
@@ -385,9 +380,7 @@ def _table(heading: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[st
 
 
 def _advice(fitted: HingeFit) -> list[str]:
-    """Return the list of the report's sentences that recommend what to do next, depending on the verdict, the range
-    of psi, the clock offset and the missing samples of a HingeFit.
-    """
+    """Return sentences on what to do next: what makes the fit better, and what it can be used for."""
     advice = []
     if not fitted.ok:
         advice.append("Do not use these numbers: the first finding says why.")

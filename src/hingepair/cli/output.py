@@ -29,10 +29,10 @@ from hingepair.tables.whole_file import check_writable, whole_file
 Piece = TypeVar("Piece")
 
 BAD_INPUT = 2
-"""Of bad input and of output that cannot be written; 1 means that a check failed."""
+"""Exit code of bad input and of output that cannot be written; 1 means that a check failed."""
 
 INTERNAL_ERROR = 3
-"""Of an internal error, whose traceback is printed."""
+"""Exit code of an internal error, whose traceback is printed."""
 
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
 """File name suffixes of figures."""
@@ -124,17 +124,15 @@ def naming_option(option: str) -> Iterator[None]:
 
 
 def save_figure(option: str, figure: Any, path: Path, inputs: Iterable[Path], **settings: Any) -> None:
-    """Write a Matplotlib figure to a file in the format of its suffix, completely or not at all. Further keyword
-    arguments are passed to `savefig`.
+    """Write a Matplotlib figure to a file in the format of its suffix, completely or not at all; `settings` are those
+    of `savefig`.
     """
     with naming_option(option), whole_file(path, inputs) as file:
         figure.savefig(file, format=path.suffix.lower()[1:], **settings)
 
 
 def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterator[Piece]:
-    """Yield the parts of a motion of `num_instants` instants, and show a progress bar if there are several and
-    standard error is a terminal.
-    """
+    """Yield the blocks of a motion, with a progress bar if there are several and standard error is a terminal."""
     count = -(-num_instants // RESULT_ROWS_PER_BLOCK)
     if count == 1 or not sys.stderr.isatty():
         yield from parts
@@ -145,9 +143,7 @@ def with_progress_bar(parts: Iterable[Piece], num_instants: int) -> Iterator[Pie
 
 @contextlib.contextmanager
 def report_if_stopped(out: Path) -> Iterator[None]:
-    """Return a context manager for a block that writes the file `out`. If the block is left by a SystemExit, which a
-    signal raises, print to standard error that `out` was not written, and raise the SystemExit again.
-    """
+    """Print to standard error that `out` is not written if a signal stops the block."""
     try:
         yield
     except SystemExit:
@@ -156,9 +152,7 @@ def report_if_stopped(out: Path) -> Iterator[None]:
 
 
 def split_names(option: str, text: str | None) -> list[str] | None:
-    """Return the names in the string `text`, the value of an option, as a list, split at commas outside of double
-    quotes; return None if `text` is None.
-    """
+    """Return the names in the value of an option, split at commas outside of double quotes; None for None."""
     cells = [] if text is None else next(csv.reader([text], skipinitialspace=True), [])
     names = None if text is None else [name.strip() for name in cells if name.strip()]
     if names == []:
@@ -167,9 +161,7 @@ def split_names(option: str, text: str | None) -> list[str] | None:
 
 
 def write_text(text: str, out: Path | None, inputs: Iterable[Path]) -> None:
-    """Write text to the file `out`, completely or not at all, and print a message that it was written; if `out` is
-    None, write the text to standard output.
-    """
+    """Write text to the file `out`, completely or not at all, and say so; to standard output if `out` is None."""
     if out is None:
         sys.stdout.flush()
         if hasattr(sys.stdout, "buffer"):
@@ -205,8 +197,8 @@ def set_up_process() -> None:
 
 
 def run_and_flush(run_command: Callable[[], int]) -> int:
-    """Call `run_command`, flush standard output, and return the exit code that the call returned. If an OSError is
-    raised, such as by printing, print it to standard error and return the exit code of bad input.
+    """Return the exit code of `run_command` after flushing standard output; print an OSError, such as of a full disk,
+    and return BAD_INPUT.
     """
     try:
         code = run_command()
@@ -221,9 +213,7 @@ def run_and_flush(run_command: Callable[[], int]) -> int:
 
 
 def _print_new_warning(printed_texts: set[str], message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print the message of a warning to standard error and add it to the set `printed_texts`, unless the message is
-    already in the set.
-    """
+    """Print a warning to standard error and add it to `printed_texts`, unless it is already there."""
     if str(message) not in printed_texts:
         printed_texts.add(str(message))
         print(f"hingepair: warning: {printable(str(message))}", file=sys.stderr)

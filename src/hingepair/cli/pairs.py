@@ -157,9 +157,7 @@ def _whole_robot(named: Source) -> Mechanism | None:
 
 
 def parse_gravity(text: str, num_components: int) -> tuple[float, ...]:
-    """Return the finite numbers in the text of the option --gravity, which are separated by commas, as a tuple of
-    floats.
-    """
+    """Return the `num_components` finite numbers in the value of --gravity, X,Y,Z or X,Y."""
     with contextlib.suppress(ValueError):
         vector = tuple(map(float, text.split(",")))
         if len(vector) == num_components and np.isfinite(vector).all():
@@ -173,8 +171,8 @@ _START_POSE: Final = ("R1_0", "S1_0", "phi_0")
 
 
 def _add_omission_comment(file_format: str, text: str, setup: DynamicsSetup, written_keys: set[str]) -> str:
-    """Return the text of a model with an added comment that lists the keys of a DynamicsSetup that are not in
-    `written_keys` (tol and breaks are never listed), and emit a DynamicsWarning with the same sentence.
+    """Return a model with a comment on the keys of [dynamics] that are not in `written_keys`, but for those of the
+    simulation alone (tol, until, ...); emit the same sentence as a DynamicsWarning.
     """
     keys = [key for key in setup.keys if key not in {*written_keys, "tol", "breaks", "max_steps", "until"}]
     if not keys:

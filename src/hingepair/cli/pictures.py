@@ -96,7 +96,7 @@ def view_command(
 
 
 def _check_new_file(name: str) -> Path:
-    """Return a file name as a Path in the current folder."""
+    """Return a path in the current folder; refuse one that exists."""
     path = Path(name)
     if path.exists() or path.is_symlink():
         raise ArgumentError(

@@ -88,7 +88,7 @@ def robots_command(
 
 
 def _robot_table_row(robot: str) -> dict[str, Any]:
-    """Return the row of the table of robots for the robot named `robot`, a dict by heading."""
+    """Return the row of a robot in the table of robots, by heading; `dof` is without joints that follow others."""
     joints = read_urdf(robot_urdf(robot)).joints
     hinges, sliders = ([joint for joint in joints if joint.type in types] for types in (HINGE_TYPES, SLIDER_TYPES))
     names = {joint.name for joint in joints}
@@ -100,7 +100,7 @@ def _robot_table_row(robot: str) -> dict[str, Any]:
 
 
 def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
-    """Return the report on a robot, given by its name or the path of a URDF file, as a dict for JSON."""
+    """Return what --json prints of a robot."""
     path = name_or_urdf_file if Source(name_or_urdf_file).is_urdf else robot_urdf(name_or_urdf_file)
     robot = read_urdf(path)
     moving = [joint for joint in robot.joints if joint.type in (*HINGE_TYPES, *SLIDER_TYPES) and joint.name]
@@ -120,7 +120,7 @@ def _joint_report(name_or_urdf_file: str) -> dict[str, Any]:
 
 
 def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
-    """Return a list with a dict for each joint of a Tree."""
+    """Return the index in q, the mimic rule, and the masses of body 1, of body 2 and of all that moves, by joint."""
     masses = [tree.base.mass, *(joint.body.mass for joint in tree.joints)]
     moved = list(masses)
     for number in range(len(tree.joints), 0, -1):
@@ -139,7 +139,7 @@ def _tree_facts(tree: Tree) -> list[dict[str, Any]]:
 
 
 def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
-    """Return a dict of the report's facts on a hinge or slider, those of its JSON; `error` if it cannot be loaded."""
+    """Return what --json prints of a hinge or slider by itself; `error` says why it cannot be loaded."""
     kind = "hinge" if joint.type in HINGE_TYPES else "slider"
     row: dict[str, Any] = {"index": None, "joint": joint.name, "kind": kind, "type": joint.type}
     row |= {"parent": joint.parent, "child": joint.child, "follows": joint.follows, "mimic": None}
@@ -163,9 +163,7 @@ def _joint_row(robot: RobotRecord, joint: JointRecord) -> dict[str, Any]:
 
 
 def _joint_cells(row: dict[str, Any]) -> list[str]:
-    """Return the cells of one joint's row in the table of joints, a list of strings, from the dict `row` of the joint
-    in the report.
-    """
+    """Return the cells of a joint in the table of joints."""
     index_text = "" if row["index"] is None else str(row["index"])
     names = [index_text, *(printable(row[key]) for key in ("joint", "kind", "parent", "child"))]
     if "error" in row:
@@ -177,9 +175,7 @@ def _joint_cells(row: dict[str, Any]) -> list[str]:
 
 
 def _mimic_text(row: dict[str, Any]) -> str:
-    """Return the rule of a mimic joint as text, from the joint's dict `row`: "leader", or "-0.5 leader + 0.1" with a
-    multiplier and an offset.
-    """
+    """Return the rule of a mimic joint, such as -0.5 leader + 0.1; the leader alone if no rule was read."""
     mimic = row["mimic"]
     if mimic is None:
         return str(row["follows"])
@@ -187,9 +183,7 @@ def _mimic_text(row: dict[str, Any]) -> str:
 
 
 def _joint_table_notes(name: str, report: dict[str, Any]) -> Sequence[str]:
-    """Return a list of the sentences below the table of joints: the size of q, the fixed joints, an example command,
-    and the notes of `report`, the dict that `_joint_report` returns.
-    """
+    """Return the sentences below the table of joints, from the report of `_joint_report`."""
     joints, folded = report["joints"], report["folded"]
     sentences = []
     if report["dof"] is not None:

@@ -158,6 +158,7 @@ class Source:
             print(f"hingepair: note: {printable(sentence)}", file=sys.stderr)
 
     def _require_joint(self) -> str:
+        """Return JOINT; raise an ArgumentError with the names of the hinges if it is missing."""
         if self.joint is None:
             hinges = read_urdf(self.text if self.is_urdf else robot_urdf(self.text)).hinges()
             names = choices([hinge.name for hinge in hinges])
@@ -166,7 +167,7 @@ class Source:
 
 
 def load_named_scene(path: Path) -> PairScene | RobotScene:
-    """Read a scene file that has a motion."""
+    """Read a scene file; refuse a robot's name and a URDF file, which have no motion."""
     word = str(path)
     if names_robot(word):
         expected = f"a scene file with a motion, and [mechanism] robot = {word!r}"
@@ -178,7 +179,7 @@ def load_named_scene(path: Path) -> PairScene | RobotScene:
 
 
 def names_robot(text: str) -> bool:
-    """Return whether a text names a robot and no file."""
+    """Return whether a text names a robot and no file; refuse a word that names neither."""
     if os.path.exists(text):
         return False
     is_word = Path(text).name == text and not Path(text).suffix

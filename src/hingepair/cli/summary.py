@@ -34,7 +34,7 @@ class RunSummary:
 
     Attributes:
         lost: number of instants with a value that is not finite.
-        coincident_frames: frames of a robot that move exactly as an earlier one in all blocks, and these.
+        coincident_frames: by frame of a robot, the earlier one that moves exactly as it in all blocks.
     """
 
     def __init__(self, scene: Scene, names: Iterable[str] | None = None, units: UnitsLike = None) -> None:

@@ -78,7 +78,7 @@ def _sweep_progress_bar() -> Iterator[Progress | None]:
 
 @contextlib.contextmanager
 def _report_stopped_sweep(path: Path) -> Iterator[None]:
-    """Return a context manager for a block that computes a sweep into the file `path`."""
+    """Print to standard error how to go on if a signal stops the block that computes a sweep into `path`."""
     try:
         yield
     except SystemExit:

@@ -25,7 +25,7 @@ from hingepair.sweeps.tolerance import study_tolerances
 from hingepair.tables.sheets import ruled_table
 
 _EXPECTED = "a number, or three separated by commas"
-"""Values of an option for standard deviations of one or three components."""
+"""What the help and messages say of options for standard deviations."""
 
 
 def _limit_option(quantity: str, example: str, numbers: str = "; or three of these separated by commas") -> Any:
@@ -127,9 +127,7 @@ def _parse_point(text: str) -> tuple[str, Any]:
 
 
 def _parse_numbers(name: str, text: str) -> float | list[float]:
-    """Return the number in the text of an option as a float, or several numbers separated by commas as a list of
-    floats.
-    """
+    """Return the number in the value of an option, or a list of those that commas separate."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
