@@ -16,7 +16,7 @@ from hingepair.symbolic.written_forms import Equation, Equations
 
 
 def abbreviated(rows: Sequence[Equation]) -> Equations:
-    """Return the equations with symbols in place of repeated functions, and the meanings of these."""
+    """Return the equations with symbols in place of repeated functions, and the definitions of these symbols."""
     symbols_of = _abbreviations([term for row in rows for term in row.terms])
     short_rows = [Equation(labels, tuple(term.xreplace(symbols_of) for term in terms)) for labels, terms in rows]
     meanings = {

@@ -26,7 +26,7 @@ _CANCELLED: Final = Fraction(1, 2**200)  # a sum this small relative to its larg
 
 
 class Constant(NamedTuple):
-    """Number without t."""
+    """Number that does not depend on t."""
 
     value: Fraction
     #: whether `value` is the number itself
@@ -46,7 +46,7 @@ E: Final = Constant(
     Fraction("2.71828182845904523536028747135266249775724709369995957496696762772407663035354759457"), False
 )
 
-_DIRECT: Final[dict[str, Callable[..., Fraction]]] = {  # functions of fractions that are exact
+_DIRECT: Final[dict[str, Callable[..., Fraction]]] = {  # whose values for fractions are fractions
     "min": min,
     "max": max,
     "abs": abs,
@@ -143,6 +143,7 @@ def roll_pitch_yaw_matrix(angles: Sequence[Constant]) -> tuple[float, ...]:
 
 
 def _rotation(axis: Sequence[Constant], angle: Constant) -> tuple[Any, ...]:
+    """Return the entries of a rotation (E6) as numbers of mpmath, row by row."""
     n = [_mpf(c) for c in axis]
     length = _precise().sqrt(sum(c * c for c in n))
     x, y, z = (c / length for c in n)
@@ -171,7 +172,7 @@ def _mpf(number: Constant) -> Any:
 
 
 def _real(value: Any) -> Constant:
-    """Return a number of mpmath, whose imaginary part is rounding at the end of a domain, as a Constant."""
+    """Return the real part of a number of mpmath as a Constant; the imaginary part is rounding, as of acos(1)."""
     sign, mantissa, exponent, bits = value.real._mpf_
     if exponent + bits < -MAX_BITS:
         return Constant(Fraction(), False)

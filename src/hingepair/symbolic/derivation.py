@@ -18,6 +18,7 @@ import sympy
 from hingepair.errors import ArgumentError
 from hingepair.numeric.blocks import components
 from hingepair.numeric.names import Names
+from hingepair.pair.computations import ROWS
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
@@ -48,7 +49,7 @@ from hingepair.symbolic.written_forms import (
     title_suffix,
 )
 
-_PYTHON_NAMES = ("t", "numpy", "float", "parts", "part", "shape", "__debug__")  # in generated functions
+_PYTHON_NAMES = ("t", "numpy", "float", "parts", "part", "shape", "__debug__")  # in use in generated functions
 
 SumTerms: TypeAlias = tuple[Expr, ...]
 """Terms of a sum, or components of a constant."""
@@ -58,7 +59,6 @@ MAX_COMPONENT_SYMBOLS: Final = 5_000
 SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
 _CONSTANTS: Final = (*SYMBOLIC_CONSTANTS, "home")
-_COORDINATES: Final = ("q", "qd", "qdd")  # inputs of plans: all coordinates, and their two derivatives
 
 
 class Derivation(WrittenForms):
@@ -106,9 +106,7 @@ class Derivation(WrittenForms):
         constants = constant_inputs(pair, symbolic, written)
         self._sequence = None if self._planar else sequence
         self._home = "home" in constants
-        self._working_forms: dict[str, Any] = constants | dict(
-            zip(_COORDINATES, zip(*coordinates, strict=True), strict=True)
-        )
+        self._working_forms: dict[str, Any] = constants | dict(zip(ROWS, zip(*coordinates, strict=True), strict=True))
         self._display_forms: dict[str, tuple[Expr, ...]] = {}
 
     @property
@@ -172,14 +170,14 @@ class Derivation(WrittenForms):
             ArgumentError: no such output, or its closed form is too long to be of use.
         """
         check_outputs((name,), self.names)
-        plan = make_plan((name,), self._sequence, self._home, TRIG_FUNCTIONS, self.kind, _COORDINATES, self._points)
+        plan = make_plan((name,), self._sequence, self._home, TRIG_FUNCTIONS, self.kind, ROWS, self._points)
         result_name = name if name in self.kind.levels else result_of(name)
         for result, function, arguments in plan.steps:
             if result not in self._working_forms:
                 value = function(*[self._working_forms[key] for key in arguments])
                 keep = (
                     result in ("angles", "phi2")  # sums of angles
-                    or bool({*arguments} & {*_COORDINATES})
+                    or bool({*arguments} & {*ROWS})
                     or isinstance(components(value)[0], tuple)
                 )
                 self._working_forms[result] = value if keep else self._shorten(result, value)
@@ -198,9 +196,7 @@ class Derivation(WrittenForms):
         return working if isinstance(value, tuple) else working[0]
 
     def _choose_forms(self, expr: Expr) -> tuple[Expr, Expr]:
-        """Return the form for further steps and that for display: the expression itself or its sum of sines and
-        cosines.
-        """
+        """Return the forms for further steps and for display: the expression or its trig_sum, the shorter one."""
         as_sum = trig_sum(expr)
         if as_sum is None:
             return expr, expr
@@ -213,6 +209,7 @@ class Derivation(WrittenForms):
                 yield label, sympy.Add(*terms)
 
     def _equations(self, names: Iterable[str] | None, short: bool) -> Equations:
+        """Return an equation for each component, with abbreviations if `short`."""
         rows = [
             Equation((label,), tuple(with_symbols(sorted_terms(with_short_constants(expr)), "'")))
             for label, expr in self._components(names)
@@ -260,7 +257,7 @@ def _function_source(name: str, unit: str, component_exprs: list[Expr]) -> str:
 
 
 def _unknown_function(name: str) -> tuple[Expr, Expr, Expr]:
-    """Return a coordinate as a function of t that is not known, with its derivatives."""
+    """Return a coordinate as an unspecified function of t, with its first and second derivative."""
     t = time_symbol()
     function = sympy.Function(name, real=True)(t)
     return function, function.diff(t), function.diff(t, 2)

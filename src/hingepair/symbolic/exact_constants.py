@@ -15,7 +15,7 @@ from hingepair.symbolic.kinks import Expr
 
 MAX_ROOT_DENOMINATOR: Final = 1_000
 """Largest denominator of the fraction whose square root an entry of a rotation or a unit vector is recognised as."""
-_ROUNDING: Final = 4 * 2.0**-53  # of an entry of a rotation, relative to a root, or of an angle [rad]
+_ROUNDING: Final = 4 * 2.0**-53  # tolerance: of an entry 0 or 1, of a root relative to its size, of an angle [rad]
 
 
 def exact(value: float) -> Expr:

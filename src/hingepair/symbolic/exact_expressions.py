@@ -45,8 +45,8 @@ SYMPY_ERRORS: Final = (
 MAX_DERIVATIVE_SYMBOLS: Final = 2_000
 """Largest number of symbols in a derivative, counted with repetition."""
 
-_HYPERBOLIC: Final = {"sinh": sinh, "cosh": cosh, "tanh": tanh}
-# At least 0 where the function is real.
+_HYPERBOLIC: Final = {"sinh": sinh, "cosh": cosh, "tanh": tanh}  # about which SymPy proves nothing
+# Guards of functions: expressions in the argument that are at least 0 where the function is real.
 _DOMAINS: Final[dict[type, Callable[[Expr], Expr]]] = {
     sympy.log: lambda x: x,
     sympy.asin: lambda x: 1 - x**2,
@@ -78,6 +78,7 @@ def to_sympy(name: str, expression: Expression) -> Expr:
 
 
 def _converted(expression: Expression) -> Expr:
+    """Return an expression in SymPy, NaN where a part is not real; raise an ArithmeticError if it is too large."""
     operation, parts = expression.operation, expression.parts
     if operation == "number" and expression.constant:
         return sympy.Rational(expression.constant.value)
@@ -172,7 +173,7 @@ def _bit_length(number: Expr) -> int:
 
 
 def _domains(exprs: Iterable[Expr]) -> dict[Expr, Expr]:
-    """Return the parts that are real for some values of their symbols only, each by its guard."""
+    """Return the parts that are real for some values of their symbols only, by guards that are then at least 0."""
     parts = {}
     for part in (part for expr in exprs for part in expr.atoms(sympy.Pow, *_DOMAINS)):
         x = part.args[0]
@@ -225,6 +226,7 @@ class _Jets:
         self.of = functools.cache(self._differentiate)
 
     def _differentiate(self, expr: Expr) -> tuple[Expr, Expr, Expr]:
+        """Return an expression in t with its first and second derivatives; refuse long or infinite ones."""
         t, zero = time_symbol(), sympy.S.Zero
         if t not in expr.free_symbols:
             return expr, zero, zero
@@ -269,7 +271,7 @@ def _product(a: Sequence[Expr], b: Sequence[Expr]) -> tuple[Expr, Expr, Expr]:
 
 
 def _chain(expr: Expr, jets: Sequence[tuple[Expr, Expr, Expr]]) -> tuple[Expr, Expr]:
-    """Return the derivatives of a function of expressions by the chain rule."""
+    """Return the first and second derivatives of a function of expressions by the chain rule."""
     places = [sympy.Dummy(real=True) for _ in jets]
     function: Any = expr.func(*places)
     given = dict(zip(places, expr.args, strict=True))

@@ -50,7 +50,7 @@ CALLS: Final = MappingProxyType(
         "deg": "deg(x)",
     }
 )
-"""Calls of all functions, by name."""
+"""Calls of all functions, by name, as messages show them; their commas count the arguments."""
 
 _HINTS: Final = MappingProxyType({  # names that are known from elsewhere, as they are written here
     **dict.fromkeys(("degrees", "deg2rad", "radians", "rad"), "degrees are written deg(30)"),
@@ -62,18 +62,18 @@ _HINTS: Final = MappingProxyType({  # names that are known from elsewhere, as th
     "T": "t",
 })  # fmt: skip
 
-_FORBIDDEN = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)
-_SIGN_HINTS: Final = {
+_FORBIDDEN = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)  # a character that no expression has
+_SIGN_HINTS: Final = {  # what is written in place of such a character
     "^": "; a power is written **",
     "%": "; a remainder is written mod(x, period)",
     "°": "; degrees are written deg(x)",
 }
-_INSTEAD: Final[Mapping[type[ast.expr], str]] = {  # of nodes that are not allowed
+_INSTEAD: Final[Mapping[type[ast.expr], str]] = {  # what is expected in place of nodes that are not allowed
     **dict.fromkeys((ast.Compare, ast.BoolOp, ast.UnaryOp), "a condition only in where(condition, x, y)"),
     ast.IfExp: "where(condition, x, y) for a choice",
     ast.Tuple: "one number or expression (decimals follow a point)",
 }
-_LENGTHS: Final = {"mm": "*1e-3", "cm": "*1e-2", "km": "*1e3", "m": ""}
+_LENGTHS: Final = {"mm": "*1e-3", "cm": "*1e-2", "km": "*1e3", "m": ""}  # what is written in place of a unit
 _FINITE = "a finite real number"
 _MAX_SHOWN = 40  # characters of the text in a message
 _WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"  # other than an operator
@@ -179,7 +179,7 @@ def constant_name_fault(name: str) -> str | None:
 
 
 class _Builder:
-    """Converter of one text; its errors name the expression and show the text with a caret."""
+    """Converter of one text to an Expression; its errors name the expression and show the text with a caret."""
 
     def __init__(self, name: str, text: str, constants: Mapping[str, Number], symbols: Collection[str]) -> None:
         self.name = name
@@ -234,6 +234,7 @@ class _Builder:
         self._refuse(node, _INSTEAD.get(type(node), "numbers, names, calls and + - * / **"))
 
     def _number(self, node: ast.Constant) -> Expression:
+        """Return a number, exactly as it is written; refuse one that is too long."""
         if type(node.value) not in {int, float} or node.value == math.inf:
             self._refuse(node, _FINITE)
         source = self._source_of(node) if isinstance(node.value, float) else str(node.value)
@@ -245,6 +246,7 @@ class _Builder:
         return self._folded(node, "number", (), lambda: constant)
 
     def _name(self, node: ast.Name) -> Expression:
+        """Return t, a symbol or the value of a constant; refuse unknown names, and functions without a call."""
         if node.id in self.names:
             value = self.names[node.id]
             if not isinstance(value, Expression):
@@ -280,7 +282,7 @@ class _Builder:
         return self._joined(node, "add", terms, exactly.add)
 
     def _product(self, node: ast.expr, over: Sequence[Expression], under: Sequence[Expression] = ()) -> Expression:
-        """Return a product divided by another; the constants are one factor."""
+        """Return the product of `over` divided by that of `under`; the constants are one factor."""
         over = [*over, *(self._inverse(node, part) for part in under if part.constant)]
         top = self._joined(node, "mul", over, exactly.multiply)
         if any(x.constant and not x.constant.value for x in top.parts) and all(map(_is_always_real, (*over, *under))):
@@ -310,6 +312,7 @@ class _Builder:
         return parts[0] if len(parts) == 1 else Expression(operation, tuple(parts))
 
     def _power(self, node: ast.expr, base: Expression, exponent: Expression) -> Expression:
+        """Return a power; refuse one that takes too long, or has a varying exponent and no base above 0."""
         if exponent.constant is None:
             if base.constant and base.constant.value <= 0:
                 self._refuse(node, "a base above 0 where the exponent varies")
@@ -331,6 +334,7 @@ class _Builder:
         return Expression("abs", (x.parts[0],)) if square else Expression("sqrt", (x,))
 
     def _call(self, node: ast.Call, depth: int) -> Expression:  # noqa: PLR0911
+        """Return the value of a function; refuse what is none, and another number of arguments than in CALLS."""
         if not isinstance(node.func, ast.Name):
             self._refuse(node, f"the name of a function before the parenthesis{self._syntax_hint()}")
         name = node.func.id
@@ -369,9 +373,9 @@ class _Builder:
         match node:
             case ast.BoolOp():
                 parts = tuple(self._condition(operand, depth + 1) for operand in node.values)
-                return _condition("and" if isinstance(node.op, ast.And) else "or", parts)
+                return _joined_condition("and" if isinstance(node.op, ast.And) else "or", parts)
             case ast.UnaryOp(op=ast.Not()):
-                return _condition("not", (self._condition(node.operand, depth + 1),))
+                return _joined_condition("not", (self._condition(node.operand, depth + 1),))
             case ast.Compare() if all(isinstance(sign, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for sign in node.ops):
                 sides = [self.build(side, depth + 1) for side in (node.left, *node.comparators)]
                 parts = ()
@@ -379,7 +383,7 @@ class _Builder:
                     low, high = (left, right) if isinstance(sign, ast.Lt | ast.LtE) else (right, left)
                     strict = isinstance(sign, ast.Lt | ast.Gt)
                     parts = (*parts, self._compared(node, "<" if strict else "<=", low, high))
-                return parts[0] if len(parts) == 1 else _condition("and", parts)
+                return parts[0] if len(parts) == 1 else _joined_condition("and", parts)
         self._refuse(node, "a condition: comparisons by < <= > >=, joined by and, or, not")
 
     def _compared(self, node: ast.expr, sign: str, low: Expression, high: Expression) -> Expression:
@@ -393,7 +397,7 @@ class _Builder:
     def _folded(
         self, node: ast.expr, operation: str, parts: tuple[Expression, ...], fold: Callable[[], Constant]
     ) -> Expression:
-        """Return an operation on parts, with its value if all parts have one."""
+        """Return an operation on parts, with its value if all parts have one; refuse a value that is not finite."""
         if not all(part.constant for part in parts):
             return Expression(operation, parts)
         try:
@@ -407,6 +411,7 @@ class _Builder:
         return Expression(operation, parts, constant, 1 + sum(part.nodes for part in parts))
 
     def _count(self, node: ast.expr, depth: int = 0, count: int = 1) -> None:
+        """Add `count` to the numbers, names and operations so far; refuse too many, or too deep a node."""
         self.nodes += count
         if self.nodes > MAX_NODES:
             self._refuse(node, f"at most {MAX_NODES} numbers, names and operations, with constants written out")
@@ -442,6 +447,7 @@ class _Builder:
         self._fail(expected, f"{shown} at column {column}", column)
 
     def _refuse_name(self, node: ast.Name) -> NoReturn:
+        """Raise an ArgumentError on an unknown name, with a hint and the names that are known."""
         given = [name for name in self.names if name != "t"]
         names = (
             *CALLS,
@@ -467,11 +473,12 @@ class _Builder:
 _ZERO, _ONE, _MINUS_ONE = number(0), number(1), number(-1)
 
 
+# Operations whose values are real wherever their parts are.
 _ALWAYS_REAL: Final = frozenset({"add", "mul", "sin", "cos", "atan", "tanh", "abs", "sign", "min", "max"})
 
 
 def _is_always_real(expression: Expression) -> bool:
-    """Return whether an expression certainly has a finite value at every t."""
+    """Return whether an expression certainly has a real value at every t."""
     if expression.constant or not expression.parts:
         return True
     return expression.operation in _ALWAYS_REAL and all(map(_is_always_real, expression.parts))
@@ -488,8 +495,8 @@ def _choice(condition: Expression, x: Expression, y: Expression) -> Expression:
     return Expression("where", (condition, x, y))
 
 
-def _condition(operation: str, parts: tuple[Expression, ...]) -> Expression:
-    """Return a condition that joins others; those that are known are left out, or decide."""
+def _joined_condition(operation: str, parts: tuple[Expression, ...]) -> Expression:
+    """Return conditions joined by "and", "or" or "not"; those that are known are left out, or decide."""
     known = {bool(part.constant.value) for part in parts if part.constant}
     decisive = operation == "or"
     if operation == "not" and known:

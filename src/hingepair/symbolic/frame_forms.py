@@ -139,6 +139,7 @@ class FrameForms(WrittenForms):
         return f"{type(self).__name__} of {self._title}: {', '.join(self.names)}"
 
     def _equations(self, names: Iterable[str] | None, short: bool) -> Equations:
+        """Return the equations of the outputs, with named parts if `short`, below the symbols that they use."""
         lines = self._display_lines(self._checked_names(names), short)
         rows = [
             Equation(line.labels, sorted_terms(with_short_constants(self._with_primes(line.expr)), by_symbols=True))
@@ -155,6 +156,7 @@ class FrameForms(WrittenForms):
             yield label, self._in_coordinates(expr)
 
     def _module(self, names: Iterable[str] | None, title: str) -> list[str]:
+        """Return the head of a NumPy module, and the sources of its functions."""
         lines = [wrap_equation(docstring_text(note), 100) for note in (f"{self._legend()}.", *self._notes)]
         head = f'"""Closed forms{title_suffix(title or self._title)}.'
         return [
@@ -165,6 +167,7 @@ class FrameForms(WrittenForms):
     # ---- lines
 
     def _checked_names(self, names: Iterable[str] | None) -> tuple[str, ...]:
+        """Return the argument `names`, by default all outputs; refuse unknown ones."""
         checked = self.names if names is None else tuple(names)
         for name in checked:
             if name not in self.names:
@@ -172,7 +175,7 @@ class FrameForms(WrittenForms):
         return checked
 
     def _legend(self) -> str:
-        """Return which joint each coordinate q_1, q_2, ... belongs to."""
+        """Return a text on which joint each coordinate q_1, q_2, ... belongs to."""
         joints = (
             f"{symbol} {joint.name}{' [m]' * (joint.unit == 'm')}" for symbol, joint in self._program.joints.items()
         )
@@ -182,6 +185,7 @@ class FrameForms(WrittenForms):
         return "; ".join(joints) + others
 
     def _labelled_components(self, names: Iterable[str]) -> Iterator[tuple[str, Expr]]:
+        """Yield the components of outputs with their labels, such as R_x or Jv_x1, in symbols of the program."""
         for name in names:
             if name == "jacobian":
                 columns = range(1, self._program.dof + 1)
@@ -269,9 +273,7 @@ class FrameForms(WrittenForms):
 
 
 class _LineNamer:
-    """Puts equation lines in an order in which each uses only earlier ones, and names repeated expressions k_1, k_2
-    and so on.
-    """
+    """Sorter of equation lines so that each uses only earlier ones; it names repeated expressions k_1, k_2, ..."""
 
     def __init__(self, definitions: Mapping[Expr, Expr], rows: Iterable[_EquationLine]) -> None:
         self._definitions = definitions
@@ -341,7 +343,7 @@ def _defined_symbol(line: _EquationLine, definitions: Mapping[Expr, Expr]) -> Ex
 
 
 def _with_decimals(expr: Expr) -> Expr:
-    """Return an expression whose constant parts are symbols named by their decimals, but in powers of a symbol."""
+    """Return an expression whose constant parts are symbols that print as decimals, except in powers of symbols."""
     if not expr.free_symbols:
         value = constant_value(expr)
         symbol = expr if expr.is_Integer else sympy.Symbol(repr(abs(value)))

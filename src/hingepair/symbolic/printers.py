@@ -118,8 +118,7 @@ def _is_root(power: Expr) -> bool:
 
 
 class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries no types
-    """Printer of SymPy expressions as NumPy source, with full names of functions such as `numpy.sin`. Constants are
-    printed as integers, fractions of integers or their nearest floats.
+    """Printer of SymPy expressions as NumPy source, with full names of functions such as `numpy.sin`.
 
     A NumPy float overflows to inf, where a Python number raises or, as a large integer, has no sine.
     """
@@ -128,6 +127,7 @@ class NumPySourcePrinter(NumPyPrinter):  # type: ignore[misc]  # SymPy carries n
         super().__init__({"allow_unknown_functions": False})
 
     def _print(self, expr: Expr, **settings: Any) -> str:
+        """Print a part without symbols, such as sqrt(2)/3, as one number: an integer, a fraction or a float."""
         if isinstance(expr, sympy.Expr) and not expr.free_symbols:
             if expr.is_Rational and max(abs(expr.p), expr.q) < _EXACT_FLOATS:
                 return f"{expr.p}/{expr.q}" if expr.q != 1 else str(expr.p)
@@ -146,6 +146,7 @@ class _SymPySourcePrinter(StrPrinter):  # type: ignore[misc]
     """
 
     def _print_Function(self, expr: Expr) -> str:
+        """Print functions with kinks as Max, Min, Mod and Piecewise."""
         if type(expr) in _IN_SYMPY:
             return f"{_IN_SYMPY[type(expr)]}({', '.join(map(self._print, expr.args))})"
         if isinstance(expr, Where):
@@ -192,6 +193,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
         return latex_name(expr.name)
 
     def _print_Rational(self, expr: Expr) -> str:
+        """Print a fraction, or the decimal if that is easier to read."""
         shown = _decimal_text(expr, self.max_denominator)
         if shown is None:
             sign = "-" if expr.p < 0 else ""
@@ -207,6 +209,7 @@ class _LatexPrinter(LatexPrinter):  # type: ignore[misc]
         return str(super()._print_Function(expr, exp))
 
     def _print_Mul(self, expr: Expr) -> str:
+        """Print a rational factor in front of the others, unless one of these is a divisor."""
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         fraction = any(map(_is_inverse, sympy.Mul.make_args(rest)))
         if fraction or (coefficient.q == 1 and abs(coefficient) < _EXACT_FLOATS):
@@ -243,6 +246,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return join_terms(sorted_terms(expr), self._print)
 
     def _print_Function(self, expr: Expr) -> str:
+        """Leave out the parentheses of sin and cos around a simple argument, except in powers and fractions."""
         outer, self.needs_parentheses = self.needs_parentheses, False
         arguments = [self._print(part) for part in expr.args]
         self.needs_parentheses = outer
@@ -255,6 +259,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
     _print_ExpBase = _print_Function  # noqa: N815
 
     def _print_Pow(self, expr: Expr, rational: bool = False) -> str:  # noqa: ARG002
+        """Print a power as √x, t², x^y or, with an exponent below 0, as a fraction."""
         if _is_inverse(expr):
             return self._print_Mul(expr)
         base = self._parenthesise(expr.base)
@@ -265,6 +270,7 @@ class _TextPrinter(StrPrinter):  # type: ignore[misc]
         return f"{base}^{self._parenthesise(expr.exp)}"
 
     def _print_Mul(self, expr: Expr) -> str:
+        """Print the number first, then symbols, sums and functions; what divides stands behind a slash."""
         coefficient, rest = expr.as_coeff_Mul(rational=True)
         factors = sympy.Mul.make_args(rest)
         over = sorted((f for f in factors if not _is_inverse(f) and f != 1), key=_factor_key)
@@ -323,6 +329,7 @@ def _has_symbols(expr: Expr) -> bool:
 
 
 def _short_constant(constant: Expr) -> Expr:
+    """Return a constant as it is if it is short, 0 if its terms cancel, else the decimal of its float."""
     if constant.is_Rational or len(to_text(constant)) <= _MAX_CHARACTERS:
         return constant
     value = constant_value(constant)

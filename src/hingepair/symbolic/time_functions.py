@@ -112,7 +112,7 @@ class TimeFunctions:
         return self._places[step]
 
     def _evaluate(self, *samples: NDArray[np.float64], differentiate: bool = True) -> tuple[list[_Jet], list[Any]]:
-        """Return the jets of all steps, and numbers that change where an expression has a kink or a jump."""
+        """Return the jets of all steps, and samples that change where an expression has a kink or a jump."""
         given: dict[str, _Jet] = dict(zip(self._symbols, ((sample,) for sample in samples), strict=True))
         if differentiate:
             given["t"] = (samples[0], 1.0, 0.0)
@@ -201,7 +201,7 @@ _Slopes: TypeAlias = Callable[[Any, Any], tuple[Any, Any]]  # f'(x) and f''(x) f
 
 
 def _function(function: Callable[[Any], Any], slopes: _Slopes) -> Callable[[_Jet], _Jet]:
-    """Return the rule of a function of one argument."""
+    """Return a function of jets from a function of one number and its derivatives."""
 
     def rule(x: _Jet) -> _Jet:
         value = function(x[0])
@@ -211,7 +211,7 @@ def _function(function: Callable[[Any], Any], slopes: _Slopes) -> Callable[[_Jet
 
 
 def _arc(radicand: Callable[[Any], Any], sign: float, bend: float) -> _Slopes:
-    """Return the derivatives of an inverse function whose first one is sign / sqrt(radicand)."""
+    """Return the derivatives sign / sqrt(radicand) and sign bend x / sqrt(radicand)^3 of an inverse function."""
 
     def slopes(x: Any, _: Any) -> tuple[Any, Any]:
         slope = 1 / np.sqrt(radicand(x))
@@ -221,6 +221,7 @@ def _arc(radicand: Callable[[Any], Any], sign: float, bend: float) -> _Slopes:
 
 
 def _power(x: _Jet, exponent: _Jet) -> _Jet:
+    """Return x**exponent; if the exponent varies, the derivatives are NaN where x is below 0."""
     value = x[0] ** exponent[0]
     if len(x) == 1:
         return (value,)
@@ -247,7 +248,7 @@ def _atan2(y: _Jet, x: _Jet) -> _Jet:
     return value, first, second
 
 
-_SMOOTH: Final[dict[str, Callable[..., _Jet]]] = {
+_SMOOTH: Final[dict[str, Callable[..., _Jet]]] = {  # smooth operations, as functions of jets
     "add": _add,
     "mul": _multiply,
     "div": _divide,
@@ -289,7 +290,7 @@ def _negated(condition: _SideJet) -> _SideJet:
 
 
 def _joined(function: Callable[[Any, Any], Any]) -> Callable[..., _SideJet]:
-    """Return the rule of a condition that joins others by the smallest or the largest of their sides."""
+    """Return a function that joins conditions by the smallest (and) or the largest (or) of their sides."""
 
     def rule(*parts: _SideJet) -> _SideJet:
         now, after = (functools.reduce(function, sides) for sides in zip(*parts, strict=True))
@@ -298,7 +299,7 @@ def _joined(function: Callable[[Any, Any], Any]) -> Callable[..., _SideJet]:
     return rule
 
 
-_CONDITIONS: Final[dict[str, Callable[..., _SideJet]]] = {
+_CONDITIONS: Final[dict[str, Callable[..., _SideJet]]] = {  # of jets, or of conditions
     "<=": _at_least_0,
     "<": lambda x: _negated(_at_least_0(x)),
     "not": _negated,
@@ -321,6 +322,8 @@ def _where(condition: _SideJet, x: _Jet, y: _Jet) -> tuple[_Jet, Any]:
 
 
 def _extreme(function: Callable[[Any, Any], Any], sense: float) -> Callable[..., tuple[_Jet, Any]]:
+    """Return the operation max (sense 1) or min (sense -1) on jets."""
+
     def rule(*parts: _Jet) -> tuple[_Jet, Any]:
         if len(parts[0]) == 1:
             return (functools.reduce(function, [part[0] for part in parts]),), 0.0
@@ -349,6 +352,7 @@ def _remainder(x: _Jet, period: _Jet) -> tuple[_Jet, Any]:
     return (np.mod(x[0], period[0]), *x[1:]), np.floor(x[0] / period[0])
 
 
+# Operations with kinks and jumps: the jet, and samples that change at them.
 _KINKED: Final[dict[str, Callable[..., tuple[_Jet, Any]]]] = {
     "where": _where,
     "max": _extreme(np.maximum, 1.0),

@@ -87,6 +87,7 @@ def cosine_expression(angle: Expr) -> Expr:
 
 
 def _evaluate_trig(function: Callable[..., Expr], angle: Expr) -> Expr:
+    """Return sin or cos of an angle, unevaluated unless the value is a multiple of one, or a simple constant."""
     if not angle.free_symbols:
         return value_without_nested_roots(function, angle)
     value = function(angle)
@@ -112,6 +113,7 @@ def _expand_terms(expr: Expr) -> _TrigTerms:
 
 
 def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
+    """Return the product of two sums; refuse too many terms."""
     if len(a) * len(b) > _MAX_PAIRS:
         raise _TooManyTermsError
     return _collect_terms(
@@ -120,7 +122,7 @@ def _multiply_sums(a: _TrigTerms, b: _TrigTerms) -> _TrigTerms:
 
 
 def _collect_terms(items: Iterable[tuple[_TrigTerm, Fraction]]) -> _TrigTerms:
-    """Add the coefficients of equal terms, and leave out terms that cancel."""
+    """Return the sum of terms, equal ones added, without those that cancel; refuse too many terms."""
     total: _TrigTerms = {}
     for wave, coefficient in items:
         total[wave] = total.get(wave, Fraction()) + coefficient

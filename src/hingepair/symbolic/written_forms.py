@@ -163,7 +163,7 @@ def wrap_equation(line: str, width: int) -> str:
 
 
 def _break_line(line: str, breaks: Sequence[tuple[str, str]], width: int) -> list[str]:
-    """Return the lines of a line that is broken at texts; each text comes with its copy that marks the place."""
+    """Return a line broken at some texts; each comes with its copy, in which a NUL marks where it may break."""
     fixed = line.lstrip()
     for text, marked in breaks:
         fixed = fixed.replace(text, marked)
