@@ -39,5 +39,5 @@ Derivatives are recorded in the same trace, and fold and compile as all else:
 >>> call.run({"v": np.ones((3, 2))}, shapes={"v": (3,)})["slope"][0]
 array([-2., -1.])
 
-The engine imports numeric only.
+It imports numeric, tables and, for units, the names of quantities.
 """

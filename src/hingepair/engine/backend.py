@@ -31,7 +31,7 @@ class Execution(NamedTuple):
 
 
 def execution_of(backend: str, workers: int) -> Execution:
-    """Check the arguments `backend` and `workers`.
+    """Return the execution that the arguments `backend` and `workers` ask for, which are checked.
 
     Args:
         backend: one of BACKEND_NAMES.
@@ -56,7 +56,7 @@ def _cached_execution(backend: str, workers: int) -> Execution:
 
 
 def execution_of_steps(backend: str, steps: int) -> Execution:
-    """Return the execution of steps that are computed in many chunks: the backend "auto" chooses by their number."""
+    """Return the execution, by one thread, of steps computed in many chunks: "auto" compiles many steps."""
     execution = execution_of(backend, 1)
     many = steps >= 10_000  # NumPy takes some 0.5 us longer for each
     return Execution("compiled", 1) if execution.backend == "auto" and many else execution

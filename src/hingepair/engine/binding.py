@@ -19,7 +19,7 @@ ComponentSource: TypeAlias = float | tuple[int, int] | None
 """Source of a component: a known number; (index of an array, component of it); or None, the next constant."""
 InputPattern: TypeAlias = tuple[ComponentSource, ...]
 
-_FOLDED: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}  # -0.0 becomes 0.0
+FOLDED: Final = {0.0: 0.0, 1.0: 1.0, -1.0: -1.0}  # numbers that vanish from the program; -0.0 becomes 0.0
 
 
 class BoundConstant(NamedTuple):
@@ -46,13 +46,13 @@ class BoundInputs:
 
     def add_number(self, x: float) -> None:
         """Add a component that is a number."""
-        known = _FOLDED.get(x)
+        known = FOLDED.get(x)
         self.sources.append(known)
         if known is None:
             self.constants.append(float(x))
 
     def add_component(self, component: Any, array: Any) -> None:
-        """Add a component that is an array by itself; the same array again is the same component."""
+        """Add a component that is an array by itself, kept as `array`, once however often the component comes."""
         if id(component) not in self._places:
             self._places[id(component)] = len(self.arrays)
             self.arrays.append(array)
@@ -65,7 +65,7 @@ class BoundInputs:
 
 
 def bind(shapes: NamedShapes, values: Mapping[str, Any], single_samples_vary: bool = False) -> BoundInputs:
-    """Return the inputs of a loop, divided.
+    """Return the inputs of a loop, divided into known numbers, constants and arrays.
 
     Args:
         shapes: names of the inputs, and the shape of one sample of each.
@@ -101,7 +101,7 @@ def bind(shapes: NamedShapes, values: Mapping[str, Any], single_samples_vary: bo
 
 
 def bind_foreign(shapes: NamedShapes, values: Mapping[str, Any]) -> BoundInputs:
-    """Return inputs of another array library, divided: numbers and arrays, or tuples of them for vectors."""
+    """Return inputs of another array library, divided as by `bind`: each a number or an array, or a tuple of them."""
     bound = BoundInputs()
     for name, shape in shapes:
         for component in values[name] if shape else (values[name],):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from hingepair.engine.backend import Execution
 from hingepair.engine.binding import ArrayShape, BoundConstant, ComponentSource, bind_constant
 from hingepair.engine.loops import Loop, Program
-from hingepair.engine.outputs import SMALLEST, Out, output_arrays
+from hingepair.engine.outputs import MIN_REUSED_BYTES, Out, output_arrays
 from hingepair.engine.results import Results
 from hingepair.engine.rows import Output, Rows, rows_function
 from hingepair.engine.slices import run_slices
@@ -33,11 +33,11 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 _READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
 # Types of arguments that become an array of one state.
 _SEQUENCES, _NUMBERS = {list, tuple}, {float, int, np.float64}
-_FEW_SAMPLES: Final = 20_000  # up to which all pairs share one kernel, in which no constant is folded
+_FEW_SAMPLES: Final = 20_000  # samples below which calls share one kernel, in which no constant is folded
 
 
 class _Compiled(NamedTuple):
-    """A kernel of a call."""
+    """A kernel of a call, for one dtype."""
 
     ufunc: Ufunc
     rows: Rows
@@ -130,7 +130,9 @@ class Call:
         return self._program(False)[0]
 
     def _program(self, shared: bool) -> tuple[Program, list[float]]:
-        """Return the program for arguments that all vary, and its constants, of which a shared one folds none."""
+        """Return the program for arguments that all vary, and its constant numbers; a `shared` one folds none of
+        them.
+        """
         places = {name: k for k, name in enumerate(self._used)}
         pattern: list[ComponentSource] = []
         constants: list[float] = []
@@ -211,7 +213,7 @@ class Call:
             for name, tail in self.loop.outputs
         ]
         width = sum(math.prod(tail) for _, tail in self.loop.outputs) * dtype.itemsize
-        most = min(_FEW_SAMPLES, SMALLEST // max(1, width))  # of larger results the memory is used again
+        most = min(_FEW_SAMPLES, MIN_REUSED_BYTES // max(1, width))  # of larger results the memory is used again
         rows = rows_function(
             layout, outputs, dtype, self.result, kernel=ufunc, packed=packed, most=most,
             general=self._any_rows, refuse=self._refuse,
@@ -431,7 +433,7 @@ class Call:
 
 
 def _state_array(value: Any, tail: ArrayShape) -> NDArray[Any] | None:
-    """Return a list, a tuple or a number of one state as an array; None for all else."""
+    """Return a list, a tuple or a number of one state as an array of the shape `tail`; None for all else."""
     if type(value) not in _NUMBERS and not (type(value) in _SEQUENCES and _is_plain(value)):
         return None
     try:
@@ -471,9 +473,9 @@ def _register_for_jax(result_class: Any) -> None:
         return arrays, (results.outputs, arrays[0].ndim - len(results.shape))
 
     def unflatten(structure: tuple[tuple[str, ...], int], arrays: Any) -> Any:
-        names, axes = structure  # names of the outputs, and the number of axes of one sample of the first output
+        names, sample_axes = structure  # sample_axes: of the first output
         by_name = dict(zip(names, arrays, strict=True))
         shape = getattr(by_name[names[0]], "shape", ())  # JAX also passes placeholders that are not arrays
-        return result_class(by_name, tuple(shape[: len(shape) - axes]))
+        return result_class(by_name, tuple(shape[: len(shape) - sample_axes]))
 
     register_pytree_node(result_class, flatten, unflatten)

@@ -16,7 +16,7 @@ from hingepair.engine.trace import Operand, Trace, TracedValue, hypotenuse, need
 Change: TypeAlias = Sequence[tuple[Operand, Operand]]
 """Pairs (input, its rate of change)."""
 
-_SUMS = frozenset({"+", "-", "negative"})
+_SUMS = frozenset({"+", "-", "negative"})  # operations with slopes of 1 and -1
 
 
 def variables(values: Sequence[Operand], others: Iterable[Operand] = ()) -> tuple[TracedValue, ...]:
@@ -53,6 +53,7 @@ def _steps(results: Sequence[Operand]) -> list[tuple[TracedValue, list[int]]]:
 def _pushforward(
     steps: Iterable[tuple[TracedValue, list[int]]], results: Sequence[Operand], change: Change
 ) -> list[Operand]:
+    """Return the rates of change of results, from what `_steps` returns of them."""
     rates: dict[int, Operand] = {id(x): rate for x, rate in change}
     changing = rates.keys()
     for v, operands in steps:
@@ -92,6 +93,7 @@ def pullback(results: Iterable[tuple[Operand, Operand]], inputs: Sequence[Operan
     doubt: Operand = 0.0
 
     def add(operand: Operand, part: Operand, is_chosen: bool) -> None:
+        """Add a part to the derivative by an operand; `is_chosen` if it counts at some samples only."""
         if isinstance(operand, TracedValue):
             sums[id(operand)] = sums.get(id(operand), 0.0) + part
             if is_chosen:
@@ -150,7 +152,7 @@ def weighted_sum(pairs: Iterable[tuple[Operand, Operand]]) -> Operand:
 
 
 def _slopes(v: TracedValue, rates: dict[int, Operand] | None) -> list[tuple[TracedValue, Operand]]:
-    """Return pairs (operand, derivative of a value by it), of operands that change if `rates` says which."""
+    """Return pairs (operand, derivative of a value by it): all traced operands, or those that have rates."""
     a = v.operands
     changing = [isinstance(x, TracedValue) and (rates is None or id(x) in rates) for x in a]
     if not any(changing):

@@ -61,8 +61,8 @@ if TYPE_CHECKING:
 Buffers: TypeAlias = Mapping[str, NDArray[Any]]
 
 _BLOCK: Final = 2048  # samples that NumPy computes at a time: 16 kB for each component
-_STACKED_BYTES: Final = 4_000_000  # stacked at a time where arrays are too many for a ufunc
-_UNTRACED_NUMBERS: Final = 30_000_000  # held at a time without a trace, 240 MB: outputs, and some four an input
+_STACKED_BYTES: Final = 4_000_000  # copied into one array at a time, where arrays are too many for a ufunc
+_UNTRACED_NUMBERS: Final = 30_000_000  # held at a time if not traced, 240 MB: of outputs, and some four an input
 
 
 class OperationCounts(NamedTuple):
@@ -163,7 +163,9 @@ class Loop:
         run_in_threads(run, [blocks[k::workers] for k in range(workers)])
 
     def _compute(self, pattern: InputPattern, constant_count: int, *numbers: Any) -> list[Any]:
-        """Return the components of all outputs, which the function itself computes, without a trace."""
+        """Return the components of all outputs, by the function itself, from the numbers of constants, then of
+        arrays.
+        """
         constants, arrays = iter(numbers[:constant_count]), numbers[constant_count:]
         counts = Counter(source[0] for source in {one for one in pattern if isinstance(one, tuple)})
         starts = [0, *itertools.accumulate(counts[k] for k in range(len(counts)))]
@@ -203,7 +205,7 @@ class Loop:
 
 
 class _TracedFunction(NamedTuple):
-    """A traced function."""
+    """A function traced for one pattern of inputs."""
 
     constants: tuple[TracedValue, ...]
     arrays: tuple[tuple[TracedValue, ...], ...]  # the components of each input array
@@ -339,7 +341,9 @@ class Program:
         )
 
     def _form(self, *parts: object) -> str:
-        """Return a text that decides, without a trace, what these parts of the program are, or an empty text."""
+        """Return a text that determines, without a trace, what these parts of the program are; empty
+        without a form.
+        """
         loop = self.loop
         sources = object_cache.source_digest() if loop.form is not None else None
         return "" if sources is None else repr((sources, loop.form, loop.inputs, loop.outputs, self.pattern, *parts))

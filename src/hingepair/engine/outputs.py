@@ -74,7 +74,7 @@ def _check_memory(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) ->
         for part in (value if isinstance(value, tuple) else (value,))
         if isinstance(part, np.ndarray)
     ]
-    if _own_memory([*out.values()], [array for _, array in others]):
+    if _surely_apart([*out.values()], [array for _, array in others]):
         return
     for name, array in out.items():
         if not _elements_apart(array):
@@ -85,8 +85,8 @@ def _check_memory(out: Mapping[str, NDArray[Any]], inputs: Mapping[str, Any]) ->
         others.append((f"out[{name!r}]", array))
 
 
-def _own_memory(outputs: Sequence[NDArray[Any]], inputs: Sequence[NDArray[Any]]) -> bool:
-    """Return whether no memory is shared, as far as that is seen, quickly, by the arrays that own the memory."""
+def _surely_apart(outputs: Sequence[NDArray[Any]], inputs: Sequence[NDArray[Any]]) -> bool:
+    """Return whether the owners of the memory show that no output shares any; False where that is unclear."""
     owners = {id(one) if one.base is None else id(one.base) for one in outputs}
     if len(owners) < len(outputs):
         return False
@@ -110,8 +110,8 @@ def _elements_apart(array: NDArray[Any]) -> bool:
     return True
 
 
-SMALLEST: Final = 1_000_000
-"""Bytes of results of which the memory is used again; less new memory is quick."""
+MIN_REUSED_BYTES: Final = 1_000_000
+"""Size of results from which on their memory is used again; less new memory is quick."""
 
 _KEPT: Final = 160_000_000  # bytes of blocks that nobody uses, at most
 _free: Final[collections.deque[NDArray[np.uint8]]] = collections.deque(maxlen=4)  # the oldest falls out
@@ -135,7 +135,7 @@ class _Lease:
 def empty(count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return an uninitialised array (count,), whose memory may be that of a former result."""
     size = count * dtype.itemsize
-    if not SMALLEST <= size <= _KEPT:
+    if not MIN_REUSED_BYTES <= size <= _KEPT:
         return np.empty(count, dtype)
     for _ in range(len(_free)):
         try:

@@ -49,8 +49,8 @@ def function_source(name: str, inputs: Sequence[TracedValue], results: Sequence[
 
 
 def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Return the function for Python floats. Where Python raises an error (the sine of infinity, a division by zero),
-    NumPy's numbers give the IEEE 754 result.
+    """Return the function of a generated source for Python floats. Where Python raises an error (the sine of
+    infinity, a division by zero), NumPy's numbers give the IEEE 754 result.
     """
     fast, safe = _compile_function(name, source, _FLOAT_FUNCTIONS), compile_for_arrays(name, source)
 
@@ -65,19 +65,17 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
 
 
 def compile_for_arrays(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Return the function for NumPy arrays and numbers."""
+    """Return the function of a generated source for NumPy arrays and numbers."""
     return _compile_function(name, source, _NUMPY_FUNCTIONS)
 
 
 def compile_for_bounds(name: str, source: str) -> Callable[..., tuple[Any, ...]]:
-    """Execute the source of the function with this name, and return the function for numbers that carry a bound. It
-    may not choose between values.
-    """
+    """Return the function of a generated source for numbers that carry a bound; the source may not have choices."""
     return _compile_function(name, source, {"sin": sine, "cos": cosine, "sqrt": square_root})
 
 
 def compile_for_library(name: str, source: str, library: Library) -> Callable[..., tuple[Any, ...]]:
-    """Return the function for numbers and arrays of another array library, which can differentiate it."""
+    """Return the function of a generated source for numbers and arrays of a library, which can differentiate it."""
 
     def library_or_float(numpy_name: str) -> Callable[..., Any]:
         """Return a function for arrays of the library, and for numbers."""
@@ -187,6 +185,7 @@ def _wrapped_list(opening: str, items: Iterable[str], closing: str) -> list[str]
     return lines
 
 
+# Functions that generated code calls, for floats.
 _FLOAT_FUNCTIONS: dict[str, Any] = {
     "sin": math.sin,
     "cos": math.cos,
@@ -196,6 +195,7 @@ _FLOAT_FUNCTIONS: dict[str, Any] = {
     "hypot": math.hypot,
     "where": lambda condition, then, otherwise: then if condition else otherwise,
 }
+# The same for arrays.
 _NUMPY_FUNCTIONS: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,

@@ -154,7 +154,7 @@ _set_attribute = object.__setattr__
 
 
 def writable_arrays(results: Results) -> dict[str, FloatArray]:
-    """Return the arrays of results that no user holds, made writable; numbers become arrays."""
+    """Return the arrays of results that no user holds, which become writable in place; numbers become arrays."""
     names, arrays, _ = results._content
     for array in arrays:
         for part in (getattr(array, "base", None), array):
@@ -166,7 +166,7 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
 def _results_of(
     result_class: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replacements: Mapping[str, Any]
 ) -> Results:
-    """Return results with arrays, some of which are replaced."""
+    """Return results of a class with arrays, some of which are replaced."""
     return result_class({**arrays, **replacements}, shape)
 
 

@@ -44,7 +44,8 @@ def rows_function(
     general: Rows,
     refuse: Callable[[Sequence[Any], bool], None],
 ) -> Rows:
-    """Return the function of the arguments in order, `out` and `workers`.
+    """Return a generated function of the arguments in order, `out` and `workers`, which hands all that it does not
+    compute itself to `general`.
 
     Args:
         layout: arguments and outputs of the kernel.
@@ -53,8 +54,8 @@ def rows_function(
         result: class of the result; None to return the only output, as a writable array.
         kernel: ufunc of the layout.
         packed: ufunc of the packed layout.
-        most: samples at most.
-        general: what calls for all other arguments are handed to.
+        most: samples below which it computes a call itself.
+        general: function with the same parameters.
         refuse: called with the arguments, and whether `out` has been written, where an output exceeds its limit.
     """
     shown = result or Results
@@ -82,7 +83,7 @@ def _compiled(source: str) -> CodeType:
 def _source(
     layout: Layout, outputs: Sequence[Output], takes_floats: bool, slots: Sequence[str] | None, most: int
 ) -> str:
-    """Return the source of the function; `slots` are the attributes of the result, None for a bare array."""
+    """Return the source of the function `rows`; `slots` are the attributes of the result, None for a bare array."""
     shapes = [one.sample_shape for one in layout.inputs]
     places = range(len(shapes))
     arguments = ", ".join(f"in{k}" for k in places)
@@ -157,8 +158,8 @@ def _packed_lines(layout: Layout, is_result: bool, arguments: str) -> list[str]:
 
 
 def _memory_lines(shapes: Sequence[tuple[int, ...]], outputs: Sequence[Output], other: str) -> list[str]:
-    """Return the lines that take the arrays of `out`, unless one is missing, does not fit, or might share memory. The
-    arrays of the last such call need no second look, since their memory stays theirs.
+    """Return the lines that take the arrays of `out`, or run `other` if one is missing, does not fit, or might share
+    memory. The arrays of the last such call need no second look, since their memory stays theirs.
     """
     shown = [(k, one) for k, one in enumerate(outputs) if one.limit is None]
     written = [f"out{k}" for k, _ in shown]
@@ -191,7 +192,9 @@ def _memory_lines(shapes: Sequence[tuple[int, ...]], outputs: Sequence[Output], 
 
 
 def _owner_lines(array: str, dense: str, other: str) -> list[str]:
-    """Return the lines that find the array that owns the memory of another one."""
+    """Return the lines that name the owner of an array's memory, or run `other` where that is unclear; `dense` is a
+    further condition on arrays that do not own theirs.
+    """
     return [
         f"{array}_owner = {array}.base",
         f"if {array}_owner is None:",

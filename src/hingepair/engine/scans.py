@@ -16,13 +16,13 @@ from hingepair.engine.loops import Loop
 from hingepair.engine.slices import run_in_threads
 from hingepair.numeric.arrays import FloatArray
 
-_CALL_STEPS: Final = 200_000  # of all samples in a call, which no interrupt ends: some ten milliseconds
+_CALL_STEPS: Final = 200_000  # steps of all samples in one call, which no interrupt ends: some ten milliseconds
 _BYTES: Final = 8  # of a number
 _PROTOTYPE: Final = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *[ctypes.c_int64] * 4)  # of a compiled loop
 
 
 class Scan:
-    """A compiled loop that is repeated in steps.
+    """A compiled loop that is repeated in steps for many samples.
 
     Attributes:
         inputs: names of the inputs that are not known.
@@ -100,7 +100,7 @@ class Scan:
 
 
 def _with_rows(array: FloatArray, rank: int) -> FloatArray:
-    """Return an array in which the components of a sample are one axis."""
+    """Return a view of an array in which the components of a sample are the last axis."""
     if rank == 1:
         return array
     lead = array.shape[: array.ndim - rank]

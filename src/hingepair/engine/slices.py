@@ -18,11 +18,11 @@ from hingepair.numeric.arrays import Block, split_into_blocks
 
 Arrays = Sequence[NDArray[Any]]
 
-_MIN_WORK: Final = 1_000_000  # operations of a thread: about 0.1 ms, which starting a thread's work takes
-_MAX_CAST_BYTES: Final = 4_000_000  # that are cast to another dtype at a time
-_SHORT_AXIS: Final = 16  # samples; NumPy calls the inner loop for each run along its innermost axis
-_MIN_SAMPLES: Final = 512  # so that the call of the ufunc takes little of the time
-_MAX_COPIED_NUMBERS: Final = 500_000
+_MIN_WORK: Final = 1_000_000  # least operations of a thread: about 0.1 ms, as handing it work takes
+_MAX_CAST_BYTES: Final = 4_000_000  # most that are cast to another dtype at a time
+_SHORT_AXIS: Final = 16  # samples that are too few for one run of the inner loop, along the innermost axis
+_MIN_SAMPLES: Final = 512  # least of one call, so that the call itself takes little of the time
+_MAX_COPIED_NUMBERS: Final = 500_000  # of inputs, copied so that samples of short axes follow each other
 
 
 def run_slices(
@@ -90,6 +90,7 @@ def run_slices(
 
 
 def _cut(block: Block, most: int) -> Iterator[Block]:
+    """Yield parts of a block, of at most `most` samples each."""
     for part in split_into_blocks(tuple(axis.stop - axis.start for axis in block), most):
         yield tuple(
             slice(axis.start + own.start, axis.start + own.stop) for axis, own in zip(block, part, strict=True)
@@ -211,6 +212,7 @@ class _Workers:
             start_new_thread(self._work, ())
 
     def _work(self) -> None:
+        """Run tasks for ever."""
         while True:
             chunks, argument = self.tasks.get()
             chunks(argument)

@@ -163,8 +163,8 @@ def operation_count(values: Iterable[TracedValue], varying: bool | None = None) 
 
 
 class Sampled:
-    """A number at each sample. A product with 0 is 0, with 1 the other factor, as in a trace: NaN of one joint does
-    not reach what does not depend on it.
+    """A number at each sample. A product with the number 0 is 0, with 1 the other factor, as in a trace: NaN of one
+    joint does not reach what does not depend on it.
     """
 
     __array_ufunc__ = None  # NumPy's numbers leave sums and products with it to the methods below
@@ -268,6 +268,7 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     return np.where(a < b, then, otherwise)
 
 
+# By the number of components.
 _SUFFIXES: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
 
 

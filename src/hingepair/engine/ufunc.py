@@ -125,7 +125,7 @@ def _packed_ir(layout: Layout, float_type: str) -> str:
 
 
 def _begin_table(f: FunctionBuilder, layout: Layout, float_type: str) -> None:
-    """Make the kernel's table, and fill the row of the constants."""
+    """Append the allocation of the kernel's table, and fill the row of the constants."""
     count = len(layout.rows) + layout.constants
     f.do(f"%table = alloca [{count * ROW_WORDS} x i64], align 64")
     if layout.constants:
@@ -144,8 +144,8 @@ def _store_operand(f: FunctionBuilder, layout: Layout, k: int, row: int, float_t
 
 
 def _copied_ir(layout: Layout, float_type: str) -> str:
-    """Return the function `copied`, which stands before the kernel where the strides of a matrix are more than a row
-    of the table can say, such as those of a transposed one: it copies matrices, some samples at a time.
+    """Return the function `copied`, which calls the kernel where the strides of a matrix are more than a row of the
+    table can say, such as those of a transposed one: it copies matrices, some samples at a time.
     """
     operands, rows, number_bytes = layout.operands, layout.rows, NUMBER_BYTES[float_type]
     f = FunctionBuilder("internal void @copied(ptr %table, ptr %args, ptr %steps, i64 %count)")
@@ -205,8 +205,8 @@ def _store_row(f: FunctionBuilder, row: int, *values: str) -> None:
 
 
 def default_float_environment(f: FunctionBuilder) -> tuple[list[str], Callable[[], None]]:
-    """Make the function compute with the default floating-point environment. Return the declarations of what it calls
-    for that, and a function that restores the caller's.
+    """Append that the function computes with the default floating-point environment. Return the declarations of what
+    it calls for that, and a function that appends the return to the caller's.
     """
     machine = platform.machine().lower()
     if machine in {"x86_64", "amd64"}:

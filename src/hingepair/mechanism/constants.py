@@ -16,6 +16,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.engine.binding import FOLDED
 from hingepair.mechanism.samples import turned_moments
 from hingepair.mechanism.tree import LOAD_FIELDS, Frame, MassProperties, Tree
 from hingepair.numeric.arrays import read_only
@@ -27,7 +28,6 @@ from hingepair.plans.trees import Form, constant_place
 Exact: TypeAlias = list[Any]
 """Fractions, or `Ball`s around fractions."""
 
-_FOLDED: Final = {0.0, 1.0, -1.0}  # operations with these vanish from programs
 # A program's axes x, y, z in the body's axes, by the absolute components of a joint axis along x, y or z.
 _AXES_ALONG: Final = {
     (1.0, 0.0, 0.0): ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
@@ -187,7 +187,7 @@ def split_numbers(
     """
     all_numbers = [number + 0.0 for number in numbers]  # no -0.0
     folded = tuple(
-        number if number in _FOLDED and place not in varied else None for place, number in enumerate(all_numbers)
+        number if number in FOLDED and place not in varied else None for place, number in enumerate(all_numbers)
     )
     return folded, tuple(number for number, known in zip(all_numbers, folded, strict=True) if known is None)
 

@@ -18,15 +18,13 @@ from hingepair.engine.llvm.builder import LANES, NUMBER_BYTES, FunctionBuilder, 
 from hingepair.engine.llvm.sines import DOUBLES, SINES
 from hingepair.engine.trace import Operand, TracedValue, needed_values
 
-MAX_NARROW: Final = 16  # components of an output assembled in registers, and needed ones of an input loaded there
-# Components shared by all samples that are stored in the frame as vectors, 16 kB in all; more of them are stored as
-# numbers, so that they leave space in the first-level cache. Processors with few registers take longer to broadcast
-# a number to a vector than to load a vector.
-MAX_UNIFORM_VECTORS: Final = 256
-_UNSPLIT: Final = 1000  # operations that are one LLVM function, so that fewer values pass through the frame
+MAX_NARROW: Final = 16  # most components of an output assembled in registers, and needed ones of an input there
+# Where registers are few, loading a vector is quicker than a broadcast; but 256 vectors (16 kB) are half a cache.
+MAX_UNIFORM_VECTORS: Final = 256  # inputs shared by all samples that the frame holds as vectors; more are numbers
+_UNSPLIT: Final = 1000  # most operations of a program that is one LLVM function, so that few values pass the frame
 _SPLIT: Final = 300  # operations of each function of a longer program: LLVM spills few registers then
 _MAX_AGE: Final = 40  # operations after which a value is loaded again, which lowers register pressure
-_INSTRUCTIONS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}
+_INSTRUCTIONS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}  # in LLVM
 
 
 class ComponentGroup(NamedTuple):
@@ -133,7 +131,9 @@ class Arithmetic:
         return [one for one in read if isinstance(one, TracedValue)]
 
     def _split_steps(self, prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
-        """Return the steps that compute these values; sines come as early as their angles allow."""
+        """Return the steps that compute these values, named by `prefix`; sines come as early as their
+        angles allow.
+        """
         # A product that is fused into all of its sums is not read any more.
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
@@ -182,7 +182,7 @@ class Arithmetic:
         return finished
 
     def _schedule_loads(self) -> None:
-        """Choose the step that loads each component of an input in registers: the first that reads it, but none
+        """Enter each component of an input in registers in the `loads` of a step: the first that reads it, but none
         behind one that stores, since an output may overlap an input.
         """
         reads = [{id(value) for value in self._values_read_by(step)} for step in self.varying_steps]
@@ -318,6 +318,7 @@ class Arithmetic:
         return sorted(self._lanewise)
 
     def _step_function(self, step: KernelStep) -> str:
+        """Return the LLVM function of a step of arithmetic."""
         self._f = f = FunctionBuilder(f"internal void @{step.name}(ptr noalias %frame, ptr noalias %places)")
         self._names: dict[int, tuple[str, int]] = {}
         self._position = 0
@@ -354,6 +355,7 @@ class Arithmetic:
         return name
 
     def _write_operation(self, value: TracedValue) -> str:
+        """Append the operation of a value, and return the name of its vector."""
         put, kind, note = self._f.put, self.vector, value.name
         if value.operation == "where":
             condition, *both = value.operands
@@ -379,7 +381,7 @@ class Arithmetic:
         return name
 
     def _write_fma(self, product: TracedValue, value: TracedValue) -> str:
-        """Compute a sum or difference together with its product."""
+        """Append a sum or difference that is fused with its product, and return the name of its vector."""
         first, second = value.operands
         x, y = (self.operand(one) for one in product.operands)
         if second is product:
@@ -397,7 +399,7 @@ class Arithmetic:
         return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})", comment)
 
     def _call_lanewise(self, name: str, operands: Sequence[str], comment: str) -> str:
-        """Apply a function of the C library, which computes in double precision, to each lane."""
+        """Append the call, for each lane, of a function of the C library, which computes in double precision."""
         self._lanewise.add(name)
         if self.number_bytes == 4:
             operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLES}") for operand in operands]
@@ -408,7 +410,7 @@ class Arithmetic:
     # ---- narrow inputs and outputs
 
     def _load_components(self, input_index: int, components: Sequence[int]) -> None:
-        """Load components of an input for eight samples."""
+        """Append the loads of components of an input for eight samples."""
         f, word = self._f, 8 * self.word_offsets[input_index]
         group = self.inputs[input_index]
         row, step = f.load_word("%places", word, "ptr"), f.load_word("%places", word + 8 * LANES)
@@ -419,6 +421,7 @@ class Arithmetic:
             return [f.put(f"load {self.vector}, ptr {starts[c]}, align 1") for c in components]
 
         def load_numbers() -> list[str]:
+            """Load each lane by itself."""
             vectors = []
             for c in components:
                 vector = "poison"
@@ -473,7 +476,7 @@ class Arithmetic:
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Return parts of about equal length, one for each step, as pairs (lines, no angles)."""
+    """Return the lines in parts of about equal length, one for each step, as pairs (lines, no angles)."""
     count = -(-len(lines) // _SPLIT) if len(lines) > _UNSPLIT else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]

@@ -41,7 +41,7 @@ class FunctionBuilder:
         return "\n".join([*self._lines, "}"])
 
     def put(self, code: str, comment: str = "") -> str:
-        """Append an instruction that computes a value."""
+        """Append an instruction that computes a value, and return the value's name."""
         name = self._new_name()
         self._lines.append(f"  {name} = {code}  ; {' '.join(comment.split())}" if comment else f"  {name} = {code}")
         return name
@@ -64,8 +64,8 @@ class FunctionBuilder:
 
     @contextmanager
     def loop(self, stop: str, start: str = "0", step: str = "1") -> Iterator[str]:
-        """Append a loop around the instructions of the `with` block, and yield its 64-bit counter, which does not
-        reach `stop`. All three are names of values or digits.
+        """Append a loop around the instructions of the `with` block, and yield its 64-bit counter, which stays below
+        `stop`. All three are names of values or digits.
         """
         head, body, after, done = self._new_labels("head", "body", "after", "done")
         before, counter = self._block, self._new_name()
@@ -110,7 +110,7 @@ class FunctionBuilder:
     def either(
         self, kind: str, condition: str, write: Callable[[], list[str]], write_otherwise: Callable[[], list[str]]
     ) -> list[str]:
-        """Append two branches that each compute equally many values of type `kind`; return them behind both."""
+        """Append two branches that compute equally many values of type `kind`, and return those of the one taken."""
         with self.when_else(condition) as otherwise:
             values = write()
             block = self._block

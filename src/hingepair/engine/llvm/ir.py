@@ -24,9 +24,9 @@ from hingepair.engine.llvm.builder import CACHE_LINE, LANES, FunctionBuilder, sh
 from hingepair.engine.llvm.memory import MAX_STREAMED, MEMORY_FUNCTIONS, PANEL, PREFETCH_SAMPLES, memory_functions
 from hingepair.engine.llvm.sines import SINE_FUNCTIONS, lanewise_function, sine_functions
 
-ROW_WORDS: Final = 3  # integers in a row of the kernel's table
-MIN_STREAMED_BYTES: Final = 2**21  # of an output; fewer find room in the caches
-_SHARED: Final = {**MEMORY_FUNCTIONS, **SINE_FUNCTIONS}
+ROW_WORDS: Final = 3  # integers in a row of the kernel's table: address, bytes between samples and between components
+MIN_STREAMED_BYTES: Final = 2**21  # of an output that is stored past the caches; fewer find room in them
+_SHARED: Final = {**MEMORY_FUNCTIONS, **SINE_FUNCTIONS}  # parameters of the functions that kernels share
 
 
 def shared_ir(float_type: str) -> str:
@@ -121,7 +121,9 @@ class KernelBuilder:
         f.do("ret void")
 
     def begin_kernel(self, row_words: int) -> list[list[str]]:
-        """Load the rows of the table, make the frame, and store constants in it. Return the rows."""
+        """Load the rows of the table, of so many words each, make the frame, and store its constants. Return the
+        rows.
+        """
         f, arithmetic = self.f, self.arithmetic
         rows = [
             [f.load_word("%table", 8 * (g * row_words + k)) for k in range(row_words)]
@@ -323,7 +325,7 @@ class _OutputWriter:
         self.set_row_address(f.put(f"select i1 {self.direct}, ptr {self.to}, ptr {self.stage}"))
 
     def flush(self, i: str, count: str, is_last: str) -> None:
-        """Stream samples from the stage to the output, from i on."""
+        """Stream `count` samples from the stage to the output, from sample i on."""
         f = self.f
         at = f.put(f"add i64 {self.start}, {f.multiply(i, self.row_bytes)}")
         block = f"ptr {self.stage}, i64 {at}, i64 {f.multiply(count, self.row_bytes)}"

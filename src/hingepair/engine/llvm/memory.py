@@ -18,10 +18,10 @@ from hingepair.engine.llvm.builder import CACHE_LINE, LANES, NUMBER_BYTES, Funct
 
 PREFETCH_SAMPLES: Final = 2 * LANES  # that inputs are prefetched ahead: covers the latency of memory
 PANEL: Final = 64  # components of a very wide output that are staged at a time
-MAX_STREAMED: Final = 512  # components of an output whose blocks have a stage of their own, of 32 kB
+MAX_STREAMED: Final = 512  # most components of an output that is staged as a whole, in 32 kB; wider ones go by panels
 
 _LINE: Final = f"<{CACHE_LINE // 8} x i64>"  # LLVM's type of a cache line, which is copied as a whole
-_TARGET: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"
+_TARGET: Final = "ptr %to, i64 %stride, i64 %step, i64 %rest"  # parameters that say where samples go
 MEMORY_FUNCTIONS: Final = {
     "lanes": "ptr noalias %to, i64 %stride, i64 %rest",
     "gather": "ptr noalias %to, ptr noalias %which, i64 %count, ptr %row, i64 %stride, i64 %step, i64 %rest",

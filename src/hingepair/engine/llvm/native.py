@@ -54,7 +54,7 @@ def _is_main_interpreter() -> bool:
     return bool(this == main)
 
 
-_OBJECT_KIND = "image 2" if images.CAN_LINK else "object 1"
+_OBJECT_KIND = "image 2" if images.CAN_LINK else "object 1"  # in keys of the cache: format and version
 _C_FUNCTIONS = ("sin", "cos", "atan2", "hypot", "fma", "fmaf")  # of the C library, that compiled code calls
 
 
@@ -157,7 +157,7 @@ def _shared_functions(float_type: str) -> Mapping[str, int]:
 
 @functools.cache
 def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tuple[_Code, dict[str, int]]:  # noqa: ARG001
-    """Return the shared functions, which are loaded once for each processor, and their addresses."""
+    """Return the shared functions and their addresses by symbol, loaded once for each processor."""
     sources = object_cache.source_digest()
     form = f"shared functions {float_type} {sources}" if sources else ""
     code = _compile_module("shared functions", functools.partial(shared_ir, float_type), form)
@@ -201,14 +201,11 @@ def can_fuse() -> bool:
         return "+fma" in host_processor()[1].split(",") or platform.machine().lower() in {"arm64", "aarch64"}
 
 
-def host_processor() -> tuple[str, str]:
-    """Return the name and the features by which LLVM describes the processor of this machine."""
-    return _host_processor()
-
-
 @functools.cache
-def _host_processor() -> tuple[str, str]:
-    """Return them from the disk where they are kept, so that llvmlite need not be imported."""
+def host_processor() -> tuple[str, str]:
+    """Return the name and the features by which LLVM describes the processor of this machine, from the disk if they
+    are kept there: then llvmlite need not be imported.
+    """
     told = _linux_processor() if images.CAN_LINK else None
     if told is None:
         return _ask_host_processor(load_llvmlite())
@@ -226,7 +223,7 @@ def _ask_host_processor(llvm: Any) -> tuple[str, str]:
 
 
 def _linux_processor() -> str | None:
-    """Return what identifies the first processor in /proc/cpuinfo, or None."""
+    """Return what identifies the first processor in /proc/cpuinfo; None if that is missing or says too little."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
             lines = dict.fromkeys(itertools.takewhile(str.strip, file))
@@ -236,7 +233,7 @@ def _linux_processor() -> str | None:
     return "\n".join(fields[name] for name in _CPUINFO) if fields.keys() >= {*_CPUINFO} else None
 
 
-_CPUINFO = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")
+_CPUINFO = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags")  # that tell processors apart
 
 
 @functools.cache

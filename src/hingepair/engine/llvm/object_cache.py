@@ -19,21 +19,21 @@ from pathlib import Path
 from typing import Final, NamedTuple
 from uuid import uuid4
 
-MAX_BYTES: Final = 256 * 2**20
+MAX_BYTES: Final = 256 * 2**20  # of all files; past this or MAX_FILES, the files longest unused are deleted
 MAX_FILES: Final = 8192
-"""Limits of the folder, past which the files that were not used for the longest time are deleted."""
+"""Most files in the folder."""
 
 TRACED_PACKAGES: Final = ("engine", "equations", "inverse_kinematics", "numeric", "plans", "rotations", "tables")
 """Packages whose code writes programs; they import no others."""
 
-_TRIMMED: Final = 0.75  # of the limits, to which the folder is trimmed
-_MAGIC: Final = b"hingepair object 1\n"
-_DIGEST_BYTES: Final = 32
+_TRIMMED: Final = 0.75  # share of the limits to which a folder past them is trimmed
+_MAGIC: Final = b"hingepair object 1\n"  # begins a file; then come the digest and the value
+_DIGEST_BYTES: Final = 32  # of SHA-256
 _PREFIX, _SUFFIX = "hingepair-", ".object"
 _UNFINISHED: Final = ".part"  # suffix of a file that is being written
-_MAX_WRITE: Final = 3600.0  # an unfinished file that is older was left by a process that was killed
-_MIN_USE: Final = 86400.0  # a use is noted at most once a day
-_OFF: Final = {"off", "0"}
+_MAX_WRITE: Final = 3600.0  # s; an unfinished file that is older was left by a process that was killed
+_MIN_USE: Final = 86400.0  # s; a use is noted at most once a day
+_OFF: Final = {"off", "0"}  # values of HINGEPAIR_CACHE
 
 _written_bytes = 0  # by this process since it last looked at the folder
 _looked = False
@@ -70,7 +70,7 @@ def _user_folder() -> str:
 
 
 def cache_key(*parts: str) -> str:
-    """Return the key of what these texts define."""
+    """Return the key of what these texts define, a digest in hexadecimal digits."""
     digest = hashlib.sha256()
     for part in parts:
         encoded = part.encode()
@@ -93,7 +93,9 @@ def source_digest() -> str | None:
 
 
 def read_object(key: str) -> bytes | None:
-    """Return what is kept under a key, or None. Warn of a file that others may have written."""
+    """Return what is kept under a key; None if nothing is, or if the file is damaged or not to be trusted. Warn of a
+    file that others may have written.
+    """
     folder = cache_folder()
     if folder is None:
         return None
@@ -164,7 +166,8 @@ def clear_cache(folder: Path) -> list[CacheFile]:
 
 def _trim(folder: Path, written: int) -> None:
     """Delete what was not used for the longest time, where the folder has become too large, and what processes that
-    were killed have left. A process looks at its first write, and then each time it may have written a tenth of it.
+    were killed have left. A process looks at its first write, and then each time it may have written a tenth of
+    MAX_BYTES.
     """
     global _written_bytes, _looked  # noqa: PLW0603 (of the process; that two threads look is no harm)
     _written_bytes += max(written, MAX_BYTES // MAX_FILES)

@@ -19,8 +19,8 @@ from hingepair.engine.trace import Operand
 from hingepair.engine.ufunc import default_float_environment
 
 SCAN_WORDS: Final = 6  # integers in a row of the table
-_MASKED_LOAD: Final = "@llvm.masked.load.v8f64.p0"
-COUNTS: Final = ("%records", "%every", "%stages")  # how often the program runs: steps of a record, stages of a step
+_MASKED_LOAD: Final = "@llvm.masked.load.v8f64.p0"  # of the lanes that a mask names
+COUNTS: Final = ("%records", "%every", "%stages")  # numbers of records, of steps of each, of stages of each step
 
 
 def scan_ir(
@@ -48,7 +48,7 @@ def scan_ir(
 
 
 class _ScanBuilder(KernelBuilder):
-    """Builder of one scan.
+    """Builder of one scan, which takes eight samples at a time through all steps.
 
     Args:
         arithmetic: the program.
@@ -68,7 +68,7 @@ class _ScanBuilder(KernelBuilder):
         return "\n\n".join([super().module(), *self.declarations, *self.functions.values()]) + "\n"
 
     def write_kernel(self) -> None:
-        """Write the loops over samples, records, steps and stages."""
+        """Write the loops over blocks of samples, and in them over records, steps and stages."""
         f, inputs = self.f, self.inputs
         environment, restore = default_float_environment(f)
         self.declarations += environment
@@ -122,7 +122,7 @@ class _ScanBuilder(KernelBuilder):
         return [first + k for k in range(len(used))]
 
     def pass_on(self) -> None:
-        """Replace the state by the next one."""
+        """Copy the next state to the slots of the state, all values being loaded before the first is stored."""
         pairs: list[tuple[int, int]] = []
         for g, output in self.passed.items():
             following = self.arithmetic.output_slots(self.outputs[output])
@@ -224,7 +224,7 @@ class _Rows:
         return f.text()
 
     def _store_first(self, f: FunctionBuilder, place: str, numbers: str, count: int) -> None:
-        """Store the first numbers of a vector: at most eight, in pieces of eight, four, two and one."""
+        """Store the first `count` numbers of a vector, at most eight, in pieces of eight, four, two and one."""
         done, vector = 0, self.scan.arithmetic.vector
         for width in (8, 4, 2, 1):
             if count & width:

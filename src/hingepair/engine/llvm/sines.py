@@ -13,7 +13,7 @@ DOUBLES: Final = f"<{LANES} x double>"  # LLVM's type of a vector of doubles
 
 _REDUCIBLE: Final = 1e6  # rad, up to which the three parts of pi/2 reduce an angle without loss
 _ROUNDER: Final = 6755399441055744.0  # 1.5 * 2^52: a sum with it is rounded to an integer, in the low bits
-_HALF_PI: Final = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)  # parts of the sum
+_HALF_PI: Final = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)  # whose sum is pi/2
 _TWO_OVER_PI: Final = 0.6366197723675814
 # Minimax polynomials in r^2 on [0, (pi/4)^2], highest power first.
 _SIN_REST: Final = (  # (sin r - r) / r^3 with a relative error of 2e-17
@@ -24,11 +24,12 @@ _COS_REST: Final = (  # (cos r - 1 + r^2/2) / r^4 with one of 1.3e-18
     *(-1.1382623647474604e-11, 2.087614614655861e-09, -2.7557317271145144e-07),
     *(2.480158729876456e-05, -0.0013888888888887398, 0.041666666666666664),
 )
-_TABLE: Final = (*_HALF_PI, *_SIN_REST, *_COS_REST, _TWO_OVER_PI, _ROUNDER, 0.5, 1.0, _REDUCIBLE)
+_TABLE: Final = (*_HALF_PI, *_SIN_REST, *_COS_REST, _TWO_OVER_PI, _ROUNDER, 0.5, 1.0, _REDUCIBLE)  # in memory
 
 SINE_FUNCTIONS: Final = {"sines": "ptr noalias %frame, ptr noalias %slots, i64 %count, ptr noalias %to"}
 """Parameters, by name, of the functions that kernels call."""
 
+# What the functions call.
 _DECLARATIONS: Final = f"""
 declare {DOUBLES} @llvm.fma.v{LANES}f64({", ".join(3 * [DOUBLES])})
 declare {DOUBLES} @llvm.fabs.v{LANES}f64({DOUBLES})
@@ -105,6 +106,7 @@ def _reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
         return put(f"call {DOUBLES} @llvm.fma.v{LANES}f64({', '.join(f'{DOUBLES} {one}' for one in (a, b, c))})")
 
     def polynomial(z: str, coefficients: Sequence[float]) -> str:
+        """Append Horner's scheme."""
         value = _constant(f, coefficients[0])
         for c in coefficients[1:]:
             value = fma(z, value, _constant(f, c))
@@ -137,8 +139,8 @@ def _reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
 
 
 def _large_angles() -> str:
-    """Return the function `far`, which computes the terms of large angles, of inf and of NaN by the C library; they
-    are stored behind the angles.
+    """Return the function `far`, which computes the terms of large angles, of inf and of NaN by the C library, and
+    stores them behind the angles.
     """
     f = FunctionBuilder("internal void @far(ptr %angles) noinline cold")
     with f.loop(str(LANES)) as k:
