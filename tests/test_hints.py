@@ -150,6 +150,7 @@ def test_one_output_is_named_without_a_tuple() -> None:
     assert PAIR.forward_kinematics((0,) * 7, outputs="R2").outputs == ("R2",)
 
 
+@pytest.mark.slow
 def test_degrees_are_warned_of_once() -> None:
     with pytest.warns(hp.DynamicsWarning) as caught:
         hp.simulate(hp.load_robot("ur5_robot"), [0, 0.001], [90, 45, 30, -90, 90, 180])

@@ -142,6 +142,7 @@ def imports_of_packages() -> set[tuple[str, str]]:
     return {(package, other) for package, other in pairs if package != other}
 
 
+@pytest.mark.slow
 def test_imports_run_downwards_and_in_no_circle() -> None:
     graphlib.TopologicalSorter(imports_of_modules()).prepare()
     below = imports_of_packages()

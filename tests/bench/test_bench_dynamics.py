@@ -38,6 +38,7 @@ def test_all_ways_compute_the_same(workload):
         np.testing.assert_allclose(found, expected[0], **near)
 
 
+@pytest.mark.slow
 def test_the_textbook_is_newton_and_euler():
     motion = bench.make_task(PAIR, bench.INVERSE, 1)
     psi, psid, _ = motion.hinge[:, 0]
@@ -51,7 +52,7 @@ def test_the_textbook_is_newton_and_euler():
     np.testing.assert_allclose(slopes[:3], one.v[0])
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_command_reports_simulations(monkeypatch):
     monkeypatch.setattr(bench, "tumbling_case", functools.partial(bench.tumbling_case, duration=0.1))
     report = json.loads(run_command("bench", "dynamics", "--samples", 10, "--repeats", 1, "--json").stdout)

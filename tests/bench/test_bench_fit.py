@@ -41,7 +41,7 @@ def test_the_command_prints_rows():
     }
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_an_absent_qmt_is_said(monkeypatch):
     monkeypatch.setattr("hingepair.bench.harness.find_spec", lambda _: None)
     report = bench.bench_fit([50], 1)
@@ -50,6 +50,7 @@ def test_an_absent_qmt_is_said(monkeypatch):
     assert "pip install qmt" in report.notes[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bias", [0.0, 0.02])
 def test_gyroscopes_read_rates_about_the_axis_that_errors_are_counted_from(bias):
     """Across the axis both bodies turn alike, and the biases are what they read beside."""

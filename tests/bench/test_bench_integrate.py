@@ -51,7 +51,7 @@ def test_the_error_column_sees_an_error(motion):
     assert motion.largest_error(quats, exact) == math.inf
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_integrate_prints_writes_and_draws(tmp_path, monkeypatch):
     methods = ("magnus6", "midpoint")
     monkeypatch.setattr(integrate, "METHODS", methods)

@@ -10,7 +10,6 @@ from hingepair.bench import engines
 from hingepair.bench import robots as bench
 from hingepair.bench.truth import ExactRobot
 from hingepair.mechanism.tree import Frame
-from support.sparse import sparse
 
 FOLLOWERS = """<robot name="r"><link name="a"/>
 <link name="b"><inertial><origin xyz="0.1 0 0.2"/><mass value="2"/>
@@ -28,8 +27,8 @@ FOLLOWERS = """<robot name="r"><link name="a"/>
 
 CASES = [("ur5_robot", workload) for workload in bench.WORKLOADS] + [
     ("panda", bench.POSE),  # reduced by its fingers
-    ("solo12", bench.ACCELERATION_SLOPES),  # branches
-    ("talos_reduced", bench.FORWARD),
+    pytest.param("solo12", bench.ACCELERATION_SLOPES, marks=pytest.mark.proof),  # branches
+    pytest.param("talos_reduced", bench.FORWARD, marks=pytest.mark.proof),
 ]
 FRAX = next(method for method in bench.METHODS if method.name == bench.FRAX)
 
@@ -42,7 +41,7 @@ def able(workload):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "workload"), sparse(CASES, 5))
+@pytest.mark.parametrize(("name", "workload"), CASES)
 def test_all_engines_agree(name, workload):
     models = bench.load_models(name)
     task = bench.make_task(*models, workload, 2 if workload in bench.SLOPES else 3)
@@ -59,7 +58,7 @@ def test_an_error_is_seen():
     assert 5e-4 < bench.result_error(wrong, task, bench.exact_results(task)) < 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_report_has_a_row_for_each_engine(monkeypatch):
     others = [method for method in bench.METHODS if method is not FRAX]  # JAX compiles frax for seconds
     monkeypatch.setattr(bench, "METHODS", others)
@@ -82,6 +81,7 @@ def test_the_report_has_a_row_for_each_engine(monkeypatch):
         assert all(low < x < high and y == 0 for curve in panel.curves for x, y in curve.points)
 
 
+@pytest.mark.slow
 def test_the_truth_holds_for_joints_of_every_kind():
     """Sliders and followers too, which the robots of the bench have none of."""
     robot = hp.Mechanism.from_urdf(FOLLOWERS)

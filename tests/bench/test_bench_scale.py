@@ -18,7 +18,7 @@ MAX_MEGABYTES: Final = 600
 pytest.importorskip("dask", reason="the extra dask is not installed")
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_command_prints_rows(monkeypatch):
     monkeypatch.setattr(bench, "VARIANTS", 16)
     options = ("--samples", 2000, "--long", 20_000, "--repeats", 1, "--json")
@@ -35,7 +35,7 @@ def test_the_command_prints_rows(monkeypatch):
     assert 0 < long["extra_columns"][bench.MEMORY] < MAX_MEGABYTES
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="other systems show another peak")
 def test_the_peak_memory_of_a_reduction_is_neither_that_of_its_caller_nor_grows_with_the_samples():
     held = np.ones(10**8)  # 800 MB of this process

@@ -74,6 +74,7 @@ def test_all_models_are_there() -> None:
     }
 
 
+@pytest.mark.slow
 def test_run_says_what_came_out(short_scene: Path) -> None:
     out = run_command("run", short_scene).stdout
     for expected in (
@@ -259,6 +260,7 @@ def test_urdf_is_written_whole_and_read_back(short_scene: Path, tmp_path: Path) 
 DOUBTFUL = "[pair]\nu1 = [1, 0, 0]\nu2 = [0, 0, 0]\nn = [0, 0, 1]\nlimits = [-90, 90]\n[pair.body2]\nmass = 1\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["urdf", "mjcf", "derive"])
 def test_exports_ask_about_units_and_say_what_they_assume(command: str, tmp_path: Path) -> None:
     (tmp_path / "knee.toml").write_text(DOUBTFUL)
@@ -626,6 +628,7 @@ def test_no_zero_has_a_sign(tmp_path: Path) -> None:
     assert not re.search(r"\s-0\s", run_command("run", tmp_path / "still.toml").stdout)
 
 
+@pytest.mark.slow
 def test_no_shown_number_hangs_on_rounding(tmp_path: Path) -> None:
     """A log's psi'' begins at 0, as far as finite differences know; a turn by pi/2 leaves no exact zeros."""
     shown = run_command("run", MODELS / "logged_arm.toml").stdout

@@ -68,6 +68,7 @@ def test_a_recording_that_does_not_determine_masses_fails(files: tuple[Path, Pat
     assert "NOT RELIABLE" in printed
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_named(files: tuple[Path, Path], tmp_path: Path) -> None:
     urdf, log = files
     missing = tmp_path / "missing.csv"

@@ -135,7 +135,7 @@ samples = 5
 """
 
 
-@pytest.mark.slow(8)
+@pytest.mark.proof
 @few
 @given(names=st.lists(JOINT_NAMES, min_size=2, max_size=2, unique=True))
 @example(names=["shoulder, left", "a;b"])

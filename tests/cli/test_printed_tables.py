@@ -66,6 +66,7 @@ def test_zeros_and_the_matrix_are_left_out_and_named() -> None:
     assert zeros.endswith(": R2_z, d_z, v2_z, omega2_x, omega2_y, a2_z, alpha2_x, alpha2_y")
 
 
+@pytest.mark.slow
 def test_magnitudes_of_vectors_with_several_components_are_shown() -> None:
     """The edge of the hatch is 1 m from the hinge; the angular velocity has one component."""
     scene = hp.load_scene(MODELS / "hatch.toml")

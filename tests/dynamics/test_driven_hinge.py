@@ -65,6 +65,7 @@ def test_what_does_not_go_with_a_driven_hinge_is_named():
         hp.simulate(pair, [0, 1], STILL, base="fixed")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.0, -1.0, 1.5, np.pi / 180])
 @pytest.mark.parametrize("offset", [0.0, 1e7])
 def test_rates_that_are_not_derivatives_are_refused(factor, offset):

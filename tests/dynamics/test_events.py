@@ -416,6 +416,7 @@ def test_an_event_that_is_zero_at_the_start_waits_for_the_next():
     assert swing.t[-1] > 1
 
 
+@pytest.mark.slow
 def test_an_event_may_look_at_body_1():
     start = hp.BodyMotion(R=(0, 0, 2), S=np.eye(3), v=(1, 0, 0), omega=(1, 2, 3))
     body = hp.Body(1, inertia=(1, 1, 1))

@@ -126,6 +126,7 @@ def test_forces_are_found_again_from_the_motion():
     np.testing.assert_allclose(forces.hinge_torque, motor(t, moved.psi, moved.psid), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_motion_is_the_integral_of_its_accelerations():
     """By Simpson's rule between the instants; of body 1, of psi, and of body 2 by its own state."""
     rng = generator(32)

@@ -156,6 +156,7 @@ def test_impacts_are_felt_by_all_joints_as_scipy_has_it(restitution):
     assert ("impacts" in balance.work and balance.work["impacts"][-1] < -0.01) == (restitution < 1)
 
 
+@pytest.mark.slow
 def test_joints_that_lie_on_their_stops_pass_an_impact_on():
     # The upper rod rests on its lower stop; the lower one falls on its own and throws the upper one off, or not.
     loads = {
@@ -259,6 +260,7 @@ def test_the_error_estimate_is_the_error():
     assert {"q", "tau", "energy_balance", "error_estimate"} <= {*dir(coarse)}
 
 
+@pytest.mark.slow
 def test_a_driven_joint_moves_as_given_and_says_what_drives_it():
     robot = chain(3)
     found = hp.simulate(
@@ -270,6 +272,7 @@ def test_a_driven_joint_moves_as_given_and_says_what_drives_it():
     assert np.abs(found.tau[:, [0, 2]]).max() == 0.0
 
 
+@pytest.mark.slow
 def test_stiff_feedback_takes_no_short_steps():
     robot = chain(4)
     hold = hp.Feedback(K=1e4, D=1e4, q_ref=[0.1, 0.2, -0.1, 0.3])
@@ -304,6 +307,7 @@ def test_a_damped_double_pendulum_is_that_of_mujoco_to_its_order():
     assert 12 < errors[0] / errors[1] < 20  # order 4
 
 
+@pytest.mark.slow
 def test_a_simulated_robot_is_drawn(tmp_path):
     found = hp.simulate(chain(2), np.linspace(0, 1, 21), [0.0, 0.0])
     assert len(hp.plot(found).axes) >= 3
@@ -387,6 +391,7 @@ def follower(leader_load, follower_load, ratio=-2.0, offset=0.1):
     return robot.with_joint_loads({"a": leader_load, "b": follower_load})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [-2.0, 0.5])
 def test_loads_of_a_joint_that_follows_act_on_its_leader(ratio):
     first, second = (hp.HingeLoad(stiffness=k, rest=0.2 * k, damping=0.1 * k, friction=0.3 * k) for k in (1.0, 3.0))
@@ -411,12 +416,14 @@ def test_stops_and_motors_of_a_joint_that_follows_act_on_its_leader():
         hp.simulate(robot, [0.0, 1.0], [0.0], loads={"b": stop}, driven={"a": lambda t: (t, 1, 0)})
 
 
+@pytest.mark.slow
 def test_what_a_file_says_of_the_panda_can_be_simulated():
     robot = hp.load_robot("panda")
     found = hp.simulate(robot, [0.0, 0.01], robot.position_limits.mean(1), loads=robot.joint_loads)
     assert {"damper", "stop"} <= {*found.loads}
 
 
+@pytest.mark.slow
 def test_a_load_that_jumps_is_named():
     jump = {"j1": hp.HingeLoad(motor=lambda _t, _psi, psid: -np.sign(psid) * 2.0)}
     with pytest.raises(hp.SimulationError, match=r"loads\['j1'\] jumps .* at j1' = "):

@@ -92,6 +92,7 @@ def test_derivatives_are_those_of_sixty_digits(name, mode):
                 assert abs(value - exact) <= 16 * 2.0**-53 * scale
 
 
+@pytest.mark.slow
 def test_kernels_compute_the_derivatives_of_numpy():
     for function in FUNCTIONS.values():
         numpy, compiled = (gradients(function, POINTS, backend) for backend in ("numpy", "compiled"))

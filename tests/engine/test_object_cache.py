@@ -117,6 +117,7 @@ def test_a_robots_code_on_disk_is_found_without_a_trace():
     assert run(NO_TRACE) == without
 
 
+@pytest.mark.slow
 def test_an_edited_source_has_another_digest(tmp_path, monkeypatch):
     """Of each package from which programs are traced: their equations would be stale in silence."""
     package = Path(object_cache.__file__).parents[2]

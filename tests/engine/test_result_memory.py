@@ -15,6 +15,7 @@ def address(array):
     return array.__array_interface__["data"][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_memory_is_used_again_once_every_view_is_gone(dtype):
     count = 1_200_000 // np.dtype(dtype).itemsize
@@ -32,6 +33,7 @@ def test_memory_is_used_again_once_every_view_is_gone(dtype):
     assert address(memory.empty(count, np.dtype(dtype))) == place
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_bounded():
     arrays = [memory.empty(200_000 + k, np.dtype(np.float64)) for k in range(20)]
     del arrays

@@ -18,6 +18,7 @@ def step(v):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [3, 7, 8, 9, 20])
 @pytest.mark.parametrize("counts", [(5, 1, 1), (3, 2, 1), (2, 2, 4)], ids=str)
 def test_a_scan_is_a_loop(size, counts):

@@ -96,6 +96,7 @@ def test_the_rounded_moments_of_a_flat_body_are_written_as_a_body_has_them(write
     np.testing.assert_allclose(np.sort(model.body_inertia[2]), (0.0417, 0.0418, 0.0835), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_masses_and_limits_are_read_back():
     for k in range(20):
         pair = laden_pair(k)

@@ -350,6 +350,7 @@ def test_a_recording_is_shown_in_a_line() -> None:
     assert repr(found) == "Recording(300 instants: body1, body2, t)"
 
 
+@pytest.mark.slow
 def test_one_body_may_be_read_alone() -> None:
     columns = {name.removesuffix("1"): column for name, column in both().items() if not name.endswith("2")}
     found = hp.read_recording(columns, gaps=0.1)

@@ -36,6 +36,7 @@ def forces(robot, q, qd, qdd):
     return found.tau, robot.mass_matrix(q, backend="numpy"), robot.forward_kinematics(q, frames=("l3", "l4")).R
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "free"])
 @pytest.mark.parametrize("root", ["pedestal", "world"])
 def test_a_robot_in_mjcf_comes_back(base, root):

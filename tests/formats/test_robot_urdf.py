@@ -58,6 +58,7 @@ def test_shapes_are_written():
     assert [one.get("type") for one in geoms] == ["box", "cylinder", "sphere"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_was_written_is_read_back(name):
     robot = ROBOTS[name]()
@@ -82,6 +83,7 @@ def pairs():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["free", "floating", "fixed"])
 def test_pairs_are_written_with_their_links(base):
     """Body 2 of a pair has its reference point off the hinge: it hangs on a link at the hinge."""

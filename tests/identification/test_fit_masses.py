@@ -71,6 +71,7 @@ def test_masses_and_friction_are_found_whatever_was_described():
     np.testing.assert_allclose(loaded, fit.torques(*other), rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("physical", [False, True])
 def test_exact_torques_give_exact_parameters(physical):
     q, qd, qdd = motion(10)
@@ -82,6 +83,7 @@ def test_exact_torques_give_exact_parameters(physical):
     assert np.isnan(fit.rms_test).all()
 
 
+@pytest.mark.slow
 def test_sliders_followers_and_tilted_gravity_are_fitted():
     """From masses that no rigid body has."""
     tree = with_mimics(record_of(random_model(1)), {"joint_3": ("joint_6", -0.5, 0.25)})

@@ -126,6 +126,7 @@ def test_there_is_one_task_a_chunk_and_time_is_one_chunk():
     assert tasks(motion.S1) == 2 * len(CHUNKS)
 
 
+@pytest.mark.slow
 def test_leading_axes_broadcast_in_chunks():
     psid = da.from_array(PSID[:3, None], chunks=(1, 1, COUNT))
     lazy = hp.integrate(PAIR, T, chunked(OMEGA1), psid, outputs=("R2",), backend="numpy")

@@ -337,7 +337,7 @@ def test_error_estimate_knows_that_equal_steps_round_alike():
     assert true / 10 <= motion.error_estimate <= 10 * true
 
 
-@pytest.mark.slow(2)
+@pytest.mark.proof
 @pytest.mark.parametrize("name", [*SPINS][1:])
 def test_a_million_steps_do_not_drift(name):
     """Attitude to 2e-14 rad and psi to 2u at every instant looked at: truncation is far below."""

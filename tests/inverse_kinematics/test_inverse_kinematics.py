@@ -45,6 +45,7 @@ def planar_arm(limits=((-np.inf, np.inf), (-np.inf, np.inf))):
     return hp.Mechanism.from_urdf(f'<robot name="arm">{links}{"".join(joints)}{tip}</robot>')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_solutions_reach_their_targets_within_limits(name):
     robot, frame = robot_of(name), ARMS[name]
@@ -264,6 +265,7 @@ def test_a_frame_that_no_joint_moves_stays_where_it_is():
     assert found.position_error.tolist() == [0, 5]
 
 
+@pytest.mark.slow
 def test_a_free_base_rests():
     fixed, free = (robot_of("ur5_robot", base=base) for base in ("fixed", "free"))
     wanted = fixed.forward_kinematics(random_coordinates(fixed, 5), frames="tool0")["tool0"]
@@ -300,6 +302,7 @@ def test_quaternions_and_states_of_frames_are_targets():
     assert robot.inverse_kinematics(hp.BodyMotion(R=state.R), frame="tool0").angle_error is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [(0, 0, 1), (2, 0, 0), (1, -2, 0.5)])
 def test_an_axis_has_its_direction(axis):
     robot, axis = robot_of("ur5_robot"), np.array(axis)
@@ -314,6 +317,7 @@ def test_an_axis_has_its_direction(axis):
     assert found.angle_error[found.ok].max() <= 1e-9
 
 
+@pytest.mark.slow
 def test_an_attitude_alone_leaves_the_position_free():
     robot = robot_of("ur5_robot")
     S = robot.forward_kinematics(random_coordinates(robot, 20), frames="tool0")["tool0"].S
@@ -367,6 +371,7 @@ def test_own_limits_hold_to_the_last_bit():
     assert ((limits[:, 0] <= found.q) & (found.q <= limits[:, 1])).all()
 
 
+@pytest.mark.slow
 def test_a_posture_is_approached_where_the_frame_leaves_it_free():
     robot = robot_of("panda")
     low, high = robot.position_limits.T
@@ -409,6 +414,7 @@ def test_several_solutions_are_all_of_a_wrist():
     assert np.array_equal(nearest.q, found.q[:, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_a_path_is_followed_without_a_jump(name):
     robot, frame = robot_of(name), ARMS[name]

@@ -32,6 +32,7 @@ def read(made, sign: float, zero: float, scale: float, noise: float, seed: int) 
 SIGN = np.sign(hp.fit(*bodies(recording(50))).pair.n @ N1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, -1.0, np.pi / 180], ids=["radians", "the other way", "degrees"])
 def test_an_encoder_is_read_with_zero_and_scale_and_makes_psi_better(scale: float) -> None:
     made = recording(1000, 1e-3, 1e-2)
@@ -79,7 +80,7 @@ def test_a_rough_encoder_has_its_noise_and_an_unbiased_scale() -> None:
     assert abs(np.mean(scores)) < 4 / np.sqrt(12)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_zero_is_as_uncertain_as_the_home_that_it_is_counted_from() -> None:
     """Axes 132 degrees apart in the two bodies: errors of either turn `home` about the other by twice as much."""
     across = np.cross(N1, (1.0, 0.0, 0.0)) / np.linalg.norm(np.cross(N1, (1.0, 0.0, 0.0)))
@@ -105,6 +106,7 @@ BAD_ENCODERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD_ENCODERS)
 def test_an_encoder_that_does_not_follow_the_hinge_is_not_relied_on(name: str) -> None:
     made = recording(1000, 1e-3, 5e-3)

@@ -76,6 +76,7 @@ def test_home_is_the_identity_where_it_was() -> None:
     assert np.abs(found.psi - made.psi).max() < 1e-14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [(0, 1, 0), (0, 0, 1), (0, 1, 1), (1, 0, 0)], ids=str)
 def test_psi_is_0_at_one_place_where_the_axes_are_opposite(axis: tuple[float, ...]) -> None:
     """A sensor that was mounted upside down: by the short way, noise would choose where psi = 0 is."""
@@ -186,7 +187,7 @@ def test_errors_are_within_the_covariance() -> None:
     assert inside.min() > 0.7
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.parametrize(
     ("runs", "count", "loss", "kind"),
     [
@@ -242,6 +243,7 @@ def test_errors_that_last_longer_than_the_sums_are_said() -> None:
         assert ("standard deviations are too small" in str(found)) == said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy", "arctan"])
 def test_thirty_percent_of_outliers_are_survived(loss: str) -> None:
     made = recording(1000, 1e-3, 2e-3, outliers=0.3)

@@ -422,6 +422,7 @@ def test_a_motion_from_rest_without_noise_has_no_outliers(digits: int) -> None:
     assert not any("outliers" in str(warning.message) for warning in caught)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("count", [60, 400])
 def test_a_single_outlier_is_warned_of(count: int, seed: int) -> None:

@@ -33,6 +33,7 @@ def tree_of_urdf(*arguments):
     return urdf.tree_of_urdf(*arguments)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
 def test_a_robot_of_urdf_is_that_of_pinocchio(name):
     check_against_model(tree_of(name), pin.buildModelFromUrdf(str(robot_urdf(name))), 0)
@@ -161,6 +162,7 @@ def test_locked_followers_that_disagree_are_refused():
     assert [joint.name for joint in loose.joints] == ["b", "c", "d"]
 
 
+@pytest.mark.slow
 def test_a_locked_finger_holds_the_other():
     """Also in what Pinocchio reads, and while a robot is changed."""
     hand = hp.load_robot("panda", locked={"panda_finger_joint2": 0.02})

@@ -527,6 +527,7 @@ def test_numbers_of_numpy_stand_for_numbers(robot, motion):
     assert np.array_equal(robot.forward_dynamics(q, q, q, force1=zero).qdd, robot.forward_dynamics(q, q, q).qdd)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["R", "S", "d", "v", "omega", "a", "alpha"])
 def test_a_frame_with_the_name_of_an_output_is_a_frame(name):
     state = hp.Mechanism([hp.HingePair((0, 0, 1), (0, 0, 0), (1, 0, 0), name=name)]).forward_kinematics(
@@ -585,6 +586,7 @@ SINGULAR = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*no rigid body has")
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
 @pytest.mark.parametrize("case", SINGULAR)
@@ -624,6 +626,7 @@ def test_a_base_that_something_resists_accelerates(base):
     np.testing.assert_allclose(left, expected, rtol=0, atol=1e-11 * np.abs(found.qdd).max())
 
 
+@pytest.mark.slow
 def test_tiny_numbers_do_not_raise_what_numpy_is_told_to_raise():
     tiny = 1e-170
     body = hp.Body(1e-200, (tiny, 0, 0), (tiny, tiny, tiny))

@@ -45,6 +45,7 @@ def arrays_of(result):
     return {"result": result} if isinstance(result, np.ndarray) else result.arrays()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fixed", "free"])
 @pytest.mark.parametrize("kind", ["plain", "mimic", "float32", "one state", "tuple"])
 def test_joint_by_joint_gives_the_bits_of_the_program(kind, base):

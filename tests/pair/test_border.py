@@ -165,6 +165,7 @@ def test_what_is_no_number_stays_in_its_sample(motion, places, bad):
         assert not np.isfinite(getattr(found, output)[sample]).all(), (level, column)
 
 
+@pytest.mark.slow
 @backends
 @few
 @given(st.integers(0, 4), st.tuples(st.integers(0, 2), st.integers(0, 2)), st.sampled_from([np.nan, np.inf]))

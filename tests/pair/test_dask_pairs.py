@@ -172,6 +172,7 @@ def check_same_report(found, expected):
     assert found.verdict == expected.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timed", [False, True], ids=["without t", "with t"])
 def test_a_report_is_computed_when_it_is_asked_for(timed):
     body = hp.BodyMotion(**{letter: np.array(getattr(BODY, letter)) for letter in LETTERS})
@@ -207,6 +208,7 @@ def test_a_report_is_computed_when_it_is_asked_for(timed):
         summary.unwrapped_psi()
 
 
+@pytest.mark.slow
 def test_chunks_of_a_report_are_merged_in_any_number_of_axes():
     """The worst sample counts from the first of all, whatever the chunks."""
     gap = np.zeros((6, 4, 3))

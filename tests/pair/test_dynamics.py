@@ -452,6 +452,7 @@ def test_prepared_loads_on_body2_and_coordinates():
     np.testing.assert_allclose(found.a2, body2.a2, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_what_prepared_dynamics_lacks_is_named():
     bare = hp.HingePair((1, 0, 0), (0, 1, 0), (0, 0, 1), body2=hp.Body(1, inertia=(1, 1, 1)))
     with pytest.raises(hp.ArgumentError, match=r"pair\.body1: expected mass properties"):

@@ -93,6 +93,7 @@ def test_hard_states_keep_their_bounds(name):
     assert all(share <= 1 for share in shares(truth, found, {o: b[None] for o, b in bounds.items()}).values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
 @pytest.mark.parametrize("n", [(1.0, 0.051084653962263554, 0.0), (1.0, 0.0, 0.0)])
 def test_far_angles_keep_their_bounds(n, backend):
@@ -105,6 +106,7 @@ def test_far_angles_keep_their_bounds(n, backend):
     require(truth, state, pair.error_bounds(angles, outputs=("S2",)))
 
 
+@pytest.mark.slow
 def test_backends_differ_by_both_errors_at_most():
     """And by more than a few roundings of the scale, which is why no less is promised."""
     rng = states.generator(94)
@@ -135,6 +137,7 @@ def test_constants_that_fold_away_keep_their_bounds():
         require(truth, pair.forward_kinematics(q, qd, qdd, outputs=OUTPUTS), bounds)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("each_backend")
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("digits", [16, 9])
@@ -173,6 +176,7 @@ def from_matrix(pair, body1, psi, psid, psidd):
         }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("each_backend")
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_planar_pairs_keep_their_bounds(dtype):
@@ -283,6 +287,7 @@ def test_nothing_is_known_of_what_rounding_may_decide(kind):
         assert np.isinf((1.0 / x).error).tolist() == [False, False, True, True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_sines_are_as_good_as_the_bounds_take_them(dtype):
     """Those of NumPy and those of the compiled kernels, through a pair, against extended precision."""

@@ -32,6 +32,7 @@ def test_psi_comes_back_from_every_angle():
         assert abs(found.psi).max() <= np.pi
 
 
+@pytest.mark.slow
 def test_rates_and_accelerations_of_psi_come_back():
     pair, motion = made(), coordinates(generator(91), 200)
     found = pair.residuals(*bodies(pair, motion))

@@ -48,6 +48,7 @@ def test_velocity_is_the_jacobian_times_the_velocities(kind):
     assert np.all(abs(found - expected) <= 12 * U * size(pair, body1, psid))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PAIRS)
 def test_acceleration_is_the_jacobian_times_the_accelerations_and_the_bias(kind):
     pair, (body1, psi, psid, psidd) = made(2, **PAIRS[kind]), moving(2)
@@ -101,6 +102,7 @@ def test_coordinate_jacobian_gives_velocity_and_acceleration(sequence):
         assert np.all(abs(found[..., 0] - expected).max(axis=-1) <= 16 * U * scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", ["XYZ", "ZYX", "ZXZ", "yzx", "yxy"])
 def test_coordinate_jacobian_rate_is_the_difference_in_time(sequence):
     """Column by column: a product with qd would not see an error that qd does not excite."""

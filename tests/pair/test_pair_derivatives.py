@@ -106,6 +106,7 @@ def test_a_turn_of_home_turns_body_2_about_the_hinge_point(states):
     np.testing.assert_allclose(found["R2"]["home"], moved, rtol=0, atol=64 * EPS)
 
 
+@pytest.mark.slow
 def test_derivatives_by_constants_are_the_sensitivities(states):
     motion = hp.BodyMotion(R=states[1, :, :3], S=hp.rotation_exp(states[0, :, :3]), omega=states[1, :, 3:6])
     psi, psid = states[..., 6]

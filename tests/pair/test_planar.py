@@ -236,6 +236,7 @@ ROD = hp.Body(mass=2, centre_of_mass=(0.1, 0.2, 0.3), inertia=(0.5, 0.7, 1))
 DYNAMIC = hp.PlanarPair((1, 0.2), (-0.7, 0.1), body1=ROD, body2=ROD)
 
 
+@pytest.mark.slow
 def test_dynamics_are_those_of_the_pair_in_space() -> None:
     q, qd, qdd = np.random.default_rng(3).normal(size=(3, 6, 4))
     body1, psi, psid, psidd = motion_in_space(q, qd, qdd)

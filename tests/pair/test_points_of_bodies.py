@@ -126,6 +126,7 @@ def test_points_cost_nothing_where_no_output_is_of_them():
     assert pair.forward_kinematics(np.zeros(7)).outputs == plain.forward_kinematics(np.zeros(7)).outputs
 
 
+@pytest.mark.slow
 def test_points_go_through_out_workers_and_derivatives():
     pair, _ = pointed(1)
     q, qd, _ = states.coordinates(states.generator(145), 1000)

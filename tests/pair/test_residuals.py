@@ -130,6 +130,7 @@ def test_an_axis_the_other_way_round_is_a_tilt_of_pi():
 # ---------------------------------------------------------------- what the inputs allow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("letters", "kinds", "angles"),
     [

@@ -86,6 +86,7 @@ def test_samples_scatter_as_the_first_order_says(kind):
         assert np.array_equal(expected.attitude_std[i], np.sqrt(variances[3:]))
 
 
+@pytest.mark.slow
 def test_contributions_of_independent_dimensions_add_up():
     pair, body1, psi = pair_and_states(303)
     found = pair.propagate_covariance(body1, psi, **STD)

@@ -100,6 +100,7 @@ def test_a_log_without_rates_shows_positions_alone(tmp_path):
     np.testing.assert_array_equal(panel.get_lines()[0].get_ydata(), (0.1, 0.3, 0.2))
 
 
+@pytest.mark.slow
 def test_where_nothing_moves_the_paths_are_there(tmp_path):
     text = (MODELS / "excavator.toml").read_text()
     still = text[: text.index("[motion]")] + "[motion]\n[time]\nstart = 0\nstop = 1\nsamples = 3\n"

@@ -390,7 +390,9 @@ return Q.map((q) => {
 
 @in_a_browser
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["kinova", "talos_full_v2", "following"])
+@pytest.mark.parametrize(
+    "name", ["following", *(pytest.param(n, marks=pytest.mark.proof) for n in ("kinova", "talos_full_v2"))]
+)
 def test_the_page_computes_the_poses_that_the_mechanism_has(name, tmp_path):
     """Continuous joints (kinova), 32 joints and 12 that follow (talos), sliders that follow."""
     robot = following_robot() if name == "following" else hp.load_robot(name)
@@ -420,7 +422,7 @@ return { rates, text: document.getElementById("position").textContent,
 
 
 @in_a_browser
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_page_shows_velocities_efforts_and_what_is_beyond_its_limits(tmp_path):
     arm = hp.Body(mass=2, centre_of_mass=(0.5, 0, 0), inertia=(1, 1, 1))
     turn = hp.HingePair(u1=(0, 0, 1), u2=(0, 0, 0), n=(0, 0, 1), name="turn", limits=(-0.5, 0.9), torque_limit=8)
@@ -529,7 +531,7 @@ return seen;
 
 
 @in_a_browser
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_slider_of_time_moves_body_2_to_where_it_is(scene, tmp_path):
     page = hp.view(scene)
     found = asked(page, tmp_path, PLAYED)
@@ -590,7 +592,7 @@ return frames.filter((one) => one.mark).map(({ name, mark }) =>
 
 
 @in_a_browser
-@pytest.mark.slow
+@pytest.mark.proof
 def test_marks_of_points_move_with_their_body(tmp_path):
     scene = hp.load_scene(MODELS / "hatch.toml")
     result = scene.evaluate()
@@ -600,7 +602,7 @@ def test_marks_of_points_move_with_their_body(tmp_path):
 
 
 @in_a_browser
-@pytest.mark.slow
+@pytest.mark.proof
 @pytest.mark.parametrize("name", ["talos_reduced", "go1"])
 def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path):
     found = asked(hp.view(hp.load_robot(name), meshes=0), tmp_path, FRAMED)
@@ -611,7 +613,7 @@ def test_the_camera_has_the_whole_robot_and_the_floor_is_below_it(name, tmp_path
 
 
 @in_a_browser
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_floor_is_the_world_s_where_a_robot_stands_above_it(tmp_path):
     """The base stands 1.083 m above the plane z = 0, and what is drawn has its origin at the base."""
     page = hp.view(hp.load_scene(MODELS / "talos_lift.toml"), meshes=0)
@@ -624,7 +626,7 @@ def test_the_floor_is_the_world_s_where_a_robot_stands_above_it(tmp_path):
 
 
 @in_a_browser
-@pytest.mark.slow
+@pytest.mark.proof
 def test_the_camera_has_the_whole_motion_of_a_pair(tmp_path):
     t = np.linspace(0, 1, 11)
     moved = hp.integrate(PAIR, t, omega1=(0, 0, 1), psid=1.0, R1=np.stack([100 + 3 * t, 0 * t, 0 * t], axis=-1))
@@ -635,7 +637,7 @@ def test_the_camera_has_the_whole_motion_of_a_pair(tmp_path):
 
 @in_a_browser
 @pytest.mark.slow
-@pytest.mark.parametrize("source", ["scene", "robot"])
+@pytest.mark.parametrize("source", ["scene", pytest.param("robot", marks=pytest.mark.proof)])
 def test_something_is_drawn(scene, source, tmp_path):
     from matplotlib.image import imread
 

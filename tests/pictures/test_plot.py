@@ -334,6 +334,7 @@ def test_torques_and_forces_of_a_pair_are_drawn():
         hp.plot(forces, ("R2",))
 
 
+@pytest.mark.slow
 def test_a_simulated_pair_shows_its_hinge_torque():
     body = hp.Body(mass=1, inertia=(1, 1, 1))
     pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1), body1=body, body2=body)

@@ -23,6 +23,7 @@ def test_an_angle_is_drawn_with_the_band_of_its_standard_deviation():
         assert corners[:, 1].min() == pytest.approx((values - 2 * std).min())
 
 
+@pytest.mark.slow
 def test_a_motion_is_drawn_with_bands_and_outputs_are_checked():
     rng = np.random.default_rng(1)
     S = hp.rotation_exp(np.stack((np.sin(T), 0 * T, T), axis=-1)) @ hp.rotation_exp(

@@ -95,6 +95,7 @@ def test_torch_differentiates_rollouts():
     close(q.grad, GRADIENT["q0"].sum(axis=0))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_used_is_named(jax):
     tau = jax.numpy.zeros((STEPS, 2))
     with pytest.raises(hp.ArgumentError, match=r"^tau: expected shape \(\.\.\., 3\)"):

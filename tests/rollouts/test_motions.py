@@ -56,6 +56,7 @@ def test_motions_are_those_of_a_loop_of_aba(method):
     close(found.qd[1, 2], qd)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gains", ["number", "diagonal", "full", "full_rates"])
 @pytest.mark.parametrize("method", ["semi_implicit", "rk4"])
 def test_feedback_is_evaluated_in_every_stage(method, gains):
@@ -267,6 +268,7 @@ def test_recorded_states_have_their_instants():
     np.testing.assert_allclose(t, (0, 3 * H, 6 * H), rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_diagonal_for_each_motion_is_the_controller_of_each():
     robot, rng = hp.load_robot("ur5_robot"), np.random.default_rng(1)
     q, K, D = rng.uniform(-1, 1, (6, 6)), rng.uniform(1, 50, (6, 6)), rng.uniform(1, 5, (6, 6))

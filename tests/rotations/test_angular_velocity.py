@@ -45,6 +45,7 @@ def uneven(count, seed=0):
     return np.cumsum(generator(80, seed).uniform(0.5, 1.5, count))
 
 
+@pytest.mark.slow
 def test_reference_example_at_a_millisecond():
     t = np.arange(10_001) * 1e-3
     omega, alpha = hp.angular_velocity_from_samples(t, reference(t), with_alpha=True)
@@ -190,6 +191,7 @@ def test_a_fast_spin_is_exact_and_a_shaking_one_refused(turn):
             hp.angular_velocity_from_samples(t, shaking)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [2, 6])
 @pytest.mark.parametrize("in_body", [True, False])
 def test_a_fast_spin_about_an_axis_that_tilts_slowly_is_followed(order, in_body):

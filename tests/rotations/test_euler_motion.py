@@ -48,6 +48,7 @@ def angles(proper, *key):
     return phi, phid
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", EACH)
 def test_matrices_are_exact(sequence):
     phi, phid = angles(sequence[0] == sequence[2], SEQUENCE_NAMES.index(sequence))
@@ -66,6 +67,7 @@ def test_matrices_are_exact(sequence):
     assert np.all(gap <= 8 * U * found.condition)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", EACH)
 def test_condition_and_distance_are_relatively_exact_near_lock(sequence):
     """From the singular values in 60 digits; NumPy's own condition number loses all digits there."""
@@ -94,6 +96,7 @@ def test_at_lock_the_inverse_is_missing_and_the_neighbours_are_not():
     assert np.isnan(proper.J_inverse).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sequence", ["XYZ", "zxz", "YXZ"])
 def test_body2_moves_by_its_own_angles(sequence):
     """phi2' and phi2'' of body 2, taken from S2, omega2 and alpha2, give omega2 and alpha2 back."""

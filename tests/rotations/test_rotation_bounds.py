@@ -129,6 +129,7 @@ LOCK = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", LOCK)
 def test_lock_is_told(dtype):
     """By the measure of euler_rates: what is locked in the angles is where euler_rates refuses them."""

@@ -71,6 +71,7 @@ def sequences(request):
     return [name for name in SEQUENCE_NAMES if name.islower() == lower and (name[0] == name[2]) == proper]
 
 
+@pytest.mark.slow
 def test_sequence_means_what_scipy_says(sequences):
     for sequence in sequences:
         phi = generator(53).uniform(-np.pi, np.pi, (50, 3))
@@ -102,6 +103,7 @@ def test_angles_come_back(sequences):
                 assert abs(again - S).max() <= 32 * U, (lock, off)
 
 
+@pytest.mark.slow
 def test_rates_of_a_sequence(sequences):
     """omega1 of the pair is J phi', and euler_rates takes it back to phi'."""
     for sequence in sequences:

@@ -67,6 +67,7 @@ def test_a_free_scene_moves_as_simulate_says(tmp_path):
     assert "base free" in scene.motion.description
 
 
+@pytest.mark.slow
 def test_a_scene_ends_where_until_passes_zero(tmp_path):
     text = PAIR + '[dynamics]\nbase = "fixed"\npsid_0 = -1\nuntil = "psi - 0.5"\n'
     scene = scene_of(tmp_path, text)
@@ -147,6 +148,7 @@ def test_stops_may_be_the_limits(tmp_path):
     assert np.abs(np.diff(np.sign(scene.motion.simulated.psid))).max() == 2
 
 
+@pytest.mark.slow
 def test_notes_say_how_far_a_stop_is_passed(tmp_path):
     text = "[dynamics]\nbase = 'fixed'\npsid_0 = 1\ngravity = [0, 0, 0]\nstops = [-0.1, 0.1]\nstop_stiffness = 0.1\n"
     scene = scene_of(tmp_path, PAIR.replace("limits = [-0.3, 0.3]\n", "") + text)

@@ -25,6 +25,7 @@ FEW = {"expression": 60, "scene": 12, "urdf": 150}
 MANY = {"expression": 400, "scene": 100, "urdf": 1_500}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FEW)
 def test_a_few_hostile_texts(kind):
     found, refused = hostile.findings(kind, 10**6, FEW[kind])

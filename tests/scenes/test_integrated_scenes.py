@@ -121,6 +121,7 @@ def test_planar_rates_are_two_integrals(tmp_path):
         np.testing.assert_allclose(getattr(result, name), array, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", ["t**2 - 3", "2*cos(3*t) + 1", "exp(-t/4) - sin(0.5 - 2*t)", "7", "pi*t**5/3"])
 def test_sums_are_as_good_as_antiderivatives(rate, tmp_path):
     scene = scene_of(tmp_path, GOOD.replace("psi_dot = 10", f'psi_dot = "{rate}"\npsi_0 = 0.5'))
@@ -324,6 +325,7 @@ def test_start_attitudes_are_said_by_axis_and_angle(tmp_path):
     assert scene.motion.source.psi[0] == np.pi / 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "whole"),
     [

@@ -343,6 +343,7 @@ def test_seconds_since_1970_are_as_good_as_their_stamps(tmp_path):
         np.testing.assert_array_equal(array, results[1][name])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(np.finfo(np.longdouble).nmant < 60, reason="no number here holds more digits than a float")
 @pytest.mark.parametrize(
     "more", ["differentiate = true\n", 'integrate = true\ndifferentiate = true\nframe = "body"\n']
@@ -434,6 +435,7 @@ def test_rows_that_are_absent_are_said_once(tmp_path, how):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["differentiate", "smooth"])
 def test_doubts_of_a_log_are_said_once_and_first(tmp_path, how):
     t = np.arange(400) * 10.0

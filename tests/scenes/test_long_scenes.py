@@ -115,7 +115,7 @@ def test_what_memory_cannot_hold_says_what_can(tmp_path):
         hp.load_scene(long_scene(tmp_path, 10**12))
 
 
-@pytest.mark.slow(6)
+@pytest.mark.proof
 def test_a_long_run_takes_little_memory(tmp_path):
     """Four million instants: their outputs alone are 0.9 GB."""
     target = tmp_path / "long.parquet"

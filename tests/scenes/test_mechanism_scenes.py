@@ -164,6 +164,7 @@ def test_a_free_base_needs_a_motion_and_shows_what_moves_it(tmp_path: Path) -> N
     np.testing.assert_allclose(fixed.force1[:, 2], 135 * 9.81, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_payload_frames_and_gravity_are_those_of_the_methods(tmp_path: Path) -> None:
     text = (
         GOOD

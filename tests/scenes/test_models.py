@@ -107,6 +107,7 @@ def test_the_excavator_digs_below_ground_and_dumps_beside():
     assert np.abs(teeth[-1] - teeth[0]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_loads_of_joints_count_among_the_forces_of_a_scene(tmp_path):
     text = (MODELS / "talos_lift.toml").read_text()
     (tmp_path / "loaded.toml").write_text(text.replace("[mechanism]", "[mechanism]\njoint_loads = true"))

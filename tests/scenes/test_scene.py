@@ -393,6 +393,7 @@ def test_a_pair_needs_no_motion(tmp_path: Path) -> None:
 POINTS = "{ t = [0, 0.5, 2], value = [0, -1, 'pi/2'], profile = 'PROFILE' }"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", PROFILES)
 def test_way_points_are_passed_and_their_derivatives_belong_together(tmp_path: Path, profile: str) -> None:
     text = change('psi = "pi*t"', f"psi = {POINTS.replace('PROFILE', profile)}")
@@ -590,6 +591,7 @@ def test_constants_that_double_are_refused_before_their_work(tmp_path: Path) -> 
         scene_of(tmp_path, text)
 
 
+@pytest.mark.slow
 def test_constants_stand_beside_a_log_and_alone(tmp_path: Path) -> None:
     constants = "[constants]\nlength = 0.25\n"
     pair = '[pair]\nu1 = ["2*length", 0, 0]\nu2 = [1, 0, 0]\nn = [0, 0, 1]\n'

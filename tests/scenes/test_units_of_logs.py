@@ -57,6 +57,7 @@ def test_stamps_since_1970_in_milliseconds_keep_their_digits(tmp_path: Path) -> 
     np.testing.assert_allclose(result.psid, np.radians(10.0), rtol=1e-7)  # of doubles, 1e-5
 
 
+@pytest.mark.slow
 def test_a_recording_for_fit_may_have_units(tmp_path: Path) -> None:
     poses = ("R1", "S1", "R2", "S2", "v2")
     result = hp.load_scene(MODELS / "reference_3d.toml").evaluate(poses)

@@ -78,6 +78,7 @@ def test_several_numbers_meet_several_conditions(arm: Path) -> None:
     np.testing.assert_allclose(list(found.values.values()), (np.arcsin(0.75) / 4, 0.5), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_smallest_and_a_largest_result_are_inside_their_range(arm: Path) -> None:
     found = hp.search(arm, {"constants.a": (0.1, 1)}, maximize="R2_z_last")
     assert found.ok
@@ -115,6 +116,7 @@ def test_the_damping_of_a_door_is_that_of_the_closed_form(tmp_path: Path) -> Non
     np.testing.assert_allclose(found.values["dynamics.damping"], 2 * inertia * w, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_time_just_before_the_end_of_the_motion_is_found(tmp_path: Path) -> None:
     """With more damping, psi is not below the level before the motion ends, and the time is NaN."""
     path = tmp_path / "door.toml"

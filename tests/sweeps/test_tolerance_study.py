@@ -183,6 +183,7 @@ def test_the_figure_has_a_band_for_each_component(scene_path):
     assert all(len(axes.lines) == 2 and len(axes.collections) == 1 for axes in figure.axes[:6])
 
 
+@pytest.mark.slow
 def test_bands_are_in_the_units_that_are_asked_for(scene_path):
     study = study_tolerances(hp.load_scene(scene_path), 10)
     for si, other in zip(study.bands(), study.bands("deg, mm, ms"), strict=True):

@@ -69,6 +69,7 @@ def test_alpha2_of_the_reference_example_is_a_sum_of_waves(reference):
     ]
 
 
+@pytest.mark.slow
 def test_a_turn_about_one_axis_has_the_rate_of_its_angle(tmp_path):
     """The second worked case: S = Sx(phi) gives omega = (phi', 0, 0)."""
     found = scene(tmp_path, phi_x='"sin(t)**2 + exp(-t/3)"', phi_y=0, phi_z=0)
@@ -160,7 +161,9 @@ ORACLE = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changes", ORACLE.values(), ids=ORACLE)
+@pytest.mark.parametrize(
+    "changes", [pytest.param(ORACLE["reference"], marks=pytest.mark.proof), ORACLE["ZXZ"]], ids=ORACLE
+)
 def test_every_form_is_that_of_sympys_own_mechanics(changes, tmp_path):
     lines = dict(changes)
     sequence = lines.pop("sequence", None)
@@ -186,6 +189,7 @@ def test_rates_are_derivatives(reference, name, rate):
         assert largest(at(difference, instant)) <= 10 ** (5 - DIGITS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", ["1", "2"])
 def test_omega_is_that_of_the_attitude(reference, body):
     """E3: S' S^T = [omega]x; and alpha = omega'."""

@@ -83,7 +83,7 @@ COMPARED = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("text", [SPACE, PLANE], ids=["space", "plane"])
+@pytest.mark.parametrize("text", [SPACE, pytest.param(PLANE, marks=pytest.mark.proof)], ids=["space", "plane"])
 @pytest.mark.parametrize("base", SIMULATION_BASE_NAMES)
 def test_a_simulated_motion_is_compared_with_inverse_dynamics(scenes, base, text):
     report = scenes(text, base).cross_validate()
