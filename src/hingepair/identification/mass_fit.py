@@ -32,13 +32,13 @@ _NORMAL_95 = 1.959963984540054  # standard deviations: 95 % of a normal distribu
 _SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of parameters has no effect on the torques
 _BLOCK = 2**23  # numbers of a regressor that are in memory at a time
 _WEIGHT_ROUNDS = 3  # in which the noise of each joint and the parameters are estimated in turn
-_LEAST_NOISE = 1e-7  # of what the described parameters leave, so that exact torques keep finite weights
+_LEAST_NOISE = 1e-7  # least share of what the described parameters leave: exact torques need finite weights
 _HARDLY_KNOWN, _UNKNOWN = 0.5, 2.0  # from these standard deviations on, in parts of what such a body may have
-_WORSE = 1.5  # error of new samples beside that of those fitted to
-_POOR = 0.2  # of a joint's torque: what is left and not random is not noise, but something else
-_GROWTH = 10.0  # of the squares of what is left, per parameter and by the noise: more is not explained as well
-_JUDGED_STATES = 64  # whose mass matrices are looked at
-_JUDGED_SAMPLES = 65536  # whose order is
+_WORSE = 1.5  # times the error of the samples fitted to; above, the parameters do not hold for new ones
+_POOR = 0.2  # of a joint's torque: a larger rest that is not random cannot be filtered noise alone
+_GROWTH = 10.0  # of the squares of what is left, in variances of noise per parameter; more is worse than by chance
+_JUDGED_STATES = 64  # states whose mass matrices are judged
+_JUDGED_SAMPLES = 65536  # samples whose order is judged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,6 +168,7 @@ class MassFit(Frozen, Shown):
         )  # fmt: skip
 
     def _sheet(self, units: Units = SI) -> Sheet:
+        """Return the printed table of the parameters, below which are the findings."""
         rows = [("parameter", "unit", "value", "standard deviation", "as described")]
         for k, (name, (unit, factor)) in enumerate(zip(self.names, self._units(units), strict=True)):
             value, std, described = (factor * float(own[k]) for own in (self.values, self.std, self.described))
@@ -328,7 +329,7 @@ def fit_masses(
 
 
 def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tuple[tuple[str, ...], float]:
-    """Check the robot and the options of `fit_masses`, and return the terms and the part of the test."""
+    """Check the robot and the options of `fit_masses`; return the terms, each once, and the share of the test."""
     if not isinstance(robot, Mechanism):
         raise ArgumentError("robot", "a Mechanism", quoted(robot))
     if robot.base != "fixed":
@@ -346,7 +347,7 @@ def _checked_options(robot: Any, joint_terms: Iterable[str], test: float) -> tup
 
 
 def _arrays(robot: Mechanism, given: dict[str, Any]) -> dict[str, Float64Array]:
-    """Return coordinates in any of their forms as arrays of one shape (..., dof)."""
+    """Return coordinates in any of their forms as arrays of one shape (..., dof); refuse other libraries' arrays."""
     shapes = dict.fromkeys(given, (robot.dof,))
     read = read_arguments(given, shapes, robot.tree.coordinate_names)
     if read.library is not None:
@@ -423,7 +424,7 @@ class _Found(NamedTuple):
 
 
 def _weighted_least_squares(recording: _Recording, count: int) -> _Found:
-    """Return the step from the described parameters to those that explain the first `count` samples best."""
+    """Find the step from the described parameters to those that explain the first `count` samples best."""
     robot, width = recording.robot, recording.described.size
     # Products of columns, the last of which is what the described parameters leave of the torques, joint by joint:
     # (N, dof, k) would not fit into memory.
@@ -517,8 +518,8 @@ def _sizes(robot: Mechanism) -> Float64Array:
 def _standard_parameters(
     recording: _Recording, found: _Found, estimate: Float64Array, physical: bool
 ) -> tuple[Float64Array, Float64Array, list[Finding]]:
-    """Return inertial parameters with the fitted base parameters, these and the joint terms, which change if the
-    parameters must be physical, and findings.
+    """Return inertial parameters that have the estimated base parameters; the estimate, which changes if they must be
+    physical; and findings.
     """
     robot, base = recording.robot, recording.base
     start, count = robot.inertial_parameters.copy(), len(base.names)
@@ -569,7 +570,7 @@ def _mass_matrix_findings(recording: _Recording, found: _Found, estimate: Float6
 
 
 def _not_random(recording: _Recording, left: Float64Array) -> NDArray[np.bool_]:
-    """Return of which joints what is left of the torques is like that of neighbouring samples: in time, or in the
+    """Return for which joints what is left of the torque resembles that of neighbouring samples: in time, or in the
     order of q, qd or qdd of the joint, since samples may be of independent states; shape (dof,).
     """
     thin = slice(None, None, -(-len(left) // _JUDGED_SAMPLES))

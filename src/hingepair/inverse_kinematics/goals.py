@@ -1,4 +1,4 @@
-"""What frames are to reach: a position, an attitude, or a direction of the z axis. A kind of goal is a class.
+"""Goals of frames: a position, an attitude, or a direction of the z axis, each of a class that gives its equations.
 
 A target is a row of numbers, those of all goals in order.
 """
@@ -21,7 +21,7 @@ _MAX_DISTANCE = 10.0  # from a target, in reaches of the robot; beyond, the dire
 
 
 class Approach(NamedTuple):
-    """What a goal adds to the equations of a step."""
+    """Equations that a goal adds to a step: rows @ change = error, in the least squares sense."""
 
     rows: list[Any]  # of the Jacobian, weighted
     error: list[Any]  # weighted as the rows
@@ -31,7 +31,7 @@ class Approach(NamedTuple):
 
 @dataclass(frozen=True)
 class Goal(ABC):
-    """What one frame is to reach."""
+    """Kind of target of one frame, without the target's numbers."""
 
     frame: int  # its index in the request
     shape: ClassVar[tuple[int, ...]]  # of a target
@@ -60,7 +60,7 @@ class Goal(ABC):
 
 
 class Position(Goal):
-    """The origin of the frame is at a point."""
+    """Goal that the origin of the frame is at a point."""
 
     shape = (3,)
     is_length = True
@@ -74,7 +74,7 @@ class Position(Goal):
         return _length(subtract(_vector(target), frame.d))
 
     def approach(self, frame: Pose, moves: list[Any], target: Sequence[Any], weight: Any, tolerance: Any) -> Approach:
-        """Return what a step needs; far off, the direction alone counts."""
+        """Return the equations of the offset, which is shortened to `_MAX_DISTANCE` reaches."""
         offset = subtract(_vector(target), frame.d)
         distance = _length(offset)
         far = distance * weight
@@ -85,7 +85,7 @@ class Position(Goal):
         return Approach(rows, [*error], near * near, where_less(distance, tolerance, 0.0, 1.0))
 
     def comparable(self, values: Float64Array, reach: float) -> Float64Array:
-        """Return shares of 1.3 reaches; positions beyond them are drawn towards the base."""
+        """Return positions in units of 1.3 reaches; those beyond 1 are drawn towards the base."""
         with np.errstate(divide="ignore", under="ignore"):
             shrink = np.minimum(1.0, 1.3 * reach / np.abs(values).max(axis=1, initial=0.0))
         shares: Float64Array = values * shrink[:, None] / (1.3 * reach)
@@ -93,7 +93,7 @@ class Position(Goal):
 
 
 class _Turned(Goal):
-    """A goal of the attitude, whose error is an angle."""
+    """Base class of goals of the attitude, whose error is an angle."""
 
     is_length = False
 
@@ -111,7 +111,7 @@ class _Turned(Goal):
         return arc_tangent(sine, cosine)
 
     def approach(self, frame: Pose, moves: list[Any], target: Sequence[Any], weight: Any, tolerance: Any) -> Approach:
-        """Return what a step needs: the sine of the angle; beyond a right angle, where that decreases, 1 rad."""
+        """Return the equations of a turn by the sine of the angle or, beyond a right angle, by 1 rad."""
         turn, sine, cosine = self._turn(frame.S, target)
         least = where_less(sine, 1e-9, 1e-9, sine)
         turn = scale(turn, weight * where_less(cosine, 0.0, 1.0 / least, 1.0))
@@ -126,7 +126,7 @@ class _Turned(Goal):
 
 
 class Attitude(_Turned):
-    """The frame has an attitude."""
+    """Goal that the frame has an attitude."""
 
     shape = (3, 3)
 
@@ -135,6 +135,7 @@ class Attitude(_Turned):
         return tuple(frame.S)
 
     def _turn(self, S: Sequence[Any], target: Sequence[Any]) -> tuple[Vector, Scalar, Scalar]:
+        """Return half the sum of the cross products of the axes, its length, and the cosine from the trace."""
         turn: Vector = (0.0, 0.0, 0.0)
         for c in range(3):
             turn = add(turn, cross((S[c], S[3 + c], S[6 + c]), (target[c], target[3 + c], target[6 + c])))
@@ -148,7 +149,7 @@ class Attitude(_Turned):
 
 
 class Direction(_Turned):
-    """The z axis of the frame has a direction; the turn about it is free."""
+    """Goal that the z axis of the frame has a direction; the turn about it is free."""
 
     shape = (3,)
 
@@ -185,9 +186,7 @@ def target_size(goals: Sequence[Goal]) -> int:
 
 
 def off_axis(sine: Any, cosine: Any) -> Any:
-    """Return a number that grows with an angle from 0 to pi: its sine up to pi/2, and 2 less the sine beyond. It
-    takes no arc tangent.
-    """
+    """Return a number that grows with an angle from 0 to pi: its sine up to pi/2, and 2 - sine beyond."""
     return where_less(cosine, 0.0, 2.0 - sine, sine)
 
 

@@ -16,8 +16,8 @@ from hingepair.inverse_kinematics.search import Solutions, Solver, Targets
 from hingepair.numeric.arrays import Float64Array
 
 _BRANCHES: Final = 16  # followed at once
-_CHECKS: Final = (4, 2, 4, 10)  # steps to a sample, after each of which branches that are there rest
-_PULLS: Final = 1  # round towards a posture at each sample
+_CHECKS: Final = (4, 2, 4, 10)  # steps to a sample; branches that have arrived after 4, 4 + 2, ... of them rest
+_PULLS: Final = 1  # rounds towards a posture at each sample
 _MAX_NUMBERS: Final = 20_000_000  # of the branches that are remembered
 
 
@@ -30,7 +30,7 @@ class Path(NamedTuple):
 
 
 def follow(solver: Solver, targets: Targets, shape: tuple[int, int], max_change: float, seed: int) -> Path:
-    """Follow paths of targets.
+    """Return the coordinates along paths of targets, with as few jumps as the branches found allow.
 
     Args:
         solver: the solver of the robot.
@@ -60,7 +60,7 @@ def follow(solver: Solver, targets: Targets, shape: tuple[int, int], max_change:
 
 
 class _Branches:
-    """The branches of some paths, up to the sample that they have reached."""
+    """Up to 16 solutions (branches) of each of some paths, followed side by side from sample to sample."""
 
     def __init__(
         self, solver: Solver, targets: Targets, shape: tuple[int, ...], max_change: float, seed: int
@@ -85,26 +85,26 @@ class _Branches:
     def run(self) -> tuple[Float64Array, NDArray[np.int64]]:
         """Return the coordinates (P, N, dof), and the counts of steps (P, N)."""
         for i in range(self.samples):
-            here = np.arange(self.paths) * self.samples + i
-            finite, within_reach = self.finite[here], self.one.ok[here]
-            lasting = self._follow(i, here, within_reach)
+            rows = np.arange(self.paths) * self.samples + i
+            finite, within_reach = self.finite[rows], self.one.ok[rows]
+            lasting = self._follow(i, rows, within_reach)
             lost = np.flatnonzero(finite & ~lasting)
             if len(lost):
                 self._take_longest(lost, i)
-                self._begin(lost, i, here[lost])
+                self._begin(lost, i, rows[lost])
             self.history[i] = np.where((self.alive & finite[:, None])[..., None], self.q, np.nan)
         self._take_longest(np.arange(self.paths), self.samples)
         return self.chosen, self.steps
 
-    def _follow(self, i: int, here: NDArray[np.int64], going: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Take all branches to a sample. Return which of the paths that are going have any that gets there; of these,
-        the others end.
+    def _follow(self, i: int, rows: NDArray[np.int64], going: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Move the branches of the paths `going` to sample i, the targets in `rows`. Return which of these paths have
+        branches that arrive; their other branches end.
         """
         path, branch = np.nonzero(self.alive & going[:, None])
         lasting = np.zeros(self.paths, bool)
         if not len(path):
             return lasting
-        before, targets = self.q[path, branch], self.targets.at(here[path])
+        before, targets = self.q[path, branch], self.targets.at(rows[path])
         ends, taken = self.solver.descend(before, targets, _CHECKS)
         np.add.at(self.steps[:, i], path, taken)
         found = self.solver.measure(ends, targets)
@@ -123,7 +123,7 @@ class _Branches:
         return lasting
 
     def _take_longest(self, paths: NDArray[np.int64], end: int) -> None:
-        """Choose of the branches that have lasted the one that has moved least, for the samples up to `end`."""
+        """Choose, for the samples before `end`, the branch that has moved least of those that have lasted."""
         best = np.where(self.alive[paths], self.travel[paths], np.inf).argmin(axis=1)
         for p, b in zip(paths, best, strict=True):
             if self.alive[p, b]:
@@ -131,18 +131,20 @@ class _Branches:
                 self.last[p] = self.q[p, b]
             self.begin[p] = end
 
-    def _begin(self, paths: NDArray[np.int64], i: int, here: NDArray[np.int64]) -> None:
-        """Begin branches at a sample: at solutions near the sample before, or else at all."""
+    def _begin(self, paths: NDArray[np.int64], i: int, rows: NDArray[np.int64]) -> None:
+        """Begin branches at sample i, the targets in `rows`: at its solutions near the sample before, at all if none
+        is near, at the closest pose if it is out of reach.
+        """
         first = np.isnan(self.last[paths]).any(axis=1)
-        near = self.solver.middle if self.targets.near is None else self.targets.near[here]
+        near = self.solver.middle if self.targets.near is None else self.targets.near[rows]
         last = np.where(first[:, None], near, self.last[paths])
         found = Solutions.nothing((len(paths), _BRANCHES), self.solver)
-        found.q[:, 0] = self.one.q[here]  # out of reach: the closest pose
+        found.q[:, 0] = self.one.q[rows]  # the closest pose, where it is out of reach
         alive = np.zeros((len(paths), _BRANCHES), bool)
         alive[:, 0] = True
-        within = self.one.ok[here]
+        within = self.one.ok[rows]
         if within.any():
-            targets = self.targets.at(here[within])._replace(near=last[within])
+            targets = self.targets.at(rows[within])._replace(near=last[within])
             some, taken, _ = self.solver.several(targets, _BRANCHES, self.seed)
             self.steps[paths[within], i] += taken
             found.put(within, some)
@@ -155,6 +157,6 @@ class _Branches:
         astray = ~found.ok[:, 0] & ~first
         if astray.any():  # the closest pose next to the one before
             alive[astray] = np.arange(_BRANCHES) == 0
-            found.q[astray, 0] = self.solver.approached(last[astray], self.targets.at(here[astray])).q
+            found.q[astray, 0] = self.solver.approached(last[astray], self.targets.at(rows[astray])).q
         self.q[paths], self.alive[paths] = found.q, alive
         self.travel[paths] = np.where(first[:, None] | ~alive, 0.0, change)

@@ -9,7 +9,7 @@ from hingepair.engine.results import Results
 from hingepair.numeric.arrays import FloatArray
 
 _COORDINATES = "Coordinates in the order of `names`; NaN where the target is not finite; (..., dof) rad or m."
-_ERRORS = {
+_ERRORS = {  # texts of attributes
     "ok": "Whether all errors are within the tolerances; (...,).",
     "position_error": "Distance of the frame's origin from its target; None without targets of position; (...,) m. "
     "With targets by frame (..., frames), and 0 where no position is wanted.",

@@ -24,10 +24,10 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.numeric.caching import lock_free_cached_property
 from hingepair.plans.trees import Form, Request
 
-MAX_TRIALS: Final = 64
-_ROUNDS: Final = (0, 1, 2, 4, 8, 16, 32, 64)  # trials after which a target that is solved rests
-_DIVERSE: Final = 8  # starts of a share of which the nearest is taken where several solutions are wanted
-_CHECKS: Final = (5, 3, 4, 8)  # steps of a trial, after each of which solved targets rest
+MAX_TRIALS: Final = 64  # of a target, and so the most solutions that it can have
+_ROUNDS: Final = (0, 1, 2, 4, 8, 16, 32, 64)  # numbers of trials after which solved targets rest
+_DIVERSE: Final = 8  # starts of which a trial takes the nearest where several solutions are wanted; else PER_SHARE
+_CHECKS: Final = (5, 3, 4, 8)  # steps of a trial; targets solved after 5, 5 + 3, ... of them rest
 _LANES: Final = 4096  # trials at a time, whose arrays stay in the cache of a core
 _CLOSE_TRIALS: Final = 16  # of the search for the closest pose, where no trial led to a solution
 _CLOSE_STEPS: Final = 60  # of each of these trials
@@ -43,7 +43,7 @@ Booleans = NDArray[np.bool_]
 
 
 class Targets(NamedTuple):
-    """N targets, and which of their solutions are wanted."""
+    """Poses that N targets prescribe, tolerances, and to which coordinates solutions are to be near."""
 
     poses: Float64Array  # (N, numbers of a target)
     near: Float64Array | None  # coordinates of the first trial (N, dof), to which solutions are near
@@ -57,14 +57,14 @@ class Targets(NamedTuple):
         return self._replace(poses=self.poses[index], near=near, posture=posture)
 
     def options(self, caution: float = 0.0, pull: float = 0.0) -> Float64Array:
-        """Return the `steps.OPTIONS`."""
+        """Return the numbers `steps.OPTIONS`, with tolerances in the form that programs compare."""
         angle = self.angle_tolerance
         limit = 3.0 if angle >= math.pi else float(off_axis(math.sin(angle), math.cos(angle)))
         return np.array((caution, *np.nextafter((self.position_tolerance, limit), np.inf), pull))
 
 
 class Solutions(NamedTuple):
-    """Ends of trials, or what was chosen of them, for N targets or (N, ...)."""
+    """Coordinates with their errors for N targets, or (N, ...): ends of trials, or those chosen, NaN without any."""
 
     q: Float64Array  # (N, dof)
     errors: Float64Array  # (N, goals): distances [m] and angles [rad]
@@ -91,7 +91,7 @@ class Solutions(NamedTuple):
 
 
 class Solver:
-    """Inverse kinematics of some frames of a robot.
+    """Solver of the inverse kinematics of some frames of a robot, for any targets.
 
     Args:
         form: structure of the robot.
@@ -145,7 +145,7 @@ class Solver:
         return self._call(step_loop(self._problem, True))
 
     def starts(self, seed: int) -> Starts:
-        """Return the starts of a seed, within the limits and around their middle."""
+        """Return the starts of a seed, within the limits and around their middle; only those of the last are kept."""
         found = self._starts.get(seed)
         if found is None:
             # Half a turn to each side of the middle where a turn changes nothing.
@@ -223,7 +223,7 @@ class Solver:
     # ---- trials
 
     def _trials(self, targets: Targets, trials: range, among: int, seed: int) -> tuple[Solutions, Integers]:
-        """Return the ends of trials of N targets, (N, trials), and the counts of all their steps."""
+        """Return the ends of these trials of N targets, (N, trials), and each target's count of steps in them all."""
         starts = [self._start(targets, k, among, seed) for k in trials]
         shape = len(targets.poses), len(trials)
         lanes = targets if len(trials) == 1 else targets.at(np.repeat(np.arange(shape[0]), shape[1]))
@@ -231,7 +231,9 @@ class Solver:
         return self._finish(ends, lanes).reshape(*shape), steps.reshape(shape).sum(axis=1)
 
     def _start(self, targets: Targets, trial: int, among: int, seed: int) -> Float64Array:
-        """Return the start of a trial; joints that do not move the frames stand where they are to stay."""
+        """Return where a trial begins: near the target or, for trial 0, at `near`. Joints that move no frame stand
+        where they are to stay.
+        """
         starts = self.starts(seed)
         if targets.near is None and targets.posture is None:
             return starts.nearest(targets.poses, trial, among)
@@ -254,8 +256,8 @@ class Solver:
     def descend(
         self, q: Float64Array, targets: Targets, checks: Sequence[int] = _CHECKS
     ) -> tuple[Float64Array, Integers]:
-        """Take steps from coordinates until the errors are within the tolerances. Return where the errors were
-        judged last, and the counts of steps.
+        """Take up to sum(checks) steps until the errors are within the tolerances. Return the coordinates at which
+        they were judged last, and the counts of steps.
         """
         ends, steps, lanes = np.empty_like(q), np.zeros(len(q), np.int64), np.arange(len(q))
         poses, options = targets.poses, targets.options()
@@ -282,7 +284,7 @@ class Solver:
         return turned
 
     def pull(self, found: Solutions, targets: Targets, rounds: int = _PULLS) -> Solutions:
-        """Move solutions towards the posture as far as that leaves the frames where they are."""
+        """Move solutions towards the posture, in place, as far as that leaves the frames within the tolerances."""
         lanes = np.flatnonzero(found.ok)
         if targets.posture is None or not len(lanes):
             return found
@@ -334,7 +336,7 @@ class Solver:
     # ---- kernels
 
     def measure(self, q: Float64Array, targets: Targets) -> Solutions:
-        """Return coordinates with their errors."""
+        """Return coordinates with their errors, and whether these are within the tolerances."""
         errors = np.array(self._measure_call.rows(q, targets.poses)["errors"])
         both = targets.angle_tolerance, targets.position_tolerance
         within = np.logical_and.reduce(errors <= [both[goal.is_length] for goal in self.goals], axis=1)
@@ -356,7 +358,7 @@ class Solver:
 
 
 def joints_to_base(form: Form, body: int) -> list[int]:
-    """Return the indices of the joints that carry a body, from the body on."""
+    """Return the indices, from 0, of the joints between a body and the base, the body's own first."""
     joints = []
     while body:
         joints.append(body - 1)
@@ -371,7 +373,7 @@ def _pieces(index: Integers, size: int) -> Iterator[Integers]:
 
 
 def _sum_of_squares(values: Float64Array) -> Float64Array:
-    """Return the sums along the last axis, added in its order for any shape."""
+    """Return the sums of squares along the last axis, added in its order for any shape."""
     total = np.square(values[..., 0])
     for k in range(1, values.shape[-1]):
         total = total + np.square(values[..., k])

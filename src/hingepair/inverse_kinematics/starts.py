@@ -16,14 +16,14 @@ from hingepair.engine.calls import Call
 from hingepair.inverse_kinematics.goals import Goal, target_slices
 from hingepair.numeric.arrays import Float64Array
 
-PER_SHARE: Final = 256
-_MAX_PRODUCTS: Final = 200_000  # at a time; OpenBLAS starts threads beyond 262,144, which cost more than they gain
-_PLACES: Final = 384  # integers from the base to what the robot reaches
+PER_SHARE: Final = 256  # random coordinates of a share
+_MAX_PRODUCTS: Final = 200_000  # in one matrix product; beyond 262,144, OpenBLAS starts threads, which gain nothing
+_PLACES: Final = 384  # integers from 0 to 1.3 reaches
 _ATTITUDES: Final = 90  # integers from 0 to an entry 1 of a rotation
 
 
 class Starts:
-    """Random coordinates within limits, in shares, and the poses that they lead to.
+    """Random coordinates within limits, in shares of `PER_SHARE`, and the poses that they lead to.
 
     Args:
         measure: call of `steps.measure_loop`.
@@ -73,7 +73,7 @@ class Starts:
         return share
 
     def _integers(self, poses: Any) -> NDArray[np.float32]:
-        """Return targets or poses as integers."""
+        """Return targets or poses rounded to integers in float32, whose products are exact."""
         integers = np.empty(poses.shape, np.float32)
         for goal, part, reach in zip(self._goals, target_slices(self._goals), self._reaches, strict=True):
             steps = _PLACES if goal.is_length else _ATTITUDES

@@ -20,7 +20,7 @@ from hingepair.plans.trees import Form, Request, TreeQuantities
 _DAMPING = 1e-2  # times the squared error; errors are angles, and lengths in reaches of the robot
 _LEAST_DAMPING = 1e-12  # keeps the matrix regular in a singular pose
 _MAX_STEP = 1.5  # norm of a step of the coordinates [rad or m]
-_UNIT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 OPTIONS = ("caution", "position_tolerance", "angle_tolerance", "pull")
 """The numbers of a step: `caution` damps by the error itself, which finds the closest pose to a target out of reach;
@@ -30,7 +30,7 @@ is of what `off_axis` returns.
 
 
 class Problem(NamedTuple):
-    """What decides the programs: a robot's form, and what its frames are to reach."""
+    """All on which the programs depend: a robot's form, and what its frames are to reach."""
 
     form: Form
     request: Request  # of the frames
@@ -70,7 +70,7 @@ def step_loop(problem: Problem, pulls: bool) -> Loop:
 
 def _measure(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
     """Return the pose in the order of a target, and the error of each goal."""
-    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _UNIT})
+    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
     pose: list[Any] = []
     errors: list[Any] = []
     for goal, part in zip(problem.goals, target_slices(problem.goals), strict=True):
@@ -83,7 +83,7 @@ def _measure(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
 def _step(problem: Problem, values: dict[str, Any]) -> dict[str, Any]:
     """Return the coordinates after a step towards a target, and the count of errors that exceed their tolerances."""
     q, (caution, position_tolerance, angle_tolerance, pull) = values["q"], values["options"]
-    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _UNIT})
+    found = TreeQuantities(problem.form, problem.request, {**values, "S1": _IDENTITY})
     n, jacobians = problem.form.dof, found.jacobian(in_frame=False)
     rows: list[Any] = []
     error: list[Any] = []
@@ -124,7 +124,7 @@ def _change(
     limits: list[tuple[Any, Any]] | None,
     posture: list[Any] | None,
 ) -> list[Any]:
-    """Return the change of the coordinates in a step."""
+    """Return the change of the coordinates in a step; `rows` and `posture` are changed in place."""
     if limits:  # joints at a limit that would leave it do not move
         for k, (low, high) in enumerate(limits):
             drive = sum_of(row[k] * part for row, part in zip(rows, error, strict=True))

@@ -593,8 +593,8 @@ class MechanismMethods(Frozen, Shown):
 
         Wrenches keep their values in world axes. A free base adds six rows, those of force1 and torque1, and six
         columns: by displacements of R1 and rotations of the base, by v1 and omega1, by a1 and alpha1; world axes, and
-        omega1 and alpha1 stay as they are while the base rotates. Second derivatives are central differences of these:
-        `jax.hessian` of a robot compiles for minutes. Arguments not listed: see `inverse_dynamics`.
+        omega1 and alpha1 stay as they are while the base rotates. Second derivatives are central differences of
+        these: `jax.hessian` of a robot compiles for minutes. Arguments not listed: see `inverse_dynamics`.
 
         Args:
             joint_loads: as at `Mechanism`; derivatives of dry friction are 0.

@@ -21,8 +21,8 @@ from hingepair.plans.derivatives import change_shape
 from hingepair.plans.rollouts import BASE_STATE, backward_loop
 from hingepair.rollouts.motions import Motions, compiled_scan
 
-_KEPT_BYTES: Final = 2_000_000  # of states at a time, which then leave space in the caches
-_MOTIONS: Final = 64  # taken back at a time, at most
+_KEPT_BYTES: Final = 2_000_000  # of states kept at a time, which then leave space in the caches
+_MAX_MOTIONS: Final = 64  # that a thread takes back at a time
 _BACKWARDS: Final = slice(None, None, -1)
 
 
@@ -65,7 +65,7 @@ def gradients(
 
 
 class _Backward:
-    """The way back.
+    """Gradients by the backward pass, from the last record of motions to their start.
 
     Args:
         motions: the motions.
@@ -101,11 +101,11 @@ class _Backward:
         self.scan = compiled_scan(backward_loop(step, inputs, self.held), known)
         numbers = step.stages * sum(math.prod(tail) for tail in step.passed.values())
         rows = _KEPT_BYTES // (8 * numbers * motions.every)  # records of a motion whose states are kept
-        self.size = max(LANES, min(rows, _MOTIONS) // LANES * LANES)
+        self.size = max(LANES, min(rows, _MAX_MOTIONS) // LANES * LANES)
         self.records = max(1, rows // min(self.size, motions.count or 1))
 
     def run(self, chunks: Iterable[slice]) -> None:
-        """Take chunks of motions back."""
+        """Compute the gradients of chunks of motions, and write them to `found`."""
         step, tracks, last = self.motions.step, self.motions.tracks, self.motions.records
         for chunk in chunks:
             count = chunk.stop - chunk.start
@@ -127,7 +127,7 @@ class _Backward:
                 self.found[name][chunk] = passed[f"sum_{name}"]
 
     def _back(self, chunk: slice, records: slice, passed: Mapping[str, FloatArray]) -> None:
-        """Take motions back from the end of these records to their start. What passes on is replaced."""
+        """Step through these records forwards, then backwards; replace the adjoints and sums in `passed`."""
         motions, step = self.motions, self.motions.step
         count, every = chunk.stop - chunk.start, motions.every
         counts = (records.stop - records.start, every, step.stages)

@@ -13,11 +13,11 @@ from hingepair.numeric.array_libraries import Library
 from hingepair.numeric.arrays import FloatArray
 
 Arrays = Sequence[Any]
-_SAMPLE_AXES = {"q0": 1, "qd0": 1, "tau": 2}  # behind those of the motions
+_SAMPLE_AXES = {"q0": 1, "qd0": 1, "tau": 2}  # axes of one sample, behind those of the motions
 
 
 class Recorded(Protocol):
-    """The results of a rollout."""
+    """What is used of the results of a rollout."""
 
     def arrays(self) -> dict[str, FloatArray]:
         """Return the recorded states by name."""
@@ -79,7 +79,7 @@ class _Function(NamedTuple):
         return self.roll(**dict(zip(self.names, (np.asarray(value, np.float64) for value in values), strict=True)))
 
     def pull(self, recorded: Recorded, values: Arrays, weights: Arrays) -> list[FloatArray]:
-        """Return the gradients by the values, in their shapes but for the axes of samples."""
+        """Return the gradients by the values, for weights of the outputs; in their shapes, with axes of samples."""
         states = recorded.arrays()
         cotangents = {name: np.asarray(one, np.float64) for name, one in zip(self.outputs, weights, strict=True)}
         if "S1" in cotangents:  # the entries of an attitude change so where it turns
@@ -130,7 +130,7 @@ def _torch_function(function: _Function, library: Library) -> Callable[..., Any]
     import torch
 
     class Rolled(torch.autograd.Function):  # type: ignore[misc]
-        """The rollout."""
+        """The rollout with its gradients."""
 
         @staticmethod
         def forward(ctx: Any, *values: Any) -> Any:

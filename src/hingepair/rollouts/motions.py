@@ -17,9 +17,9 @@ from hingepair.plans.rollouts import RolloutStep, step_loop
 from hingepair.rollouts.tracks import MOVING_BASE, Track
 
 # Of each stage of "rk4": the share of a step until the next stage, that of the stage in the mean, whether it ends a
-# step; and half steps from the start of the step.
+# step.
 _SHARES: Final = np.array([[0.5, 1 / 6, 0], [0.5, 1 / 3, 0], [1, 1 / 3, 0], [0, 1 / 6, 1]])
-_HALF_STEPS: Final = np.array([0, 1, 1, 2])
+_HALF_STEPS: Final = np.array([0, 1, 1, 2])  # from the start of the step to each of these stages
 
 
 class Motions:
@@ -124,7 +124,7 @@ class Motions:
 
 
 def compiled_scan(loop: Loop, known: Mapping[str, Any]) -> Scan:
-    """Return a loop that is repeated in steps; it is compiled once.
+    """Return the compiled Scan of a loop, in which inputs are `known`; the last 64 are cached.
 
     Raises:
         CompilationError: LLVM fails.

@@ -78,7 +78,7 @@ class Feedback(Frozen):
 
 
 class Track(NamedTuple):
-    """An argument along the steps."""
+    """Values of an argument of a rollout at its steps, or one value for all."""
 
     label: str  # name in messages
     values: Float64Array  # (..., instants, *one sample); one instant holds for all
