@@ -38,11 +38,11 @@ from hingepair.pair.hinge_pair import HingePair
 
 Array: TypeAlias = NDArray[Any]
 
+# The outputs that are computed, by the level of the motion.
 LEVELS = {"pose": ("R2", "S2"), "velocity": ("R2", "S2", "v2", "omega2")}
 LEVELS["acceleration"] = (*LEVELS["velocity"], "a2", "alpha2")
-"""The outputs that are computed, by the level of the motion."""
 
-PAIR_ARGUMENTS: dict[str, Any] = {
+PAIR_ARGUMENTS: dict[str, Any] = {  # of the pair of all benchmarks
     "u1": [0.5, 0.2, 0.1],
     "u2": [-0.25, 0.1, 0.3],
     "n": [1.0, 2.0, -0.5],
@@ -113,7 +113,7 @@ def prepared_job(task: Task) -> Job:
 
 
 def copy_job(task: Task) -> Job:
-    """Return a job that copies as many numbers into the buffers: no method is faster."""
+    """Return a job that copies as many numbers as the outputs have into the buffers: no method is faster."""
     source = {name: np.ones_like(array) for name, array in task.buffers.items()}
 
     def run() -> None:
@@ -124,7 +124,7 @@ def copy_job(task: Task) -> Job:
 
 
 def fresh_copy_job(task: Task) -> Job:
-    """Return a job that copies as many numbers into new arrays."""
+    """Return a job that copies as many numbers as the outputs have into new arrays."""
     source = [np.ones_like(array) for array in task.buffers.values()]
     return lambda: [array.copy() for array in source]
 
@@ -179,6 +179,7 @@ def _attitudes(xp: Any, pair: HingePair, q: Any) -> tuple[Any, Any]:
 
 
 def _turn(xp: Any, axis: int, angle: Any) -> Any:
+    """Return the rotations (N, 3, 3) by angles (N,) about x, y or z (axis 0, 1 or 2)."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rows: list[list[Any]] = [[xp.zeros_like(angle)] * 3 for _ in range(3)]
     rows[axis][axis] = xp.ones_like(angle)
@@ -269,7 +270,7 @@ def random_states(rng: np.random.Generator, count: int, level: str) -> tuple[Arr
 
 
 def hard_states(rng: np.random.Generator, level: str) -> tuple[Array, ...]:
-    """Return q, and qd and qdd as far as the level has them, of states that are random but for a change each."""
+    """Return q, and qd and qdd as far as the level has them, of random states with one hard change each."""
     quarter = math.pi / 2
     psis = (1e-160, 1e-9, -1e-5, 0.0, math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)
     changes: list[tuple[Any, Any, float]] = [(6, psi, 1.0) for psi in psis]
@@ -332,7 +333,7 @@ OFFSETS = {f"{shift} bytes after a line": shift for shift in (0, 8, 16, 32)}
 
 
 def offset_cases(size: int, levels: Sequence[str]) -> Iterator[Case]:
-    """Yield a case for each level, of outputs at several offsets from a cache line; one state has new arrays."""
+    """Yield a case for each level, of outputs at several offsets from a cache line; none of one state."""
     rng, pair = np.random.default_rng(22), HingePair(**PAIR_ARGUMENTS)
     make_job = hingepair_job(backend="compiled", workers=1)
     for level in levels if size > 1 else ():
@@ -365,6 +366,7 @@ def single_state_cases() -> Iterator[Case]:
 
 
 def _hingepair_cycle(pair: HingePair, *state: Any) -> Job:
+    """Return the job of pose, velocities, Jacobian and bias of a state, by a prepared function."""
     names = ("R2", "S2", "v2", "omega2", "jacobian", "acceleration_bias")
     cycle = pair.prepare(("R1", "quat_xyzw", "v1", "omega1", "psi", "psid"), outputs=names)
     read = attrgetter(*names)
@@ -394,6 +396,7 @@ def _pinocchio_cycle(pair: HingePair, R: Array, quat: Array, v: Array, omega: Ar
     return run
 
 
+# Code before the calls in fresh processes, and the scene of `hingepair run`.
 _STATES_CODE = """
 import numpy as np
 import hingepair as hp

@@ -130,7 +130,7 @@ def prepared_job(task: Task) -> Job:
     return lambda: read(call(quat, omega, *inputs))
 
 
-METHODS = (
+METHODS = (  # ratios refer to the first
     Method(PREPARED, prepared_job),  # of one state only
     Method(HINGEPAIR, hingepair_job),
     *engines.methods(attrgetter("states")),

@@ -35,9 +35,9 @@ POSE, VELOCITY, ACCELERATION, JACOBIAN = "pose", "velocity", "acceleration", "Ja
 INVERSE, FORWARD = "inverse dynamics", "forward dynamics"
 TORQUE_SLOPES, ACCELERATION_SLOPES = "derivatives of torques", "derivatives of accelerations"  # by q and v
 GRADIENT = "gradient of torques"  # of their sum, by q and v
+# How many of q, v and w (accelerations or efforts) each workload takes; in the order of loops.cpp.
 WORKLOADS = {POSE: 1, VELOCITY: 2, ACCELERATION: 3, JACOBIAN: 1, INVERSE: 3, FORWARD: 3}
 WORKLOADS |= {TORQUE_SLOPES: 3, ACCELERATION_SLOPES: 3, GRADIENT: 3}
-"""How many of q, v and w (accelerations or efforts) each workload takes; in the order of loops.cpp."""
 
 PINOCCHIO, PINOCCHIO_CPP, MUJOCO = "Pinocchio, Python loop", "Pinocchio, C++ loop", "MuJoCo, Python loop"
 MAX_IN_PYTHON = 10**4  # states of a Python loop, which takes microseconds for each
@@ -224,6 +224,7 @@ def _mujoco_rows(rows: Sequence[Array], *, w_are_forces: bool) -> tuple[Array, .
     return tuple(found)
 
 
+# Pinocchio's names of joints, in the order of their numbers in loops.cpp.
 _JOINTS = ("RX", "RY", "RZ", "RevoluteUnaligned", "PX", "PY", "PZ", "PrismaticUnaligned", "FreeFlyer")
 
 
@@ -277,7 +278,7 @@ def _placement(place: Any) -> list[float]:
     return [*place.rotation.ravel(), *place.translation]
 
 
-_CPP_NEEDS = (
+_CPP_NEEDS = (  # in messages
     "a C++ compiler and the headers of Pinocchio, Boost and Eigen (pip install '.[bench]' in the project's folder)"
 )
 _CPP_FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG", "-shared", "-fPIC", "-w")

@@ -26,8 +26,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 POSITION_NOISE, ANGLE_NOISE = 1e-3, 2e-3  # m, rad: standard deviations
 GYROSCOPE_NOISE, GYROSCOPE_BIAS, ACCELEROMETER_NOISE = 1e-2, 2e-2, 5e-2  # rad/s, rad/s, m/s^2
-RECORDINGS = 5  # of each length, whose errors are averaged
-LONG = 10**5  # samples, of which one recording is made, and others than hingepair take minutes
+RECORDINGS = 5  # of each length; the rms of their errors counts
+LONG = 10**5  # samples from which one recording is made, for hingepair alone: others would take minutes
 
 # The hinge of every recording.
 _N = np.array([1.0, 2.0, -0.5]) / np.sqrt(5.25)
@@ -254,7 +254,7 @@ def _axis_method(name: str, find: Callable[[Inertial, float], tuple[Array, Array
     return Method(name, lambda task: functools.partial(find, *task), **options)
 
 
-AXIS_METHODS = (
+AXIS_METHODS = (  # ratios refer to the first
     _axis_method("hingepair.fit_axis", axis_by_hingepair, max_samples=LONG),
     _axis_method("qmt, gyroscopes alone", axis_by_qmt_gyroscopes, max_samples=LONG - 1, package="qmt"),
     _axis_method("qmt, accelerometers too", axis_by_qmt, max_samples=LONG - 1, package="qmt"),

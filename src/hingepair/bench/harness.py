@@ -82,7 +82,7 @@ def batch_case(
     errors: Mapping[str, float] | None = None,
     columns: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Case:
-    """Return the case of a batch: `make_task(n)` is the task of its first n samples."""
+    """Return the case of a batch, without methods for larger ones; `make_task(n)` makes its task of n samples."""
     counts = {method: min(samples, method.max_samples) for method in methods if method.min_samples <= samples}
     jobs = {method.name: method.make_job(make_task(count)) for method, count in counts.items()}
     by_name = {method.name: count for method, count in counts.items()}
@@ -242,7 +242,7 @@ def measure_cold(
 
 
 def _times_of_process(before: str, timed: str, bytecode: str, cache: str) -> tuple[float, float]:
-    """Return the times [s] that two executions of a statement take in a new process."""
+    """Return the times [s] of two executions of a statement in a new process, whose caches are these two folders."""
     code = f"""
 import sys, time
 {before}

@@ -22,8 +22,8 @@ from hingepair.pair.hinge_pair import HingePair
 DURATION = 10.0  # s, of every motion
 INTERVALS = 25  # of the motion, at whose ends errors are computed; steps of every method divide them
 TARGET = 1e-11  # rad, at which the methods' run times are compared
-METHODS = ("magnus6", "midpoint")
-STEPS = tuple(INTERVALS * k for k in (2, 5, 10, 20, 40, 100, 200, 400))
+METHODS = ("magnus6", "midpoint")  # of hingepair
+STEPS = tuple(INTERVALS * k for k in (2, 5, 10, 20, 40, 100, 200, 400))  # of a motion, by these methods
 SOLVERS = ("DOP853", "RK45", "LSODA")  # of SciPy
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12, 1e-13)  # rtol and atol of SciPy's solvers
 _PAIR = HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 0, 0))  # its hinge does not turn
@@ -36,7 +36,7 @@ class Motion(NamedTuple):
     quat: tuple[int, int, int, int]  # of Q, (w, x, y, z), not normalised: Q is then exact
 
     def scaled_matrix(self) -> tuple[list[list[int]], int]:
-        """Return Q as integers and their denominator."""
+        """Return Q as rows of integers and their common denominator."""
         w, x, y, z = self.quat
         size = w * w + x * x + y * y + z * z
         S = attitude_of_quaternion(np.array([[x, y, z, w]]))[0]
@@ -180,7 +180,7 @@ def _method_of(name: str) -> str:
 
 
 def times_to_target(rows: Sequence[Row], case: str) -> dict[str, float]:
-    """Return the time of each method [s] at the target error, read between its rows, if it reaches that."""
+    """Return the times [s] of methods that reach the target error, interpolated between their rows, by method."""
     times = {}
     for method in dict.fromkeys(_method_of(row.method) for row in rows):
         own = [row for row in rows if row.case == case and _method_of(row.method) == method and row.error]

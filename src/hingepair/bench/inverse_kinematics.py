@@ -34,7 +34,7 @@ from hingepair.mechanism.mechanism import Mechanism
 Array: TypeAlias = NDArray[Any]
 
 TOLERANCE = 1e-9  # m and rad
-LOOSE = 1e-3  # what libraries for control are tuned to
+LOOSE = 1e-3  # m and rad: what libraries for control are tuned to
 _TRIALS = 64  # starts of every method that starts again; hingepair has as many
 _STEPS = 50  # of a trial
 _DAMPING = 1e-6  # of the loops; Pinocchio's example has 1e-12, with which fewer targets are solved
@@ -85,7 +85,7 @@ def bench_inverse_kinematics(names: Sequence[str], size: int, repeats: int, with
 
 
 def robot_case(name: str, methods: Sequence[Method], size: int) -> Case:
-    """Return the case of a robot."""
+    """Return the case of a robot: all methods on `size` targets."""
     robot, model = load_models(name)
     make = cache(partial(make_task, robot, model))
     errors, columns = {}, {}
@@ -128,7 +128,7 @@ def make_task(robot: Mechanism, model: Any, count: int) -> Task:
 
 
 def outcome(task: Task, q: Array) -> Outcome:
-    """Judge coordinates by Pinocchio."""
+    """Return what coordinates q (N, dof) for the first N targets are worth."""
     import pinocchio as pin
 
     data, index = task.model.createData(), task.model.getFrameId(task.link)
@@ -278,7 +278,7 @@ def _elements(path: Path, link: str, root: str) -> list[str]:
     return found
 
 
-METHODS = (
+METHODS = (  # ratios refer to the first
     Method(HINGEPAIR, hingepair_job),
     Method(engines.PINOCCHIO_CPP, pinocchio_cpp_job, max_samples=1000, package="pinocchio"),
     Method(engines.PINOCCHIO, pinocchio_job, max_samples=100, package="pinocchio"),

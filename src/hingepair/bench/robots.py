@@ -52,7 +52,7 @@ from hingepair.mechanism.tree import Frame
 Array: TypeAlias = NDArray[Any]
 
 LOCKED = {"panda": {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}}  # positions [m], by robot
-SLOPES = (TORQUE_SLOPES, ACCELERATION_SLOPES, GRADIENT)
+SLOPES = (TORQUE_SLOPES, ACCELERATION_SLOPES, GRADIENT)  # workloads of derivatives
 REUSED = f"{HINGEPAIR}, out="  # results into arrays of the call before
 WORKLOADS = (POSE, JACOBIAN, INVERSE, FORWARD, *SLOPES)  # in the order of the table
 FRAX = "frax (JAX, one batch)"
@@ -260,7 +260,7 @@ def frax_job(task: Task) -> Job:
     return lambda: tuple(jax.tree_util.tree_leaves(wait(call(*rows))))
 
 
-METHODS = (
+METHODS = (  # ratios refer to the first
     Method(PREPARED, prepared_job),  # of one state only
     Method(HINGEPAIR, hingepair_job),
     *engines.methods(attrgetter("states")),

@@ -16,7 +16,7 @@ from hingepair.errors import ArgumentError
 from hingepair.formats.model_writers import to_urdf
 from hingepair.mechanism.mechanism import Mechanism
 
-DT = 1e-3  # s
+DT = 1e-3  # s, of a step
 MOTION, GRADIENT = "rollout", "gradient"
 REUSED = "hingepair, into the same arrays"
 MUJOCO = "mujoco.rollout"
@@ -59,7 +59,7 @@ def bench_rollouts(names: Sequence[str], size: int, steps: int, repeats: int, wi
 
 
 def robot_case(name: str, workload: str, methods: Sequence[Method], size: int, steps: int) -> Case:
-    """Return the case of a robot."""
+    """Return the case of a robot and a workload, with errors of the first motions."""
     robot, model = load_models(name)
     able = [method for method in methods if workload == MOTION or method.name in _DIFFERENTIABLE]
     make = cache(partial(make_task, workload, robot, model, steps))
@@ -171,11 +171,11 @@ def mujoco_job(task: Task) -> Job:
     return run
 
 
-METHODS = (
+METHODS = (  # ratios refer to the first
     Method(HINGEPAIR, hingepair_job),
     Method(REUSED, reused_job),
     Method(engines.PINOCCHIO_CPP, pinocchio_cpp_job, max_samples=256, package="pinocchio"),
     Method(engines.PINOCCHIO, pinocchio_job, max_samples=16, package="pinocchio"),
     Method(MUJOCO, mujoco_job, max_samples=128, package="mujoco"),
 )
-_DIFFERENTIABLE = {HINGEPAIR, engines.PINOCCHIO}
+_DIFFERENTIABLE = {HINGEPAIR, engines.PINOCCHIO}  # methods that compute gradients

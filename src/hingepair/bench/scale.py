@@ -49,6 +49,7 @@ else:
 print(seconds, peak)
 """
 
+# Scenes of the sweeps.
 _ARM = """
 [pair]
 u1 = [0.5, 0.2, 0.1]

@@ -20,8 +20,8 @@ Array: TypeAlias = NDArray[Any]
 Pair: TypeAlias = tuple[Any, Any, Any, Any]
 """u1, u2, n of any length, and home, which is taken as it stands (None: identity)."""
 
-DIGITS = 60
-OUTPUTS = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "S1", "omega1", "alpha1")
+DIGITS = 60  # decimal
+OUTPUTS = ("R2", "S2", "d", "v2", "omega2", "a2", "alpha2", "S1", "omega1", "alpha1")  # of a pair
 UNIT = {np.dtype(np.float64): 2.0**-53, np.dtype(np.float32): 2.0**-24}  # unit roundoff
 LETTERS = ("R", "S", "v", "omega", "a", "alpha")  # of a frame's motion
 
@@ -123,7 +123,7 @@ def given_motion(body: Sequence[Any]) -> tuple[Series, Series]:
 
 
 class Required(NamedTuple):
-    """What makes a body move as it does."""
+    """Force and torque that the motion of a body requires."""
 
     force: Array  # (N, 3)
     torque: Array  # about the centre of mass
@@ -131,7 +131,7 @@ class Required(NamedTuple):
 
 
 def required(origin: Series, turn: Series, body: Sequence[Any], gravity: Array) -> Required:
-    """Return the rates of momentum of a body: of its centre of mass, and of x x x' over the body.
+    """Return what the motion of a body requires beside gravity: the rates of the momenta of its mass.
 
     Args:
         origin: the reference point.
@@ -277,6 +277,7 @@ class ExactRobot:
             return by_q, by_qd
 
     def _path(self, body: int) -> list[int]:
+        """Return the numbers, from 1, of the joints from a body to the base."""
         found = []
         while body:
             found.append(body)
@@ -358,7 +359,7 @@ def skew(w: Array) -> Array:
 
 
 def nearest_rotation(S: Array) -> Array:
-    """Return the rotation that a matrix rounds."""
+    """Return the rotation next to a matrix that is one up to rounding."""
     for _ in range(4):  # Newton-Schulz: each step squares the distance from orthogonality
         S = S @ (3 * exactly(np.eye(3)) - np.swapaxes(S, -1, -2) @ S) / 2
     return S
@@ -386,6 +387,7 @@ def attitude_of_quaternion(quat_xyzw: ArrayLike) -> Array:
 
 
 def _hamilton(p: Sequence[Any], q: Sequence[Any]) -> tuple[Any, ...]:
+    """Return the product p q of quaternions (w, x, y, z)."""
     a, b, c, d = p
     e, f, g, h = q
     return (
@@ -397,6 +399,7 @@ def _hamilton(p: Sequence[Any], q: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def _body2(pair: Pair, R1: Series, S1: Series, psi: Sequence[Array]) -> dict[str, Array]:
+    """Return all OUTPUTS by name, from the series of body 1 and of the hinge angle."""
     u1, u2, n, home = pair
     u1, u2 = (exactly(u)[..., None] for u in (u1, u2))
     S2 = S1 @ rotation(unit(n), psi)

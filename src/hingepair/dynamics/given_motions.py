@@ -46,7 +46,8 @@ class GivenMotion(ABC):
         _check_rates(self.label, self.at, t, self.rates)
 
     @abstractmethod
-    def _read(self, returned: Any, t: Array) -> dict[str, Array]: ...
+    def _read(self, returned: Any, t: Array) -> dict[str, Array]:
+        """Return what the callable has returned as n rows by name; refuse anything else."""
 
 
 class GivenBase(GivenMotion):

@@ -267,6 +267,7 @@ def _point_scales(
 
 
 def _scale_formula(output: str) -> str:
+    """Return the formula of the scale of an output, with Pinocchio's extra terms."""
     formula = PLANAR_SCALES.get(output) or PROMISED_BOUND_BY_OUTPUT[output].scale
     added = PINOCCHIO_EXTRA_SCALES.get(output)
     return f"{formula} + {added}" if added else formula

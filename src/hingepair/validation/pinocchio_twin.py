@@ -38,7 +38,7 @@ BASE_AT_REST = BodyMotion(S=np.eye(3), **dict.fromkeys(("R", "v", "omega", "a", 
 
 
 def import_pinocchio(caller_name: str) -> Any:
-    """Import the module pinocchio, and return it."""
+    """Return the module pinocchio; where it is not installed, the error names the caller."""
     try:
         import pinocchio
     except ImportError as error:
@@ -183,6 +183,7 @@ class Twin:
         return joints
 
     def _base(self, order: int, base_motion: BodyMotion | None) -> dict[str, Float64Array]:
+        """Return the base's parts of q (order 0), v (1) or a (2); refuse a motion where the base stands."""
         if self.has_free_flyer:
             return _free_flyer(order, BASE_AT_REST if base_motion is None else base_motion)
         if base_motion is not None:
@@ -286,6 +287,7 @@ def _columns(**hinge: ArrayLike) -> dict[str, Float64Array]:
 
 
 def _checked_states(q: ArrayLike, v: ArrayLike | None, a: ArrayLike | None) -> dict[str, Float64Array]:
+    """Return those of the q (..., 8), v and a (..., 7) of a pair that are given, by name."""
     if a is not None and v is None:
         raise ArgumentError("v", "the velocity that belongs to a", None)
     given = [(name, c, size) for name, c, size in (("q", q, 8), ("v", v, 7), ("a", a, 7)) if c is not None]
@@ -344,6 +346,7 @@ def to_pinocchio(pair: HingePair | Mechanism) -> PairTwin | Twin:
 
 
 def _pair_twin(pair: HingePair) -> PairTwin:
+    """Build a pair as a Pinocchio model, whose free-flyer is body 1."""
     check_pair(pair)
     check_single_pair(pair)
     pin = import_pinocchio("to_pinocchio")
@@ -399,6 +402,7 @@ def robot_twin(robot: Mechanism, *, has_free_flyer: bool | None = None) -> Twin:
 
 
 def _joint_model(pin: Any, joint: Joint, axis: Any) -> Any:
+    """Return the model of a joint about or along a unit axis."""
     kind = KINDS[joint.kind]
     arguments = (axis, joint.pitch) if kind.has_pitch else (axis,)
     return getattr(pin, kind.pinocchio)(*arguments)
@@ -428,6 +432,7 @@ def _model(
 
 
 def _inertia(pin: Any, body: Body | MassProperties) -> Any:
+    """Return the mass properties of a body as Pinocchio's `Inertia`."""
     inertia = pin.Inertia.Zero()  # the constructor refuses inertias that no rigid body has
     inertia.mass, inertia.lever, inertia.inertia = body.mass, np.array(body.centre_of_mass), np.array(body.inertia)
     return inertia

@@ -15,9 +15,8 @@ from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.tables.sheets import Sheet, Shown, align_columns, json_text, left_out_remark
 
-# A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations:
-# the largest difference in 1,000 motions was 11.
-MAX_LOAD_RATIO = 64
+# A load is compared with a sum of some thirty terms, and the accelerations in it are solutions of linear equations.
+MAX_LOAD_RATIO = 64  # u * scale by which a load may differ; the largest difference in 1,000 motions was 11
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +163,8 @@ class RateComparison:
 
 
 class _Section(NamedTuple):
+    """A table of the printed report."""
+
     title: str
     rows: Sequence[Sequence[str]]  # the first is the heading
     right: Collection[int]  # columns that are aligned to the right
@@ -241,6 +242,7 @@ class CrossValidation(Shown):
         return f"PASSED: {read}{outputs} within {MAX_RATIO} u*scale of Pinocchio{more}{without}{beside}"
 
     def _sections(self) -> list[_Section]:
+        """Return the tables: of the outputs and, of a simulated motion, of its loads and rates."""
         rows = (*self.description, *self.rows)
         with_parts = any(row.worst_part for row in rows)
         parts = ("of",) * with_parts
@@ -257,7 +259,7 @@ class CrossValidation(Shown):
         return sections
 
     def _remarks(self) -> tuple[list[str], list[str]]:
-        """Return the lines below the first table, and the last lines."""
+        """Return the lines below the first table, and the last lines: notes and the verdict."""
         how = "summed over the joints" if self.base else "in full: .rows, --json"
         below = [f"u = {self.u:.3g}; scale: the size of an output's terms before they cancel ({how})"]
         below += [f"compared with {self.compared_with}"] if self.compared_with else []
@@ -276,6 +278,7 @@ class CrossValidation(Shown):
         return f"{self.name}: the equations against Pinocchio, {self.subject}"
 
     def _sheet(self) -> Sheet:
+        """Return what notebooks show."""
         (first, *others), (below, last) = self._sections(), self._remarks()
         width = len(first.rows[0])
         more = (row for section in others for row in section.rows)

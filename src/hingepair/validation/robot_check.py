@@ -32,6 +32,7 @@ from hingepair.validation.robot_scales import FRAME_MOTION, LinkWrench, RobotSca
 from hingepair.validation.states import finite_samples, samples_of
 from hingepair.validation.urdf_twin import compare_descriptions, urdf_twin
 
+# Parts of the residual of forward dynamics on a free base.
 _BASE_WRENCH = ("force1_x", "force1_y", "force1_z", "torque1_x", "torque1_y", "torque1_z")
 
 
@@ -46,6 +47,8 @@ class _Samples(NamedTuple):
 
 
 class _Case(NamedTuple):
+    """What both computations have in common."""
+
     robot: Mechanism
     twin: Twin
     samples: _Samples
@@ -178,6 +181,7 @@ def compare_loads(
 
 
 def _compare(case: _Case, ours: dict[str, Float64Array]) -> tuple[Comparison, ...]:
+    """Return a row for each output of Pinocchio's; write the residual of forward dynamics to `ours`."""
     robot, samples = case.robot, case.samples
     case.twin.model.gravity = import_pinocchio("cross_validate").Motion(case.gravity, np.zeros(3))
     theirs = _outputs_by_pinocchio(case)
@@ -201,6 +205,7 @@ def _compare(case: _Case, ours: dict[str, Float64Array]) -> tuple[Comparison, ..
 def _read_samples(
     robot: Mechanism, coordinates: Mapping[str, Coordinates], base_motion: BodyMotion | None
 ) -> _Samples:
+    """Return the checked coordinates and motion of the base, broadcast to samples."""
     names = BASE_MOTION[: 2 * len(coordinates)]
     attributes = {name: name[:-1] for name in names}
     shapes = {**dict.fromkeys(names, (3,)), "S1": (3, 3), **dict.fromkeys(coordinates, (robot.dof,))}
@@ -297,7 +302,9 @@ def _frame_number(case: _Case, name: str) -> int:
 def _mass_outputs(
     pin: Any, twin: Twin, tips: list[int], state: list[Float64Array], columns: Float64Array
 ) -> dict[str, Any]:
-    """Compute Jacobians, the mass matrix and, with rates, energies and momenta at one state of Pinocchio."""
+    """Compute Jacobians, mass matrix and, with rates, energies and momenta at a state (q, v, a) of Pinocchio's. The
+    matrix `columns` leads from the robot's velocities to v.
+    """
     model, data = twin.model, twin.data
     outputs: dict[str, Any] = {}
     pin.computeJointJacobians(model, data, state[0])
@@ -349,7 +356,9 @@ def _moved_base(case: _Case, ours: Mapping[str, Float64Array]) -> BodyMotion:
 def _residual(
     case: _Case, ours: Mapping[str, Float64Array], theirs: Mapping[str, Float64Array]
 ) -> tuple[Float64Array, Float64Array, list[str]]:
-    """Return the forces that our accelerations require by `rnea`, those that act, and what nothing resists."""
+    """Return the forces that our accelerations require by `rnea`, those that act, NaN where the mass matrix is
+    singular, and for each such sample what nothing resists.
+    """
     pin, twin, joints = import_pinocchio("cross_validate"), case.twin, case.samples.joints
     q, v = case.states()[:2]
     a = twin.acceleration(joints[0], joints[1], ours["qdd"], _moved_base(case, ours))
@@ -369,7 +378,7 @@ def _residual(
 
 
 def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
-    """Return which joint moves most where a singular mass matrix resists nothing; "" if it is regular."""
+    """Return a clause on what moves most where a mass matrix resists nothing; "" if it is regular."""
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     motion = (size == 0).astype(float)
     if size.all():
@@ -382,7 +391,7 @@ def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
 
 
 def _output_scales(case: _Case, ours: Mapping[str, Float64Array]) -> dict[str, Float64Array]:
-    """Return the error scales of all outputs by name; they broadcast against the outputs."""
+    """Return the error scales of all outputs by name, which broadcast against them; `ours` has those to compare."""
     robot, twin, samples = case.robot, case.twin, case.samples
     joints = [twin.joint_positions(samples.joints[0]), *(one[:, 6:] for one in case.states()[1:])]
     scales = RobotScales(robot.tree, joints, samples.base, case.gravity, case.wrenches)

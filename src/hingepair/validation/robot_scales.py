@@ -33,7 +33,7 @@ _SIZES = {"R": "R", "v": "v", "omega": "W", "a": "a", "alpha": "A"}
 
 
 class LinkWrench(NamedTuple):
-    """Force and torque on a link at its origin, at N samples."""
+    """Force and torque that act on a link from outside, at its origin, at N samples."""
 
     frame: Frame  # of the link
     force: Float64Array  # world axes [N]; (N, 3)
@@ -214,7 +214,7 @@ class RobotScales:
 def _sizes_behind_joint(
     sizes: dict[str, Any], length: Any, rate: Any, acceleration: Any, axis: tuple[float, float]
 ) -> dict[str, Any]:
-    """Return the sizes of the motion of the body behind a joint, by letter."""
+    """Return the sizes of the motion of the body behind a joint whose `axis` says how far it turns and shifts."""
     W, A, v, a = (sizes[letter] for letter in "WAva")
     turns, shifts = axis
     turn, shift = turns * rate, shifts * rate

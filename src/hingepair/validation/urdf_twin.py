@@ -169,7 +169,7 @@ def _largest(values: Float64Array) -> float:
 
 
 def _row(output: str, parts: Sequence[str], errors: Any, ratios: Any) -> Comparison:
-    """Return the row of one part of the description, which holds at all samples."""
+    """Return the row of one part of the description; errors and ratios by part, which hold at all samples."""
     if not parts:
         return Comparison(output, 0.0, 0.0, (), 1)
     error, ratio = (np.asarray(values, dtype=np.float64)[None] for values in (errors, ratios))
