@@ -197,6 +197,69 @@ def test_the_torque_about_the_hinge_axis_is_split_into_what_gives_it(tmp_path):
     assert not re.search(r"note: hinge_torque .*torque_limit", words)
 
 
+LOADS = """
+[dynamics]
+stiffness = 2
+rest = 0.1
+damping = 0.3
+friction = 0.2
+stops = [-0.5, 0.3]
+gravity = [0, 0, -3]
+"""
+
+
+def test_the_motor_does_what_loads_beside_a_given_psi_do_not(tmp_path):
+    path = scene_file(tmp_path, PENDULUM.replace("20", "300") + MOVED.format("0.4*sin(3*t)**2") + LOADS)
+    scene = hp.load_scene(path)
+    forces, (psi, psid) = scene.forces(), scene.motion.source.part(slice(None), 1).in_space(scene.pair).hinge[:2]
+    parts = {
+        "motor_torque": forces.motor_torque,
+        "spring_torque": -2 * (psi - 0.1),
+        "damper_torque": -0.3 * psid,
+        "friction_torque": -0.2 * np.sign(psid),
+        "stop_torque": -1e4 * np.maximum(psi - 0.3, 0),
+    }
+    assert list(forces.recorded())[:6] == ["hinge_torque", *parts]
+    for name, torque in parts.items():
+        np.testing.assert_allclose(forces[name], torque, rtol=1e-14, atol=1e-12)
+    np.testing.assert_allclose(sum(parts.values()), forces.hinge_torque, rtol=1e-12, atol=1e-10)
+    plain = scene_file(tmp_path, PENDULUM + MOVED.format("0.4*sin(3*t)**2"))
+    np.testing.assert_array_equal(hp.load_scene(plain).forces((0, 0, -3)).hinge_torque, forces.hinge_torque)
+    path.write_text(PENDULUM + MOVED.format("0.4*sin(3*t)**2") + LOADS)
+    output = " ".join(told(path).split())
+    assert "gravity = (0, 0, -3) m/s^2" in output
+    assert (
+        "note: friction_torque is 0 at 1 of 101 instants, where psi' is 0; friction may hold up to 0.2 N m" in output
+    )
+    assert "note: motor_torque exceeds the torque_limit, 20 N m" in output
+    assert "--gravity: expected None, since the table [dynamics]" in refusal("forces", path, "--gravity", "0,0,1")
+    assert scene.arrays(("motor_torque",))["motor_torque"].shape == (101,)
+    assert scene.cross_validate(20).ok
+
+
+@pytest.mark.slow
+def test_the_motor_of_a_log_has_its_noise(tmp_path):
+    """What noise of psi makes of a stiff spring and of the torque that the motion takes, both."""
+    t = np.arange(601) / 200
+    text = LOGGED + "[dynamics]\nstiffness = 1e6\n"
+    clean = hp.load_scene(scene_file(tmp_path, text, spoilt(t, {}))).forces()
+    noisy = hp.load_scene(scene_file(tmp_path, text, spoilt(t, {"psi": 5e-4}))).forces()
+    for name in ("motor_torque", "spring_torque"):
+        error = np.sqrt(np.mean((noisy[name] - clean[name])[3:-3] ** 2))
+        assert noisy.noise[name] == pytest.approx(error, rel=0.15)
+    assert noisy.noise["spring_torque"] == pytest.approx(500, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "line", ["psi_0 = 1", "hinge_torque = 1", "base = 'fixed'", "stop_restitution = 0.5", "tol = 1"]
+)
+def test_what_is_simulated_stands_not_beside_a_given_psi(tmp_path, line):
+    path = scene_file(tmp_path, PENDULUM + MOVED.format("t") + LOADS + line + "\n")
+    name = line.split()[0]
+    assert f"dynamics.{name}: expected stiffness, rest, damping" in (said := refusal("forces", path))
+    assert "since [motion] gives psi: `hingepair forces` gives the torque of the motor" in said
+
+
 def test_the_gravity_that_was_taken_is_printed(tmp_path):
     path = scene_file(tmp_path, PENDULUM + MOVED.format("t"))
     assert "gravity = (0, 0, -9.81) m/s^2" in told(path)

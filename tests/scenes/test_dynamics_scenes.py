@@ -183,7 +183,7 @@ def test_constants_are_not_called_as_the_hinge_angle_is(tmp_path):
         ("base = 'prescribed'\nR1_0 = [1, 0, 0]", r"dynamics\.R1_0: expected no such key together with base"),
         ("base = 'prescribed'\n[motion]\nx = 0", r"motion\.y: "),
         ("[motion]\nx = 0", r"motion\.x: expected"),
-        ("base = 'prescribed'\n[motion]\npsi = 0", r"motion\.psi: .* subtract the spring's torque from hinge_torque"),
+        ("base = 'prescribed'\n[motion]\npsi = 0", r"dynamics\.base: .* since \[motion\] gives psi"),
         ("phi_0 = 1", r"dynamics\.phi_0: expected"),
         ("hinge_torque = 'log(0.2 - t)'", r"dynamics: expected a motion that can be followed"),
     ],

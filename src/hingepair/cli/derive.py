@@ -118,7 +118,8 @@ def _pair_forms(source: Source, symbols: Sequence[str]) -> _PairForms:
     from hingepair.scenes.derive import derive as closed_forms
     from hingepair.scenes.derive import derive_any_motion
 
-    if source.has_motion and source.dynamics() is None:
+    setup = source.dynamics()
+    if source.has_motion and (setup is None or not setup.simulates):
         scene = source.scene_file.scene().require_pair()
         named = tuple(name for name in scene.outputs or () if name not in FURTHER_OUTPUTS)
         return _PairForms(closed_forms(scene, symbols), scene.title, named)

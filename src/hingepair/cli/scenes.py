@@ -150,11 +150,12 @@ def forces_command(
 ) -> None:
     """Compute and print the forces that a motion requires.
 
-    The bodies of the pair must have masses. hinge_torque is the torque about the hinge axis; if the table [dynamics]
-    of the scene simulates the motion, it is split into motor, spring, damper, friction and stop. bearing_torque is
-    the torque perpendicular to the axis, hinge_force the force at the hinge point. All three are exerted by body 1 on
-    body 2. force1 and torque1 act on body 1 at R1. Vectors are in world axes; |hinge_force| is the magnitude of
-    hinge_force. For a log the table also shows the effect of noise.
+    The bodies of the pair must have masses. hinge_torque is the torque about the hinge axis; if the scene has a table
+    [dynamics], it is split into motor, spring, damper, friction and stop. Beside a psi that [motion] gives,
+    motor_torque is what the motion needs beside the others. bearing_torque is the torque perpendicular to the axis,
+    hinge_force the force at the hinge point. All three are exerted by body 1 on body 2. force1 and torque1 act on
+    body 1 at R1. Vectors are in world axes; |hinge_force| is the magnitude of hinge_force. For a log the table also
+    shows the effect of noise.
 
     For a mechanism, the table shows the effort of each joint (N m of a hinge, N of a slider), its coordinate and its
     rate with their limits; for a log also the standard deviation of each effort that the noise of the log causes.

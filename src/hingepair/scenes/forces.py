@@ -17,7 +17,7 @@ from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Joint, loads_note
 from hingepair.numeric.arrays import Float64Array, one_constant
-from hingepair.pair.hinge_load import TORQUE_PARTS
+from hingepair.pair.hinge_load import TORQUE_PARTS, HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.results import Record
@@ -219,11 +219,11 @@ def pair_forces(
     flat = isinstance(pair, PlanarPair)
     size, fall = 2 if flat else 3, motion.gravity(pair)
     if gravity is not None:
-        if motion.simulated:
+        if motion.simulated or motion.fall is not None:
             raise ArgumentError("gravity", "None, since the table [dynamics] of the scene has a gravity", gravity)
         fall = (*one_constant("gravity", gravity, size).tolist(), 0.0)[:3]
     known = motion.source.part(slice(None), ACCELERATION)
-    arrays = _required_forces(pair, known.in_space(pair), fall)
+    arrays = _required_forces(pair, known.in_space(pair), fall, motion.hinge_load)
     if motion.simulated:
         given = _forces_from_body2_loads(massive(pair), motion.simulated)
         arrays = {name: array - given[name] for name, array in arrays.items()}
@@ -231,30 +231,41 @@ def pair_forces(
         parts = {name: loads[name] for part in TORQUE_PARTS if (name := f"{part}_torque") in loads}
         arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
     notes = [*non_finite_sentences(arrays), *_torque_limit_sentences(pair, t, arrays)]
-    if flat and gravity is None and not motion.simulated:
+    if motion.hinge_load is not None:
+        notes += _rest_friction_sentences(motion.hinge_load, np.asarray(known.hinge_angle(1)))
+    if flat and gravity is None and not motion.simulated and motion.fall is None:
         down = ", ".join(f"{component:g}" for component in fall[:size])
         notes.append(f"gravity is taken along -y of the plane, ({down}) m/s^2; seen from above it is --gravity 0,0")
     noise: dict[str, Float64Array] = {}
     if motion.deviations is not None:
-        noise, sentence = _smoothed_force_noise(pair, known.in_space(pair), motion.deviations, fall, arrays)
+        load = motion.hinge_load
+        noise, sentence = _smoothed_force_noise(pair, known.in_space(pair), motion.deviations, fall, arrays, load)
         notes.append(sentence)
     elif motion.derived is not None and len(t) > DIFFERENCE_ORDER:
-        noise, sentence = _force_noise(pair, t, known, motion.derived, fall, arrays)
+        noise, sentence = _force_noise(pair, t, known, motion.derived, fall, arrays, motion.hinge_load)
         notes.append(sentence)
     shown = _plane_components(arrays) if flat else arrays
     return SceneForces(t, shown, record, gravity=fall[:size], notes=tuple(notes), noise=noise)
 
 
 def _required_forces(
-    pair: HingePair | PlanarPair, body1_motion: MotionByBody1, gravity: tuple[float, ...]
+    pair: HingePair | PlanarPair,
+    body1_motion: MotionByBody1,
+    gravity: tuple[float, ...],
+    load: HingeLoad | None,
 ) -> dict[str, NDArray[Any]]:
     """Return the forces and torques that a pair's motion requires, by name, in world axes; force1 and torque1 only if
-    body 1 has mass properties.
+    body 1 has mass properties. With a load of the hinge, hinge_torque is also in parts, of which the motor's is the
+    rest.
     """
     space = massive(pair)
     psi, psid, psidd = body1_motion.hinge
     wrench = space.hinge_wrench(body1_motion.body1, psi, psid, psidd, gravity=gravity)
-    arrays = {"hinge_torque": wrench.hinge_torque, "bearing_torque": wrench.bearing_torque}
+    arrays = {"hinge_torque": wrench.hinge_torque}
+    if load is not None:
+        parts = {f"{name}_torque": np.asarray(part) for name, part in load.parts(0.0, psi, psid).items()}
+        arrays |= parts | {"motor_torque": wrench.hinge_torque - sum(parts.values())}
+    arrays["bearing_torque"] = wrench.bearing_torque
     arrays |= {"hinge_force": wrench.force}
     if pair.body1 is not None:
         forces = space.inverse_dynamics(body1_motion.body1, psi, psid, psidd, gravity=gravity)
@@ -278,6 +289,16 @@ def _forces_from_body2_loads(
         "force1": force,
         "torque1": torque + np.cross(state.d, force),
     }
+
+
+def _rest_friction_sentences(load: HingeLoad, rates: Float64Array) -> Iterator[str]:
+    """Yield one sentence if there are instants at which dry friction is not known, since psi' is 0."""
+    still = int((rates == 0).sum())
+    if still and load.sticking_friction:
+        yield (
+            f"friction_torque is 0 at {still} of {rates.size} instants, where psi' is 0; friction may hold up to "
+            f"{load.sticking_friction:g} N m of motor_torque there"
+        )
 
 
 def _plane_components(force_arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -313,13 +334,15 @@ def _force_noise(
     derived_names: tuple[str, ...],
     gravity: tuple[float, ...],
     force_arrays: Mapping[str, NDArray[Any]],
+    load: HingeLoad | None,
 ) -> tuple[dict[str, Float64Array], str]:
     """Return (deviations, note): the standard deviations by name that noise of the log causes in the forces and their
     magnitudes, and a sentence on that noise.
     """
     rows = noise_rows(len(t))
     log = LogNoise(t[rows] - t[rows.start], derived_names, DIFFERENCE_ORDER)
-    noisy = _required_forces(pair, log.with_noise_added(motion.part(rows, ACCELERATION)).in_space(pair), gravity)
+    moved = log.with_noise_added(motion.part(rows, ACCELERATION)).in_space(pair)
+    noisy = _required_forces(pair, moved, gravity, load)
     inside, sizes = slice(DIFFERENCE_ORDER // 2, -(DIFFERENCE_ORDER // 2)), log.sizes
     noise = _rms_of_changes(force_arrays, noisy, rows, inside)
     torque, rms = float(noise["hinge_torque"]), float(finite_rms(force_arrays["hinge_torque"]))
@@ -343,12 +366,13 @@ def _smoothed_force_noise(
     deviations: Mapping[str, Float64Array],
     gravity: tuple[float, ...],
     force_arrays: Mapping[str, NDArray[Any]],
+    load: HingeLoad | None,
 ) -> tuple[dict[str, Float64Array], str]:
     """Return what `_force_noise` does, for the standard `deviations` of a smoothed motion."""
     rows = noise_rows(len(deviations["psi"]))
     random = np.random.default_rng(0)
     errors = {name: own[rows] * random.standard_normal(own[rows].shape) for name, own in deviations.items()}
-    noisy = _required_forces(pair, motion_with_errors(motion.part(rows, ACCELERATION), errors), gravity)
+    noisy = _required_forces(pair, motion_with_errors(motion.part(rows, ACCELERATION), errors), gravity, load)
     noise = _rms_of_changes(force_arrays, noisy, rows, slice(None))
     psidd, torque = float(finite_rms(deviations["psidd"][rows])), float(noise["hinge_torque"])
     rms = _two_digits(float(finite_rms(force_arrays["hinge_torque"])))

@@ -187,7 +187,8 @@ class SceneFile:
             return None
         from hingepair.scenes.motions.simulated import read_dynamics_setup
 
-        return read_dynamics_setup(self.tables.table("dynamics"), self.pair)
+        motion = self.tables.table("motion", required=False)
+        return read_dynamics_setup(self.tables.table("dynamics"), self.pair, motion)
 
     @property
     def suspicions(self) -> tuple[str, ...]:
@@ -243,13 +244,25 @@ def _read_pair(tables: Table) -> HingePair | PlanarPair:
 
 def _read_motion(tables: Table, folder: Path, pair: HingePair | PlanarPair) -> PairMotion:
     """Return the motion that the tables [motion], [dynamics] and [time] define."""
-    planar = isinstance(pair, PlanarPair)
     if "dynamics" in tables.values:
-        from hingepair.scenes.motions.simulated import read_simulated_motion
+        from hingepair.scenes.motions.simulated import (
+            gives_psi,
+            read_dynamics_setup,
+            read_simulated_motion,
+            with_hinge_loads,
+        )
 
-        motion = tables.table("motion", required=False)
-        return read_simulated_motion(tables.table("dynamics"), motion, tables.table("time"), pair)
-    motion = tables.table("motion")
+        motion, dynamics = tables.table("motion", required=False), tables.table("dynamics")
+        if gives_psi(motion):
+            setup = read_dynamics_setup(dynamics, pair, motion)
+            return with_hinge_loads(_read_given_motion(tables, motion, folder, pair), setup, dynamics)
+        return read_simulated_motion(dynamics, motion, tables.table("time"), pair)
+    return _read_given_motion(tables, tables.table("motion"), folder, pair)
+
+
+def _read_given_motion(tables: Table, motion: Table, folder: Path, pair: HingePair | PlanarPair) -> PairMotion:
+    """Return the motion that the Table [motion] defines by expressions, rates or a log."""
+    planar = isinstance(pair, PlanarPair)
     if "file" not in motion.values:
         if "psi_dot" in motion.values and "omega1" not in motion.values:
             motion.fail("omega1", "the angular velocity of body 1, since psi_dot is given")

@@ -18,6 +18,7 @@ from hingepair.numeric.arrays import Float64Array, read_only
 from hingepair.pair.accuracy import error_ratios, output_scales
 from hingepair.pair.computations import compute_arrays
 from hingepair.pair.constants import with_hinge_frames
+from hingepair.pair.hinge_load import TORQUE_PARTS
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PlanarPair
 from hingepair.pair.states import Energy, Momentum, PairState, PlanarState
@@ -40,8 +41,11 @@ COORDINATE_OUTPUTS: Final = ("q", "qd", "qdd", "psi", "psid", "psidd")
 _ATTITUDES: Final = {"quat1": "S1", "quat2": "S2"}  # rotation matrix by the output with its quaternion (x, y, z, w)
 FURTHER_OUTPUTS: Final = (*COORDINATE_OUTPUTS, *_ATTITUDES)
 """Outputs that a scene has beside those of the equations; the quaternions only in space."""
-PAIR_FORCES: Final = ("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1")
-"""Forces of a pair with masses."""
+PAIR_FORCES: Final = (
+    *("hinge_torque", "bearing_torque", "hinge_force", "force1", "torque1"),
+    *(f"{part}_torque" for part in TORQUE_PARTS),
+)
+"""Forces of a pair with masses; the last ones, parts of hinge_torque, if [dynamics] has loads."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -289,7 +293,8 @@ class PairScene(Scene):
         for name in names:
             if name in PAIR_FORCES:
                 if name not in forces:
-                    self.tables.refuse("pair", f"masses and a kind of pair that {name} needs", "none")
+                    needed = "loads in [dynamics]" if name.removesuffix("_torque") in TORQUE_PARTS else "masses"
+                    self.tables.refuse("pair", f"{needed} and a kind of pair that {name} needs", "none")
                 arrays[name] = forces[name]
         return arrays
 

@@ -16,6 +16,7 @@ from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.accuracy import PINOCCHIO_ROUNDOFFS as MAX_RATIO
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
+from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
 from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
@@ -131,6 +132,10 @@ class PairMotion(Motion):
     #: standard deviations of a smoothed log at each instant: (N, 3) by R1, v1, a1, S1 (of a rotation vector), omega1
     #: and alpha1, and (N,) by psi, psid and psidd; None if the motion was not smoothed
     deviations: Mapping[str, Float64Array] | None = None
+    #: spring, damper, friction and stops beside a given psi, in whose forces they are told from the motor's torque
+    hinge_load: HingeLoad | None = None
+    #: gravity in space [m/s^2] beside a given psi; None for the pair's default
+    fall: tuple[float, ...] | None = None
 
     @property
     def description(self) -> str:
@@ -138,9 +143,11 @@ class PairMotion(Motion):
         return self.with_error(self.how)
 
     def gravity(self, pair: HingePair | PlanarPair) -> tuple[float, ...]:
-        """Return the gravity in space [m/s^2]: that of a simulated motion, otherwise the pair's default."""
+        """Return the gravity in space [m/s^2]: that of [dynamics], otherwise the pair's default."""
         if self.simulated:
             return self.simulated.gravity
+        if self.fall is not None:
+            return self.fall
         return (*PLANAR_GRAVITY, 0.0) if isinstance(pair, PlanarPair) else DEFAULT_GRAVITY
 
 

@@ -6,6 +6,7 @@ import contextlib
 import math
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final, NamedTuple
 
@@ -33,7 +34,7 @@ from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.functions import read_coordinate_functions
 from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
 from hingepair.scenes.motions.motion import PRESCRIBED, PairMotion
-from hingepair.scenes.tables import Key, NamedSource, Table, describe_value, numbers_key
+from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.expressions import number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions
 from hingepair.tables.sheets import instant_text
@@ -156,6 +157,17 @@ DYNAMICS_KEYS: Final = tuple(_dynamics_key_readers(3))
 """Keys that the table [dynamics] of a pair in space may have."""
 
 
+_BESIDE_GIVEN_PSI: Final = (
+    *("stiffness", "rest", "damping", "friction", "friction_rate"),
+    *("stops", "stop_stiffness", "stop_damping", "gravity"),
+)
+
+
+def gives_psi(motion: Table) -> bool:
+    """Return whether the Table [motion] gives psi, by an expression, a log or a rate; [dynamics] then has loads."""
+    return not {"psi", "file", "psi_dot"}.isdisjoint(motion.values)
+
+
 class DynamicsSetup(NamedTuple):
     """Values of the table [dynamics] of a scene."""
 
@@ -170,12 +182,24 @@ class DynamicsSetup(NamedTuple):
     #: the keys of the table
     keys: tuple[str, ...]
 
+    @property
+    def simulates(self) -> bool:
+        """Whether psi is simulated, not given by [motion]."""
+        return self.base != PRESCRIBED or "base" in self.keys
 
-def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair) -> DynamicsSetup:
-    """Return the DynamicsSetup of the Table [dynamics] for a pair, without simulating it."""
+
+def read_dynamics_setup(table: Table, pair: HingePair | PlanarPair, motion: Table) -> DynamicsSetup:
+    """Return the DynamicsSetup of the Table [dynamics] for a pair, without simulating it. Beside a psi that [motion]
+    gives, the base is prescribed.
+    """
     planar = isinstance(pair, PlanarPair)
+    if gives_psi(motion):
+        for key in table.values:
+            if key in DYNAMICS_KEYS and key not in _BESIDE_GIVEN_PSI:
+                wanted = f"{', '.join(_BESIDE_GIVEN_PSI)} alone, since [motion] gives psi"
+                table.fail(key, f"{wanted}: `hingepair forces` gives the torque of the motor")
     others = table.read(_dynamics_key_readers(2 if planar else 3))
-    base = others.pop("base", BASES[0])
+    base = others.pop("base", PRESCRIBED if gives_psi(motion) else BASES[0])
     start: dict[str, Any] = {key: others.pop(key) for key in _START_KEYS if key in others}
     hinge: dict[str, Any] = {key: others.pop(key) for key in (*HINGE_LOAD_KEYS, "stops") if key in others}
     if hinge.get("stops") is True:
@@ -200,16 +224,12 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
     """Simulate the motion of a pair that the Tables [dynamics] (`table`), [motion] and [time] define, and return it
     as a PairMotion.
     """
-    kind, body1, hinge, arguments, _ = read_dynamics_setup(table, pair)
+    kind, body1, hinge, arguments, _ = read_dynamics_setup(table, pair, motion)
     for name in ("body1", "body2") if kind in {"free", "pinned"} else ("body2",):
         if getattr(pair, name) is None:
             instead = ", or base = 'fixed' in [dynamics]" if name == "body1" else ""
             expected = f"mass properties, as in [pair.{name}] mass = 2.0{instead}"
             NamedSource(table.file, "pair").refuse(name, expected, "nothing")
-    if "psi" in motion.values:
-        expected = "no such key, since [dynamics] simulates psi"
-        instead = "for a given psi, leave [dynamics] out and subtract the spring's torque from hinge_torque"
-        motion.refuse("psi", f"{expected} ({instead})", describe_value(motion.values["psi"]))
     base: Any = kind
     if kind == PRESCRIBED:
         base = _prescribed_body1(motion, pair)
@@ -239,6 +259,15 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
         simulated=simulated,
         stops=torque.tightest_stops,
     )
+
+
+def with_hinge_loads(motion: PairMotion, setup: DynamicsSetup, table: Table) -> PairMotion:
+    """Return a motion whose psi is given with the loads and the gravity of the Table [dynamics], read as `setup`."""
+    with table.naming(**_KEYS_OF_ARGUMENTS):
+        load = HingeLoad(**setup.hinge)
+    fall = setup.others.get("gravity")
+    fall = None if fall is None else (*fall, 0.0)[:3]
+    return replace(motion, hinge_load=load, fall=fall, stops=load.tightest_stops)
 
 
 @contextlib.contextmanager
