@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -26,8 +26,23 @@ from hingepair.tables.units import SI, Units, UnitsLike
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-JOINT_TERMS: Final = ("viscous", "coulomb", "offset", "armature")
-"""Terms of the torque of a joint by itself: in proportion to qd, sign(qd), 1 and qdd."""
+
+class _Term(NamedTuple):
+    """Term of the torque of a joint by itself, in proportion to one parameter."""
+
+    factor: Callable[[Float64Array, Float64Array], Float64Array]  # of qd and qdd: the torque for a parameter of 1
+    field: str = ""  # of the joint's load that has the parameter
+    signed: bool = False  # whether it may be below 0
+
+
+_TERMS: Final = {
+    "viscous": _Term(lambda qd, _: qd, "damping"),
+    "coulomb": _Term(lambda qd, _: np.sign(qd), "friction"),
+    "offset": _Term(lambda qd, _: np.ones_like(qd), signed=True),
+    "armature": _Term(lambda _, qdd: qdd),
+}
+JOINT_TERMS: Final = tuple(_TERMS)
+"""Names of the terms."""
 _NORMAL_95 = 1.959963984540054  # standard deviations: 95 % of a normal distribution are within
 _SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of parameters has no effect on the torques
 _BLOCK = 2**23  # numbers of a regressor that are in memory at a time
@@ -279,13 +294,13 @@ def fit_masses(
         raise ShapeError("q", f"shape (N, {robot.dof}), N instants", f"shape {values['q'].shape}")
     known = np.logical_and.reduce([np.isfinite(one).all(axis=-1) for one in values.values()])
     base = robot.base_parameters(gravity=gravity)
-    described = np.concatenate((base.values, _described_terms(robot, terms)))
+    described = np.concatenate((base.values, *(_described(robot, term) for term in terms)))
     recording = _Recording(
         robot, base, terms, tuple(np.asarray(gravity, dtype=np.float64).tolist()),
         {name: one[known] for name, one in values.items()}, described,
     )  # fmt: skip
     count = round((1 - share) * recording.samples)
-    names = (*base.names, *(f"{joint} {term}" for term in terms for joint in robot.names))
+    names = (*base.names, *(f"{joint} {term}" for term in terms for joint in robot.names))  # as `parts` has them
     if count * robot.dof <= len(names):
         raise FitError("q", f"more than {-(-len(names) // robot.dof)} samples to fit to", f"{count}")
     found = _weighted_least_squares(recording, count)
@@ -293,7 +308,7 @@ def fit_masses(
     impossible = _mass_matrix_findings(recording, found, estimate)
     findings = impossible + _doubts(recording, found, estimate, count)
     parameters, estimate, more = _standard_parameters(recording, found, estimate, physical)
-    fitted = _fitted_robot(recording, parameters, estimate[len(base.names) :])
+    fitted = _fitted_robot(recording, parameters, estimate)
     if fitted.tree.notes and not impossible:
         text = (
             f"{len(fitted.tree.notes)} of {len(fitted.tree.joints)} bodies of `robot` have masses that no rigid body "
@@ -385,9 +400,13 @@ class _Recording(NamedTuple):
         """Return the columns of the base parameters and of the joint terms for some samples; shape (n, dof, k)."""
         q, qd, qdd = (self.values[name][part] for name in ("q", "qd", "qdd"))
         columns = [self.robot.torque_regressor(q, qd, qdd, gravity=self.gravity)[..., self.base.columns]]
-        factors = {"viscous": qd, "coulomb": np.sign(qd), "offset": np.ones_like(qd), "armature": qdd}
-        columns += [factors[term][..., None] * np.eye(self.robot.dof) for term in self.terms]
+        columns += [_TERMS[term].factor(qd, qdd)[..., None] * np.eye(self.robot.dof) for term in self.terms]
         return np.concatenate(columns, axis=-1)
+
+    def parts(self, parameters: Float64Array) -> tuple[Float64Array, dict[str, Float64Array]]:
+        """Return the base parameters, which are the first, and those of all joints, (dof,), by term."""
+        base, further = np.split(parameters, [len(self.base.names)])
+        return base, dict(zip(self.terms, further.reshape(-1, self.robot.dof), strict=True))
 
     def torques(self, part: slice) -> Float64Array:
         """Return the recorded torques without those of rotors whose inertias are known; shape (n, dof)."""
@@ -400,16 +419,12 @@ class _Recording(NamedTuple):
         return np.concatenate(parts) if parts else np.zeros((0, self.robot.dof))
 
 
-def _described_terms(robot: Mechanism, terms: tuple[str, ...]) -> Float64Array:
-    """Return the joint terms of the robot as described."""
-    joints = robot.tree.coordinates
-    by_term = {
-        "viscous": [joint.load.damping for joint in joints],
-        "coulomb": [joint.load.friction for joint in joints],
-        "offset": [0.0] * robot.dof,
-        "armature": robot.armature.tolist(),
-    }
-    return np.array([value for term in terms for value in by_term[term]], dtype=np.float64)
+def _described(robot: Mechanism, term: str) -> Float64Array:
+    """Return a joint term of the robot as described, (dof,)."""
+    if term == "armature":  # followers' rotors count with their leaders
+        return robot.armature
+    field = _TERMS[term].field
+    return np.array([getattr(joint.load, field) if field else 0.0 for joint in robot.tree.coordinates])
 
 
 class _Found(NamedTuple):
@@ -478,20 +493,21 @@ def _doubts(recording: _Recording, found: _Found, estimate: Float64Array, count:
             how = f"{'are' if of_body.size > 1 else 'is'} {'hardly' if harmless else 'not'} determined"
             advice = f"let {robot.tree.joints[number].name} and the joints that carry it turn further and faster"
             findings.append(Finding(f"{which} of {name} {how} by this motion: {advice}.", harmless))
-    shape = len(terms), robot.dof
-    values, std = (array[count:].reshape(shape) for array in (estimate, found.std))
+    values, std = (recording.parts(array)[1] for array in (estimate, found.std))
     for k, joint in enumerate(robot.names):
-        lost = [term for term, one in zip(terms, std[:, k], strict=True) if np.isinf(one)]
+        lost = [term for term in terms if np.isinf(std[term][k])]
         if lost:
             which = (
                 f"{' and '.join(lost)} {'terms are' if len(lost) > 1 else 'term is'} not determined by this motion"
             )
             still = not rates[:, k].any()
             findings.append(Finding(f"{joint} does not move: its {which}." if still else f"Of {joint}, the {which}."))
-    below = values + 4 * std < 0
-    below[[term == "offset" for term in terms]] = False
+    unsigned = [term for term in terms if not _TERMS[term].signed]
+    below = np.logical_or.reduce(
+        [values[term] + 4 * std[term] < 0 for term in unsigned] or [np.zeros(robot.dof, np.bool_)]
+    )
     if below.any():
-        joints = ", ".join(np.array(robot.names)[below.any(axis=0)])
+        joints = ", ".join(np.array(robot.names)[below])
         findings.append(Finding(f"Friction or a rotor of {joints} is below 0: do tau and qd have the same sign?"))
     return findings
 
@@ -522,10 +538,10 @@ def _standard_parameters(
     physical; and findings.
     """
     robot, base = recording.robot, recording.base
-    start, count = robot.inertial_parameters.copy(), len(base.names)
+    start = robot.inertial_parameters.copy()
     start[::10] = np.where(start[::10] == 0, _sizes(robot)[:, 0], start[::10])  # a first moment needs a mass
     if physical:
-        signed = np.array([term == "offset" for term in recording.terms for _ in robot.names], dtype=np.bool_)
+        signed = np.repeat([_TERMS[term].signed for term in recording.terms], robot.dof).astype(np.bool_)
         parameters, further = consistent_parameters(found.factor, base.matrix, estimate, start, _sizes(robot), signed)
         changed = np.concatenate((base.matrix @ parameters, further))
         squares = ((found.factor @ (changed - estimate)) ** 2).sum()
@@ -536,7 +552,7 @@ def _standard_parameters(
         return parameters, changed, exceeded(Check(squares, _GROWTH * len(estimate), text))
     # The least change, in parts of what each parameter may amount to.
     weighted = base.matrix * _units(robot) ** 2
-    change = estimate[:count] - base.matrix @ start
+    change = recording.parts(estimate)[0] - base.matrix @ start
     parameters = start + weighted.T @ np.linalg.solve(weighted @ base.matrix.T, change)
     return parameters, estimate, []
 
@@ -625,19 +641,17 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
     return findings + exceeded(Check(lag, 0, text, harmless=True))
 
 
-def _fitted_robot(recording: _Recording, parameters: Float64Array, further: Float64Array) -> Mechanism:
+def _fitted_robot(recording: _Recording, parameters: Float64Array, estimate: Float64Array) -> Mechanism:
     """Return the robot with fitted masses, rotors and friction, of which what is below 0 counts as none."""
-    robot = recording.robot
-    fitted = dict(zip(recording.terms, np.maximum(further, 0.0).reshape(-1, robot.dof), strict=True))
-    robot = robot.with_inertial_parameters(parameters, armature=fitted.get("armature"))
-    fields = {"viscous": "damping", "coulomb": "friction"}
+    fitted = {term: np.maximum(values, 0.0) for term, values in recording.parts(estimate)[1].items()}
+    robot = recording.robot.with_inertial_parameters(parameters, armature=fitted.get("armature"))
+    fields = {field: fitted[term] for term in fitted if (field := _TERMS[term].field)}
+    own = {joint.name: k for k, joint in enumerate(robot.tree.coordinates)}
     loads = {}
-    for k, joint in enumerate(robot.tree.coordinates):
-        found: dict[str, Any] = {name: fitted[term][k] for term, name in fields.items() if term in fitted}
+    for joint in robot.tree.joints:  # what is fitted counts the loads of followers with the leader's
+        k = own.get(joint.name)
+        found: dict[str, Any] = {field: 0.0 if k is None else values[k] for field, values in fields.items()}
         loads[joint.name] = replace(joint.load, **found)
-    # What is fitted counts the loads of followers, too.
-    nothing: dict[str, Any] = {name: 0.0 for term, name in fields.items() if term in fitted}
-    loads |= {joint.name: replace(joint.load, **nothing) for joint in robot.tree.joints if joint.mimic is not None}
     return robot.with_joint_loads(loads)
 
 
