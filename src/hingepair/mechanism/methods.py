@@ -43,7 +43,7 @@ from hingepair.mechanism.states import (
     MechanismState,
 )
 from hingepair.mechanism.tree import Tree, loads_note
-from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, one_constant
+from hingepair.numeric.arrays import Float64Array, FloatArray, Frozen, check_choice, is_zero, one_constant, set_frozen
 from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.pair.body import warn_of_dynamics
 from hingepair.pair.body_motion import MOTION_SHAPES, BodyMotion
@@ -82,7 +82,7 @@ class MechanismMethods(Frozen, Shown):
             constants = self._cached_constants
         except AttributeError:
             constants = robot_constants(self.tree, self.base == "free")
-            object.__setattr__(self, "_cached_constants", constants)
+            set_frozen(self, _cached_constants=constants)
         return constants
 
     @property
@@ -195,7 +195,9 @@ class MechanismMethods(Frozen, Shown):
         True
         """
         check_choice("axes", axes, tuple(_JACOBIANS))
-        return self._rate(_JACOBIANS[axes], q, qd, base_motion, out, workers, backend, frames)
+        return self._ask(
+            _JACOBIANS[axes], (q, qd), base_motion, out, workers, backend, frames=frames, derivative="rate"
+        )
 
     def acceleration_bias(
         self,
@@ -614,9 +616,9 @@ class MechanismMethods(Frozen, Shown):
         >>> d.tau_q.shape, np.allclose(d.tau_qdd, robot.mass_matrix(np.zeros(6)))
         ((6, 6), True)
         """
-        return self._derivatives(
+        return self._ask(
             "inverse_dynamics", (q, qd, qdd), base_motion, out, workers, backend,
-            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads, loads={},
+            gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads, derivative="matrices",
         )  # fmt: skip
 
     def forward_dynamics_derivatives(
@@ -659,10 +661,10 @@ class MechanismMethods(Frozen, Shown):
         >>> robot.forward_dynamics_derivatives(np.zeros(6), np.zeros(6), np.zeros(6)).qdd_tau.shape
         (6, 6)
         """
-        found = self._derivatives(
+        found = self._ask(
             "forward_dynamics", (q, qd, tau), base_motion, out, workers, backend,
             gravity=gravity, outputs=outputs, wrenches=wrenches, joint_loads=joint_loads,
-            loads=self._base_loads(force1, torque1),
+            loads=self._base_loads(force1, torque1), derivative="matrices",
         )  # fmt: skip
         if self._constants.may_be_singular:  # where one derivative is NaN, all are
             first = found[found.outputs[0]][..., 0]
@@ -923,7 +925,7 @@ class MechanismMethods(Frozen, Shown):
         >>> hp.load_robot("ur5_robot").centroidal_momentum_matrix_rate(np.zeros(6), np.ones(6)).shape
         (6, 6)
         """
-        return self._rate("centroidal_momentum_matrix", q, qd, base_motion, out, workers, backend)
+        return self._ask("centroidal_momentum_matrix", (q, qd), base_motion, out, workers, backend, derivative="rate")
 
     def energy(
         self,
@@ -1208,113 +1210,56 @@ class MechanismMethods(Frozen, Shown):
         wrenches: Wrenches = None,
         joint_loads: bool | None = False,
         loads: Loads | None = None,
+        derivative: str = "",
     ) -> Any:
-        """Compute the outputs of the row `task` of TASKS. `given` are the coordinates and efforts that the row names,
-        `loads` force1 and torque1 on a free base.
+        """Compute the outputs of the row `task` of TASKS, or derivatives of these.
+
+        Args:
+            task: name of the row.
+            given: the coordinates and efforts that the row names.
+            loads: force1 and torque1 on a free base.
+            derivative: "matrices": of the first output, with those of a free base, by the row's arguments; "rate": in
+                time, for which `given` ends with qd.
         """
         key = None
         if base_motion is None and gravity is DEFAULT_GRAVITY and wrenches is None and not loads:
-            key = task, outputs, frames, backend, joint_loads
+            key = task, derivative, outputs, frames, backend, joint_loads
             found = self._again(key, given, out, workers)
             if found is not None:
                 return found
         row = TASKS[task]
-        default = self._available(row.outputs)
-        names = requested_outputs(outputs, out, FRAME_OUTPUTS if task in MOTION_LEVELS else default, default)
+        by_arguments = derivative == "matrices"
+        if by_arguments:
+            accepted = default = tuple(f"{row.outputs[0]}_{name}" for name in row.given)
+        else:
+            default = self._available(row.outputs)
+            accepted = FRAME_OUTPUTS if task in MOTION_LEVELS else default
+        names = requested_outputs(outputs, out, accepted, default)
+        computed = self._all_efforts(task) if by_arguments else names
         acting, chosen = read_wrenches(wrenches, self.tree.links)
         computation = self._computation(
-            names, chosen or self._task_frames(task, frames), len(chosen), self._loaded(joint_loads)
+            computed, chosen or self._task_frames(task, frames), len(chosen), self._loaded(joint_loads)
         )
-        coordinates = {name: value for name, value in zip(row.given, given, strict=True) if value is not None}
-        self._check_needed_inputs(computation, coordinates, names)
+        labels = (*row.given, "qd") if derivative == "rate" else row.given
+        coordinates = {label: x for label, x in zip(labels, given, strict=True) if x is not None or derivative}
+        self._check_needed_inputs(computation, coordinates, computed)
+        all_loads, asked = {**acting, **(loads or {})}, None
+        if derivative:
+            if holds_dask(coordinates, base_motion, all_loads):
+                expected = "arrays in memory, to compute derivatives"
+                raise ArgumentError("q", expected, "a Dask array among the arguments")
+            size = (self._constants.form.dof + 6 * (self.base == "free"),)
+            by = tuple((name.partition("_")[2], size) for name in names) if by_arguments else ()
+            asked = Derivative(derivative, names, by)
+            computation.check_differentiable(asked, tuple(coordinates))
         # What lists and the arrays of `out` ask for can be something else the next time.
         lasts = isinstance(frames, str | tuple | None) and (
             isinstance(outputs, tuple) or (outputs is None and names == default)
         )
         return self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, {**acting, **(loads or {})},
-            key=key if lasts else None,
+            computation, coordinates, base_motion, out, workers, backend, gravity, all_loads, asked,
+            key if lasts else None,
         )  # fmt: skip
-
-    def _derivatives(
-        self,
-        task: str,
-        given: tuple[Any, ...],
-        base_motion: BodyMotion | None,
-        out: Out,
-        workers: int,
-        backend: str,
-        *,
-        gravity: ArrayLike,
-        outputs: Iterable[str] | None,
-        wrenches: Wrenches,
-        joint_loads: bool | None,
-        loads: Loads,
-    ) -> MechanismDerivatives:
-        """Return derivatives of the first output of a row of TASKS, with those of a free base, by its arguments."""
-        key = None
-        if base_motion is None and gravity is DEFAULT_GRAVITY and wrenches is None and not loads:
-            key = "derivatives", task, outputs, backend, joint_loads
-            found = self._again(key, given, out, workers)
-            if found is not None:
-                return found
-        row = TASKS[task]
-        accepted = tuple(f"{row.outputs[0]}_{name}" for name in row.given)
-        names = requested_outputs(outputs, out, accepted, accepted)
-        acting, links = read_wrenches(wrenches, self.tree.links)
-        computation = self._computation(self._all_efforts(task), links, len(links), self._loaded(joint_loads))
-        size = self._constants.form.dof + 6 * (self.base == "free")
-        derivative = Derivative("matrices", names, tuple((name.partition("_")[2], (size,)) for name in names))
-        return self._derive(
-            computation, derivative, dict(zip(row.given, given, strict=True)), base_motion, out, workers, backend,
-            gravity, {**acting, **loads}, key if isinstance(outputs, tuple | None) else None,
-        )  # fmt: skip
-
-    def _rate(
-        self,
-        task: str,
-        q: Coordinates,
-        qd: Coordinates,
-        base_motion: BodyMotion | None,
-        out: FloatArray | None,
-        workers: int,
-        backend: str,
-        frames: str | Iterable[str] | None = None,
-    ) -> FloatArray:
-        """Return the time derivative of an output that depends on q and the attitude of the base alone."""
-        key = None
-        if base_motion is None:
-            key = "rate", task, frames, backend
-            found = self._again(key, (q, qd), out, workers)
-            if found is not None:
-                return found
-        outputs = TASKS[task].outputs
-        computation = self._computation(outputs, self._task_frames(task, frames))
-        return self._derive(
-            computation, Derivative("rate", outputs, ()), {"q": q, "qd": qd}, base_motion, out, workers, backend,
-            key=key if isinstance(frames, str | tuple | None) else None,
-        )  # fmt: skip
-
-    def _derive(
-        self,
-        computation: RobotComputation,
-        derivative: Derivative,
-        coordinates: Mapping[str, Any],
-        base_motion: BodyMotion | None,
-        out: Out | FloatArray,
-        workers: int,
-        backend: str,
-        gravity: ArrayLike = DEFAULT_GRAVITY,
-        loads: Loads = MappingProxyType({}),
-        key: tuple[Any, ...] | None = None,
-    ) -> Any:
-        """Compute a derivative of a computation; refuse Dask arrays, and outputs that have none."""
-        if holds_dask(coordinates, base_motion, loads):
-            raise ArgumentError("q", "arrays in memory, to compute derivatives", "a Dask array among the arguments")
-        computation.check_differentiable(derivative, tuple(coordinates))
-        return self._run(
-            computation, coordinates, base_motion, out, workers, backend, gravity, loads, derivative, key
-        )
 
     def _again(self, key: tuple[Any, ...], given: tuple[Any, ...], out: Out | FloatArray, workers: int) -> Any:
         """Return the results of a call that differs from one stored by `key` in its arrays alone; None if none is."""
