@@ -15,6 +15,7 @@ from hingepair.mechanism.tree import MassProperties, Tree
 from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.pair.body import INERTIA_ENTRIES
 from hingepair.pair.body import inertial_parameters as body_parameters
+from hingepair.rotations.matrices import skew
 from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
 
 PARAMETERS: Final = ("m", "hx", "hy", "hz", "Jxx", "Jxy", "Jyy", "Jxz", "Jyz", "Jzz")
@@ -60,7 +61,7 @@ def tree_with_parameters(
         if m == 0 and h.any():
             raise ArgumentError("parameters", f"no first moment of {name!r}, whose mass is 0", tuple(h.tolist()))
         c = h / m if m else np.zeros(3)
-        inertia = J - m * (c @ c * np.eye(3) - np.outer(c, c))
+        inertia = J + m * skew(c) @ skew(c)
         body = MassProperties(m, read_only(c), read_only((inertia + inertia.T) / 2))
         masses.append(body)
         if reason := unphysical_reason(body):

@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import Any, ClassVar, Final, Literal, NamedTuple, TypeAlias
+from typing import ClassVar, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations.joints import HINGE, SLIDER, Axis
-from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import Frozen, finite_number
+from hingepair.errors import ArgumentError
+from hingepair.numeric.arrays import Frozen, call_text, finite_number, set_frozen
 from hingepair.pair.body import Body
 from hingepair.pair.constants import check_single_pair
 from hingepair.pair.hinge_pair import HingePair
@@ -87,24 +87,15 @@ class _JointOfRobot(Frozen, Shown):
         own = self._default_name if name is None else name
         checked = HingePair(u1, u2, n, home, own, limits, body1, body2, torque_limit, rate_limit)
         check_single_pair(checked)
-        for field in _FIELDS:
-            object.__setattr__(self, field, getattr(checked, field))
-
-    def _shown_values(self) -> dict[str, Any]:
-        return {field: getattr(self, field) for field in _FIELDS}
+        set_frozen(self, **{field: getattr(checked, field) for field in _FIELDS})
 
     def __repr__(self) -> str:
-        shown = (
-            f"{field}={value.tolist() if isinstance(value, np.ndarray) else quoted(value)}"
-            for field, value in self._shown_values().items()
-            if value is not None
-        )
-        return f"{type(self).__name__}({', '.join(shown)})"
+        return call_text(self, *(field.name for field in fields(self)))
 
     def _sheet(self) -> Sheet:
         """Return what notebooks show."""
-        left_out = ("name", "body1", "body2")
-        values = [(field, value) for field, value in self._shown_values().items() if field not in left_out]
+        shown = [field.name for field in fields(self) if field.name not in ("name", "body1", "body2")]
+        values = [(field, getattr(self, field)) for field in shown]
         masses = (("mass1", self.body1 and self.body1.mass), ("mass2", self.body2 and self.body2.mass))
         return sheet_of(self.name, [*values, *masses])
 
@@ -182,10 +173,7 @@ class Screw(_JointOfRobot):
         checked = finite_number("pitch", pitch)
         if not checked:
             raise ArgumentError("pitch", "a number other than 0 (a HingePair has none)", pitch)
-        object.__setattr__(self, "pitch", checked)
-
-    def _shown_values(self) -> dict[str, Any]:
-        return {**_JointOfRobot._shown_values(self), "pitch": self.pitch}
+        set_frozen(self, pitch=checked)
 
 
 DEFAULT_NAMES: Final = ("hinge_pair", "slider", "screw")

@@ -27,7 +27,7 @@ from hingepair.mechanism.joints import RobotJoint
 from hingepair.mechanism.methods import MechanismMethods
 from hingepair.mechanism.samples import read_payload
 from hingepair.mechanism.tree import BASE_KINDS, LOAD_FIELDS, NO_LOAD, Tree, loads_note
-from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only
+from hingepair.numeric.arrays import Float64Array, FloatArray, check_choice, one_constant, read_only, set_frozen
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
@@ -122,8 +122,7 @@ class Mechanism(MechanismMethods):
                 "dataclasses.replace cannot change a Mechanism: make it again with what is to differ, as by "
                 'load_robot(..., base="free")'
             )
-        object.__setattr__(self, "tree", tree_of_pairs(pairs, parents, base, name))
-        object.__setattr__(self, "base", base)
+        set_frozen(self, tree=tree_of_pairs(pairs, parents, base, name), base=base)
 
     @classmethod
     def from_urdf(
@@ -534,9 +533,6 @@ class Mechanism(MechanismMethods):
         check_choice("base", base, BASE_KINDS)
         return _new_mechanism(type(self), self.tree, base)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _new_mechanism, (type(self), self.tree, self.base)
-
     def __repr__(self) -> str:
         return f"Mechanism({self.name!r}, dof={self.dof}, links={len(self.links)}, base={self.base!r})"
 
@@ -571,6 +567,5 @@ class Mechanism(MechanismMethods):
 def _new_mechanism(mechanism_class: type[Mechanism], tree: Tree, base: str) -> Mechanism:
     """Return a robot without the checks of the constructor."""
     mechanism = object.__new__(mechanism_class)
-    object.__setattr__(mechanism, "tree", tree)
-    object.__setattr__(mechanism, "base", base)
+    set_frozen(mechanism, tree=tree, base=base)
     return mechanism

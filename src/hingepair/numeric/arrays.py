@@ -181,11 +181,35 @@ def _frozen(frozen_class: type, attributes: dict[str, Any]) -> Any:
     place.
     """
     value: Any = object.__new__(frozen_class)
-    for name, attribute in attributes.items():
+    for attribute in attributes.values():
         if isinstance(attribute, np.ndarray):
             attribute.flags.writeable = False  # of the array itself: what refers to it elsewhere refers to it still
-        object.__setattr__(value, name, attribute)
+    set_frozen(value, **attributes)
     return value
+
+
+def set_frozen(value: object, **attributes: Any) -> None:
+    """Set attributes of a frozen value, as its constructor does."""
+    for name, attribute in attributes.items():
+        object.__setattr__(value, name, attribute)
+
+
+def call_text(value: object, *names: str) -> str:
+    """Return the call that makes a value, such as "Sphere(radius=1.0)", without arguments that are None or empty."""
+    arguments = ((name, getattr(value, name)) for name in names)
+    shown = (f"{name}={_plain(argument)!r}" for name, argument in arguments if not _is_absent(argument))
+    return f"{type(value).__name__}({', '.join(shown)})"
+
+
+def _is_absent(value: Any) -> bool:
+    return value is None or (isinstance(value, tuple | Mapping) and not value)
+
+
+def _plain(value: Any) -> Any:
+    """Return arrays as lists, those in a dict too."""
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def row_norms(rows: Float64Array) -> Float64Array:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.numeric.arrays import Frozen, finite_number, one_constant, read_only
+from hingepair.numeric.arrays import Frozen, call_text, finite_number, one_constant, read_only, set_frozen
 from hingepair.numeric.unit_vectors import unit_axis
-from hingepair.rotations.matrices import check_rotation
+from hingepair.rotations.matrices import check_rotation, skew
 from hingepair.tables.sheets import percent
 
 _ASSUMED_MASS: Final = 1.0  # kg, of a body whose mass is not given
@@ -68,10 +68,10 @@ class Box(Frozen):
             raise ArgumentError("size", "three lengths above 0", size)
         turn = one_constant("axes", np.eye(3) if axes is None else axes, 3, 3)
         check_rotation("axes", turn)
-        _set_frozen_attributes(self, size=edges, center=one_constant("center", center, 3), axes=turn)
+        set_frozen(self, size=edges, center=one_constant("center", center, 3), axes=turn)
 
     def __repr__(self) -> str:
-        return _constructor_text(self, "size", "center", *(["axes"] if (self.axes != np.eye(3)).any() else []))
+        return call_text(self, "size", "center", *(["axes"] if (self.axes != np.eye(3)).any() else []))
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -107,10 +107,10 @@ class Cylinder(Frozen):
     ) -> None:
         direction = read_only(unit_axis("axis", one_constant("axis", axis, 3)))
         values = {"radius": _positive_number("radius", radius), "length": _positive_number("length", length)}
-        _set_frozen_attributes(self, **values, center=one_constant("center", center, 3), axis=direction)
+        set_frozen(self, **values, center=one_constant("center", center, 3), axis=direction)
 
     def __repr__(self) -> str:
-        return _constructor_text(self, "radius", "length", "center", "axis")
+        return call_text(self, "radius", "length", "center", "axis")
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -133,12 +133,10 @@ class Sphere(Frozen):
     center: NDArray[np.float64]
 
     def __init__(self, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        _set_frozen_attributes(
-            self, radius=_positive_number("radius", radius), center=one_constant("center", center, 3)
-        )
+        set_frozen(self, radius=_positive_number("radius", radius), center=one_constant("center", center, 3))
 
     def __repr__(self) -> str:
-        return _constructor_text(self, "radius", "center")
+        return call_text(self, "radius", "center")
 
 
 Shape: TypeAlias = Box | Cylinder | Sphere
@@ -222,7 +220,7 @@ class Body(Frozen):
         arguments = {"mass": mass, "centre_of_mass": centre_of_mass, "inertia": inertia}
         values = {"mass": mass_value, "centre_of_mass": centre, "inertia": tensor}
         computed = {name: value for name, value in values.items() if arguments[name] is None}
-        _set_frozen_attributes(self, **values, shapes=shape_tuple, _computed=computed)
+        set_frozen(self, **values, shapes=shape_tuple, _computed=computed)
 
     @property
     def center_of_mass(self) -> NDArray[np.float64]:
@@ -251,16 +249,15 @@ class Body(Frozen):
         return tuple(sentences)
 
     def __repr__(self) -> str:
-        return _constructor_text(self, "mass", "centre_of_mass", "inertia", *(["shapes"] if self.shapes else []))
+        return call_text(self, "mass", "centre_of_mass", "inertia", "shapes")
 
 
 def inertial_parameters(
     mass: float, centre_of_mass: NDArray[np.float64], inertia: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return mass m, first moment m c and the `INERTIA_ENTRIES` of J, both about the reference point; shape (10,)."""
-    c = centre_of_mass
-    J = inertia + mass * (c @ c * np.eye(3) - np.outer(c, c))
-    return np.array([mass, *(mass * c), *(J[entry] for entry in INERTIA_ENTRIES)])
+    J = inertia - mass * skew(centre_of_mass) @ skew(centre_of_mass)
+    return np.array([mass, *(mass * centre_of_mass), *(J[entry] for entry in INERTIA_ENTRIES)])
 
 
 def _mass_distribution(shapes: tuple[Shape, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -332,16 +329,3 @@ def _positive_number(name: str, value: object) -> float:
     if number <= 0:
         raise ArgumentError(name, "a number above 0", value)
     return number
-
-
-def _set_frozen_attributes(instance: object, **attributes: Any) -> None:
-    """Set attributes of a frozen object, which are passed as keyword arguments."""
-    for name, value in attributes.items():
-        object.__setattr__(instance, name, value)
-
-
-def _constructor_text(instance: object, *names: str) -> str:
-    """Return the call that makes an object, such as "Sphere(radius=1.0)"."""
-    values = ((name, getattr(instance, name)) for name in names)
-    arguments = (f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}" for name, value in values)
-    return f"{type(instance).__name__}({', '.join(arguments)})"

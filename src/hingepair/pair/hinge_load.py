@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import Float64Array, Frozen, finite_number
+from hingepair.numeric.arrays import Float64Array, Frozen, finite_number, set_frozen
 
 HingeTorque: TypeAlias = float | Callable[[Float64Array, Float64Array, Float64Array], ArrayLike]
 TORQUE_PARTS: Final = ("motor", "spring", "damper", "friction", "stop")
@@ -76,7 +76,7 @@ class HingeLoad(Frozen):
             number = finite_number(name, value)
             if name not in {"motor", "rest"} and (number < 0 or (number == 0 and name == "friction_rate")):
                 raise ArgumentError(name, "a number above 0" if name == "friction_rate" else "0 or above", value)
-            object.__setattr__(self, name, number)
+            set_frozen(self, **{name: number})
         if self.stop_restitution is not None and self.stop_restitution > 1:
             raise ArgumentError("stop_restitution", "a number from 0 to 1", self.stop_restitution)
         if self.stop_restitution is not None and self.stop_damping:
@@ -88,7 +88,7 @@ class HingeLoad(Frozen):
             ends = finite_number("stops[0]", stops[0]), finite_number("stops[1]", stops[1])
             if not ends[0] < ends[1]:
                 raise ArgumentError("stops", "(lower, upper) with lower < upper", stops)
-            object.__setattr__(self, "stops", ends)
+            set_frozen(self, stops=ends)
 
     @property
     def kinks(self) -> tuple[float, ...]:

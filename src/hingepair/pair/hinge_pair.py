@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, Frozen, number_not_below_0, one_constant
+from hingepair.numeric.arrays import FloatArray, Frozen, call_text, number_not_below_0, one_constant, set_frozen
 from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.pair import accuracy, dynamics, residuals, tolerances
 from hingepair.pair import computations as kinematics
@@ -22,7 +22,7 @@ from hingepair.pair.body_motion import BodyMotion, motion_inputs
 from hingepair.pair.computations import POSE_SENSITIVITIES, VELOCITY_SENSITIVITIES
 from hingepair.pair.constants import Constants, pair_constants
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
-from hingepair.pair.points import Points, checked_points, points_text
+from hingepair.pair.points import Points, checked_points
 from hingepair.pair.prepare import prepare
 from hingepair.pair.residuals import Residuals
 from hingepair.pair.states import (
@@ -150,19 +150,18 @@ class HingePair(Frozen, Shown):
         new_constants = pair_constants(u1, u2, n if axis is None else axis, home, **points)
         rotation = new_constants.arrays["home"]
         most = {"torque_limit": torque_limit, "rate_limit": rate_limit}
-        values_of = {
+        set_frozen(
+            self,
             **{key: new_constants.arrays[key] for key in ("u1", "u2", "n")},
-            "home": rotation.reshape(*rotation.shape[:-1], 3, 3),
-            "name": name,
-            "limits": _checked_limits(limits),
-            "body1": checked_mass_properties("body1", body1),
-            "body2": checked_mass_properties("body2", body2),
+            home=rotation.reshape(*rotation.shape[:-1], 3, 3),
+            name=name,
+            limits=_checked_limits(limits),
+            body1=checked_mass_properties("body1", body1),
+            body2=checked_mass_properties("body2", body2),
             **{key: None if value is None else number_not_below_0(key, value) for key, value in most.items()},
             **points,
-            "constants": new_constants,
-        }
-        for key, value in values_of.items():
-            object.__setattr__(self, key, value)
+            constants=new_constants,
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         arguments = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "constants"}
@@ -170,11 +169,8 @@ class HingePair(Frozen, Shown):
         return partial(type(self), **arguments | points | {"n": self.constants.axis}), ()
 
     def __repr__(self) -> str:
-        parts = (f"{key}={getattr(self, key).tolist()}" for key in ("u1", "u2", "n", "home"))
-        options = ((key, getattr(self, key)) for key in ("limits", "torque_limit", "rate_limit", "body1", "body2"))
-        extras = "".join(f", {key}={value!r}" for key, value in options if value is not None)
-        extras += points_text(self.points1, self.points2)
-        return f"HingePair({', '.join(parts)}, name={self.name!r}{extras})"
+        limits = ("limits", "torque_limit", "rate_limit")
+        return call_text(self, "u1", "u2", "n", "home", "name", *limits, "body1", "body2", "points1", "points2")
 
     def _sheet(self) -> Sheet:
         """Return the printed table: geometry, limits and masses."""

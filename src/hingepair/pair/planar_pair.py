@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hingepair.engine.backend import execution_of
 from hingepair.engine.outputs import Out
 from hingepair.errors import ArgumentError, quoted
-from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, constant
+from hingepair.numeric.arrays import FloatArray, Frozen, broadcast_shape, call_text, constant, set_frozen
 from hingepair.numeric.blocks import numbers
 from hingepair.numeric.dask_arrays import holds_dask
 from hingepair.pair import accuracy, dynamics
@@ -21,7 +21,7 @@ from hingepair.pair.body import Body
 from hingepair.pair.body_motion import motion_of_rotations
 from hingepair.pair.constants import Constants
 from hingepair.pair.hinge_pair import WRENCH_OUTPUTS, HingePair, checked_mass_properties
-from hingepair.pair.points import Points, checked_points, named_points, points_text
+from hingepair.pair.points import Points, checked_points, named_points
 from hingepair.pair.prepare import prepare
 from hingepair.pair.states import Energy, Forces, HingeWrench, Momentum, PlanarState
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
@@ -99,9 +99,7 @@ class PlanarPair(Frozen, Shown):
         values |= {key: numbers(array) for key, array in positions.items()}
         constants = Constants(values, {**arrays, **positions}, shape, points=names)
         bodies = {"body1": checked_mass_properties("body1", body1), "body2": checked_mass_properties("body2", body2)}
-        attributes = {**arrays, **bodies, **points, "name": name, "constants": constants}
-        for key, value in attributes.items():
-            object.__setattr__(self, key, value)
+        set_frozen(self, **arrays, **bodies, **points, name=name, constants=constants)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (
@@ -110,10 +108,7 @@ class PlanarPair(Frozen, Shown):
         )
 
     def __repr__(self) -> str:
-        body_by_name = ((key, getattr(self, key)) for key in ("body1", "body2"))
-        bodies = "".join(f", {key}={body!r}" for key, body in body_by_name if body is not None)
-        bodies += points_text(self.points1, self.points2)
-        return f"PlanarPair(u1={self.u1.tolist()}, u2={self.u2.tolist()}, name={self.name!r}{bodies})"
+        return call_text(self, "u1", "u2", "name", "body1", "body2", "points1", "points2")
 
     def _sheet(self) -> Sheet:
         """Return the printed table: u1, u2 and the masses."""

@@ -54,13 +54,3 @@ def named_points(points1: Points, points2: Points) -> tuple[tuple[Point, ...], P
             raise ArgumentError("points2", "names that points1 does not have", quoted(name))
     points = (*(Point(name, 1) for name in points1), *(Point(name, 2) for name in points2))
     return points, {INPUT + name: array for name, array in {**points1, **points2}.items()}
-
-
-def points_text(points1: Points, points2: Points) -> str:
-    """Return the points as further arguments in the text of a pair; nothing where there are none."""
-    both = {"points1": points1, "points2": points2}
-    return "".join(
-        f", {key}={ {name: position.tolist() for name, position in points.items()} }"
-        for key, points in both.items()
-        if points
-    )

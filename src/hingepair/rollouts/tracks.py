@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, ShapeError, quoted
-from hingepair.numeric.arrays import Float64Array, Frozen, own_copy, real_array
+from hingepair.numeric.arrays import Float64Array, Frozen, own_copy, real_array, set_frozen
 from hingepair.plans.rollouts import Control
 
 MOVING_BASE: Final = ("S1", "omega1", "a1", "alpha1")
@@ -44,8 +44,8 @@ class Feedback(Frozen):
         self, K: ArrayLike, D: ArrayLike, q_ref: ArrayLike, qd_ref: ArrayLike = 0.0, tau_ff: ArrayLike = 0.0
     ) -> None:
         given = {"K": K, "D": D, "q_ref": q_ref, "qd_ref": qd_ref, "tau_ff": tau_ff}
-        for name, value in given.items():
-            object.__setattr__(self, name, own_copy(np.asarray(real_array(f"tau.{name}", value), np.float64)))
+        arrays = {name: np.asarray(real_array(f"tau.{name}", value), np.float64) for name, value in given.items()}
+        set_frozen(self, **{name: own_copy(array) for name, array in arrays.items()})
 
     @classmethod
     def diagonal(

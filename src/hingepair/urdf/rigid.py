@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hingepair.numeric.arrays import Float64Array
+from hingepair.rotations.matrices import skew
 
 
 class FramePose(NamedTuple):
@@ -69,5 +70,5 @@ def combined_inertia(inertias: Collection[Inertia]) -> Inertia:
         for mass, centre, part_tensor in inertias:
             arm = centre - middle
             tensor += part_tensor
-            tensor += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+            tensor -= mass * skew(arm) @ skew(arm)
         return Inertia(total, middle + 0.0, tensor + 0.0)
