@@ -1,10 +1,12 @@
 """Kernels in JAX and PyTorch: derivatives by their transformations are those of prepared calls.
 
 The extra `torch` is not among those of the tests, since its wheels bring gigabytes: what concerns it runs where it is
-installed. It last did with PyTorch 2.15 on Linux, x86-64.
+installed. It last did with PyTorch 2.13 on Linux, x86-64.
 """
 
 from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -36,6 +38,13 @@ def jax():
     jax = pytest.importorskip("jax")
     with jax.enable_x64(True):
         yield jax
+
+
+@pytest.fixture(scope="module")
+def arm():
+    body = hp.Body(mass=2.0, centre_of_mass=(0.3, 0.1, 0), inertia=(0.1, 0.2, 0.3))
+    pairs = [hp.HingePair((0.5, 0, 0), (0, 0, 0), n, body2=body) for n in ((0, 1, 0), (1, 0, 0))]
+    return hp.Mechanism(pairs)
 
 
 @pytest.fixture
@@ -79,6 +88,65 @@ def test_jax_computes_in_float32_and_differentiates_attitudes_by_their_entries(j
     turns = robot.jacobian(states[0], "tool0")[:, 3:]  # S' = [omega]x S
     rates = np.stack([hp.skew(turns[:, :, k]) for k in range(6)], axis=1) @ state.S
     close(np.moveaxis(np.asarray(J)[:, 0], -1, 1), rates, single=True)
+
+
+@pytest.mark.slow
+def test_jax_multiplies_by_the_jacobian_and_its_transpose(jax, arm):
+    """One vector for each state, or many vectors for one state, be they unit vectors or any others."""
+
+    def torque(*given):
+        return arm.inverse_dynamics(*given).tau
+
+    rng = np.random.default_rng(7)
+    states = rng.uniform(-1, 1, (3, SAMPLES, 2))
+    q, qd, qdd = map(jax.numpy.asarray, states)
+    slopes = arm.inverse_dynamics_derivatives(*states)
+    u, w = rng.normal(size=(2, SAMPLES, 2))
+    _, rates = jax.jvp(torque, (q, qd, qdd), (u, u, 0 * w))
+    close(rates, np.einsum("nij,nj->ni", slopes.tau_q + slopes.tau_qd, u))
+    _, gradients = jax.vjp(torque, q, qd, qdd)
+    for found, name in zip(gradients(w), ("tau_q", "tau_qd", "tau_qdd"), strict=True):
+        close(found, np.einsum("nij,ni->nj", slopes[name], w))
+    # many vectors: as many as entries, and more
+    J = np.hstack([slopes.tau_q[0], slopes.tau_qdd[0]])
+    _, rate = jax.linearize(lambda q, qdd: torque(q, qd[0], qdd), q[0], qdd[0])
+    for count in (4, 5):
+        U = rng.normal(size=(count, 4))
+        close(jax.vmap(rate)(U[:, :2], U[:, 2:]), U @ J.T)
+    W = rng.normal(size=(count, 2))
+    close(np.hstack(jax.vmap(jax.linear_transpose(rate, q[0], qdd[0]))(W)), W @ J)
+    close(np.hstack(jax.linear_transpose(jax.vmap(rate), U[:, :2], U[:, 2:])(W)), W @ J)
+    # and for many states
+    by_rows = jax.vmap(jax.jacrev(torque, argnums=(0, 2)))(q, qd, qdd)
+    by_columns = jax.vmap(jax.jacfwd(torque, argnums=(0, 2)))(q, qd, qdd)
+    for found in (by_rows, by_columns):
+        close(found[0], slopes.tau_q)
+        close(found[1], slopes.tau_qdd)
+
+
+@pytest.mark.slow
+def test_jax_runs_kernels_on_no_samples_without_jit_and_in_threads(jax, arm):
+    def torque(*given):
+        return arm.inverse_dynamics(*given).tau
+
+    states = np.random.default_rng(8).uniform(-1, 1, (3, SAMPLES, 2))
+    given = tuple(map(jax.numpy.asarray, states))
+    nothing = tuple(one[:0] for one in given)
+    assert jax.jit(torque)(*nothing).shape == (0, 2)
+    assert jax.vmap(jax.jacfwd(torque))(*nothing).shape == (0, 2, 2)
+    slopes = arm.inverse_dynamics_derivatives(*states)
+    with jax.disable_jit():
+        close(jax.vmap(jax.jacfwd(torque))(*given), slopes.tau_q)
+        close(jax.grad(lambda q: torque(q, *given[1:]).sum())(given[0]), slopes.tau_q.sum(axis=1))
+    compiled = jax.jit(torque, donate_argnums=0)
+
+    def run(_):
+        with jax.enable_x64(True):
+            return compiled(jax.numpy.array(states[0]), *given[1:])
+
+    with ThreadPoolExecutor(4) as pool:
+        for found in pool.map(run, range(20)):
+            close(found, arm.inverse_dynamics(*states).tau)
 
 
 @pytest.mark.slow(3)

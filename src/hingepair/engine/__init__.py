@@ -24,6 +24,7 @@ or as machine code for eight samples at a time, which NumPy calls as a ufunc; `b
     python_source                   its Python and NumPy code
     llvm                            its LLVM code, and the machine code, which is kept on disk
     ufunc, slices                   a kernel as a ufunc; its calls in slices, by threads
+    xla                             a kernel as a function of JAX
     scans                           a program that is repeated in steps, and passes a state from step to step
     calls, rows, outputs, results   a loop with its constants; the shortest way for one state; arrays; results
     backend                         what computes a call, and by how many threads

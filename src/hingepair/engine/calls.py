@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from hingepair.errors import ArgumentError, ShapeError, quoted
 from hingepair.numeric.array_libraries import Library, foreign_components, is_foreign
 from hingepair.numeric.arrays import MAX_AXES, broadcast_shape, result_dtype
 from hingepair.numeric.caching import lock_free_cached_property
+
+if TYPE_CHECKING:
+    from hingepair.engine.llvm.native import Kernel
 
 _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 _READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
@@ -191,18 +194,25 @@ class Call:
         program, constants = self._program(False)
         return program.llvm_ir(self._layout(bool(constants)), "d")
 
+    def machine_code(self, char: str, shared: bool = False) -> tuple[Kernel, Layout, NDArray[Any] | None] | None:
+        """Return the kernel for a dtype, its arrays, and its constants, if it has any; None if LLVM cannot compile it
+        and the backend is "auto".
+        """
+        self._check_constants(char)
+        program, numbers = self._program(shared)
+        layout = self._layout(bool(numbers))
+        kernel = (program.kernel if self._backend == "compiled" else program.kernel_or_none)(layout, char)
+        return None if kernel is None else (kernel, layout, np.array(numbers, char) if numbers else None)
+
     def _kernel(self, char: str, shared: bool) -> _Compiled | None:
         """Return the kernel for a dtype; None if LLVM cannot compile it and the backend is "auto"."""
         compiled = self._compiled.get((char, shared))
         if compiled is not None:
             return compiled
-        self._check_constants(char)
-        program, numbers = self._program(shared)
-        layout = self._layout(bool(numbers))
-        kernel = (program.kernel if self._backend == "compiled" else program.kernel_or_none)(layout, char)
-        if kernel is None:
+        code = self.machine_code(char, shared)
+        if code is None:
             return None
-        constants = np.array(numbers, char) if numbers else None
+        kernel, layout, constants = code
         ufunc, packed = (
             Ufunc(self.loop.name, one, [(char, kernel.address(symbol), constants)], kernel)
             for one, symbol in ((layout, "loop"), (layout.packed, "packed"))

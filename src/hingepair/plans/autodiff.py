@@ -1,46 +1,39 @@
 """Kernels for arrays of JAX and PyTorch in the processor's memory, and derivatives for their transformations.
 
-JAX and PyTorch see one function of their arrays whose Jacobian another kernel computes; they multiply by it. On other
-devices, and for derivatives of derivatives, they run and differentiate the equations themselves.
+JAX and PyTorch see one function of their arrays whose derivatives other kernels compute; PyTorch multiplies by the
+Jacobian. On other devices, and for derivatives of derivatives, they run and differentiate the equations themselves.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from hingepair.engine.binding import ArrayShape
 from hingepair.engine.calls import Call
 from hingepair.numeric.array_libraries import Library, is_foreign, namespace_of
-from hingepair.plans.derivatives import Derivative
-
-Arrays = Sequence[Any]
-Functions = Callable[..., tuple[Any, ...]]
-
-
-class Caller(Protocol):
-    """What gives the calls of a computation: of its outputs, or of a derivative."""
-
-    def __call__(self, derivative: Derivative | None = None) -> Call:
-        """Return the call."""
+from hingepair.plans.differentiable import Arrays, Caller, Differentiable, Functions, leading_shapes, split, traced
 
 
 def kernel_function(call_of: Caller, library: Library) -> Functions | None:
     """Return a function of the arrays of a library that a kernel computes, in the order of the call's arguments and
     outputs; None where the library computes by itself.
     """
-    call = call_of()
-    if not call.loop.traced or any(0 in tail for tail in (*call.argument_shapes.values(), *_tails(call))):
+    function = Differentiable(call_of)
+    tails = *function.arguments.values(), *function.outputs.values()
+    if not function.call.loop.traced or any(0 in tail for tail in tails):
         return None
     if library.name == "jax":
         import jax
 
-        return _jax_function(call_of) if jax.default_backend() == "cpu" else None
-    if library.name == "torch":
-        return _torch_function(call_of) if library.device.type == "cpu" else None
+        if jax.default_backend() == "cpu":
+            from hingepair.plans.jax_functions import jax_function
+
+            return jax_function(function)
+    if library.name == "torch" and library.device.type == "cpu":
+        return _torch_function(function)
     return None
 
 
@@ -61,125 +54,19 @@ def apply(function: Functions, call: Call, values: Mapping[str, Any], library: L
     return dict(zip(call.outputs, function(*arrays), strict=True))
 
 
-def _tails(call: Call) -> list[ArrayShape]:
-    """Return the shapes of one sample of the outputs."""
-    by_name = dict(call.loop.outputs)
-    return [by_name[name] for name in call.outputs]
-
-
-def _lead(call: Call, arrays: Arrays) -> ArrayShape:
-    """Return the shape of the samples."""
-    tails = call.argument_shapes.values()
-    return np.broadcast_shapes(
-        *(tuple(one.shape)[: len(one.shape) - len(tail)] for one, tail in zip(arrays, tails, strict=True))
-    )
-
-
 def _computed(call: Call, arrays: Arrays) -> tuple[Any, ...]:
     """Return the outputs for arrays of NumPy."""
     found = call.rows(*arrays)
     if found is None:
-        shapes = {
-            name: one.shape[: one.ndim - len(tail)]
-            for (name, tail), one in zip(call.argument_shapes.items(), arrays, strict=True)
-        }
-        found = call.run(dict(zip(call.argument_shapes, arrays, strict=True)), shapes)
+        shapes = leading_shapes(call.argument_shapes, arrays)
+        found = call.run(dict(zip(shapes, arrays, strict=True)), shapes)
     return (found,) if call.result is None else tuple(found.arrays().values())
 
 
-def _jacobian_of(call_of: Caller, names: tuple[str, ...]) -> Call:
-    """Return the call of the Jacobians of all outputs by arguments, output by output."""
-    call = call_of()
-    by = tuple((name, call.argument_shapes[name]) for name in names)
-    return call_of(Derivative("jacobian", call.outputs, by, entries=True))
-
-
-def _products(call: Call, names: Sequence[str], jacobians: Arrays, changes: Arrays) -> list[Any]:
-    """Return the changes of the outputs for changes of arguments."""
-    found, left = [], iter(jacobians)
-    for tail in _tails(call):
-        total: Any = 0.0
-        for name, change in zip(names, changes, strict=True):
-            J, inner = next(left), call.argument_shapes[name]
-            lead = tuple(J.shape)[: len(J.shape) - len(tail) - len(inner)]
-            matrix = J.reshape((*lead, math.prod(tail), math.prod(inner)))
-            vector = change.reshape((*tuple(change.shape)[: len(change.shape) - len(inner)], math.prod(inner)))
-            columns = (matrix[..., k] * vector[..., k, None] for k in range(math.prod(inner)))
-            total = total + sum(columns).reshape((*lead, *tail))  # matmul of many small matrices is slow
-        found.append(total)
-    return found
-
-
-def _traced(call: Call, library: Library, arrays: Arrays) -> tuple[Any, ...]:
-    """Return the outputs as the library computes them."""
-    values = dict(zip(call.argument_shapes, arrays, strict=True))
-    tails = call.argument_shapes.values()
-    shapes = {
-        name: tuple(one.shape)[: len(one.shape) - len(tail)]
-        for (name, one), tail in zip(values.items(), tails, strict=True)
-    }
-    found = call.run_foreign(values, shapes, library, None, 1)
-    return (found,) if call.result is None else tuple(found.arrays().values())
-
-
-# ---- JAX
-
-
-def _jax_function(call_of: Caller) -> Functions:
-    import jax
-
-    call = call_of()
-    names = tuple(call.argument_shapes)
-
-    def differentiable(call: Call, rule: Callable[[Any, Any], Any], **options: Any) -> Any:
-        """Return what a kernel computes as a function of JAX with a rule for its changes."""
-
-        def on_host(*arrays: Any) -> tuple[Any, ...]:
-            return _computed(call, [np.asarray(one) for one in arrays])
-
-        def function(*arrays: Any) -> Any:
-            lead = _lead(call, arrays)
-            struct: Any = jax.ShapeDtypeStruct
-            shapes = [struct((*lead, *tail), arrays[0].dtype) for tail in _tails(call)]
-            return tuple(jax.pure_callback(on_host, tuple(shapes), *arrays, vmap_method="expand_dims"))
-
-        found = jax.custom_jvp(function)
-        found.defjvp(rule, **options)
-        return found
-
-    jacobians: dict[tuple[str, ...], Any] = {}
-
-    def jacobian(by: tuple[str, ...]) -> Any:
-        if by not in jacobians:
-            derived = _jacobian_of(call_of, by)
-
-            def by_equations(*arrays: Any) -> Any:
-                library = Library("jax", jax.numpy, arrays[0].dtype, None)
-                return _traced(derived, library, arrays)
-
-            jacobians[by] = differentiable(derived, lambda given, changes: jax.jvp(by_equations, given, changes))
-        return jacobians[by]
-
-    def rule(given: Any, changes: Any) -> Any:
-        still = jax.custom_derivatives.SymbolicZero
-        moving = {name: one for name, one in zip(names, changes, strict=True) if not isinstance(one, still)}
-        results = function(*given)
-        found = jacobian(tuple(moving))(*given)
-        return results, tuple(_products(call, tuple(moving), found, tuple(moving.values())))
-
-    function = differentiable(call, rule, symbolic_zeros=True)
-    compiled: Functions = jax.jit(function)
-    return compiled
-
-
-# ---- PyTorch
-
-
-def _torch_function(call_of: Caller) -> Functions:
+def _torch_function(function: Differentiable) -> Functions:
     import torch
 
-    call = call_of()
-    names = tuple(call.argument_shapes)
+    names = tuple(function.arguments)
 
     def differentiable(call: Call, pullback: Any, pushforward: Any) -> Any:
         """Return what a kernel computes as a function of PyTorch with rules for its derivatives."""
@@ -220,13 +107,13 @@ def _torch_function(call_of: Caller) -> Functions:
 
     def jacobian(by: tuple[str, ...]) -> Any:
         if by not in jacobians:
-            derived = _jacobian_of(call_of, by)
+            derived = function.derivative("jacobian", by)
 
             def second(given: Any, _: Any, weights: Any) -> Any:
                 with torch.enable_grad():
                     inputs = [one.detach().requires_grad_() for one in given]
                     library = Library("torch", namespace_of(inputs[0]), inputs[0].dtype, inputs[0].device)
-                    found = _traced(derived, library, inputs)
+                    found = traced(derived, library, inputs)
                     return torch.autograd.grad(found, inputs, weights, allow_unused=True)
 
             def refuse(*_: Any) -> Any:
@@ -237,16 +124,12 @@ def _torch_function(call_of: Caller) -> Functions:
 
     def pullback(given: Any, needed: Any, weights: Any) -> Any:
         by = tuple(name for name, one in zip(names, needed, strict=True) if one)
-        found = iter(jacobian(by)(*given))
-        sums: dict[str, Any] = dict.fromkeys(by, 0.0)
-        for tail, weight in zip(_tails(call), weights, strict=True):
-            for name in by:
-                J, inner = next(found), call.argument_shapes[name]
-                if weight is not None:
-                    lead = J.shape[: J.ndim - len(tail) - len(inner)]
-                    matrix = J.reshape(*lead, math.prod(tail), math.prod(inner))
-                    row = weight.reshape(*lead, math.prod(tail))
-                    sums[name] = sums[name] + torch.einsum("...ij,...i->...j", matrix, row).reshape(*lead, *inner)
+        total: Any = 0.0
+        for J, tail, weight in zip(jacobian(by)(*given), function.outputs.values(), weights, strict=True):
+            if weight is not None:
+                row = weight.reshape(*weight.shape[: weight.ndim - len(tail)], math.prod(tail))
+                total = total + torch.einsum("...ij,...i->...j", J, row)
+        sums = dict(zip(by, split(total, [function.arguments[name] for name in by]), strict=True))
         return [
             sums[name].sum_to_size(one.shape) if name in sums else None
             for name, one in zip(names, given, strict=True)
@@ -255,7 +138,7 @@ def _torch_function(call_of: Caller) -> Functions:
     def pushforward(given: Any, changes: Any) -> Any:
         moving = {name: one for name, one in zip(names, changes, strict=True) if one is not None}
         found = jacobian(tuple(moving))(*given)
-        return _products(call, tuple(moving), found, tuple(moving.values()))
+        return function.products(tuple(moving), found, tuple(moving.values()))
 
-    function: Functions = differentiable(call, pullback, pushforward)
-    return function
+    found: Functions = differentiable(function.call, pullback, pushforward)
+    return found

@@ -22,6 +22,7 @@ from hingepair.numeric.dask_arrays import apply_to_chunks, holds_dask
 from hingepair.plans import autodiff
 from hingepair.plans.arguments import Arguments, CoordinateNames, check_out, read_arguments
 from hingepair.plans.derivatives import Derivative, change_shape, derivative_loop
+from hingepair.plans.differentiable import Functions
 from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotation
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
@@ -99,7 +100,7 @@ class Computation:
         self.constant_shapes, self._by_constants = constant_shapes or {}, by_constants
         self._calls: dict[Any, Call] = {}
         self._sufficient: set[tuple[str, ...]] = set()  # names of arguments that suffice
-        self._functions: dict[Any, autodiff.Functions | None] = {}  # of JAX and PyTorch
+        self._functions: dict[Any, Functions | None] = {}  # of JAX and PyTorch
 
     def call(
         self,
@@ -234,7 +235,7 @@ class Computation:
 
     def _library_function(
         self, given: tuple[str, ...], gravity: tuple[float, ...] | None, library: Library
-    ) -> autodiff.Functions | None:
+    ) -> Functions | None:
         """Return the function of another library that a kernel computes; None where the library computes."""
         key = given, gravity, library.name, library.device
         if key not in self._functions:
@@ -243,9 +244,13 @@ class Computation:
         return self._functions[key]
 
     def _call_for_library(
-        self, given: tuple[str, ...], gravity: tuple[float, ...] | None, derivative: Derivative | None = None
+        self,
+        given: tuple[str, ...],
+        gravity: tuple[float, ...] | None,
+        derivative: Derivative | None = None,
+        further: tuple[str, ...] = (),
     ) -> Call:
-        return self.call(given, "auto", gravity, derivative=derivative)
+        return self.call((*given, *further), "auto", gravity, derivative=derivative)
 
     def count_operations(
         self, values: Mapping[str, Any], gravity: tuple[float, ...] | None = None

@@ -57,7 +57,9 @@ class Derivative(NamedTuple):
     outputs: tuple[str, ...]
     # arguments by which derivatives are taken, name and shape of one sample
     arguments: tuple[tuple[str, ArrayShape], ...]
-    entries: bool = False  # in a jacobian, whether attitudes change by their entries in place of rotations
+    # as other libraries differentiate: attitudes change by their entries in place of rotations; the Jacobian of an
+    # output is one matrix, with the columns of all arguments; the outputs themselves are left out
+    entries: bool = False
 
 
 def body_constants(joints: int, free: bool) -> dict[str, ArrayShape]:
@@ -95,8 +97,11 @@ def derivative_loop(
     inputs, names = dict(plain.inputs), [name for name, _ in derivative.arguments]
     if isinstance(plain.form, TreeForm) and not body_constants(0, False).keys().isdisjoint(names):
         inputs["axes"] = (9 * (len(plain.form.form.parents) + 1),)
-    outputs = dict(plain.outputs)
-    if derivative.kind == "jacobian":
+    outputs = {} if derivative.entries else dict(plain.outputs)
+    if derivative.kind == "jacobian" and derivative.entries:
+        columns = sum(math.prod(changes[name]) for name in names)
+        outputs = {one: (math.prod(changes[one]), columns) for one in derivative.outputs}
+    elif derivative.kind == "jacobian":
         outputs = {f"{one}_{name}": (*changes[one], *changes[name]) for one in derivative.outputs for name in names}
         outputs |= {one: tail for one, tail in plain.outputs if one not in derivative.outputs}
     elif derivative.kind == "matrices":
@@ -124,13 +129,14 @@ def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
     values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
     functions = _functions(plain, values)
     rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])
+    if derivative.entries:
+        return {output: tuple(itertools.chain(*rows[output])) for output in derivative.outputs}
     found: dict[str, Any] = {}
     for output in derivative.outputs:
         parts = functions.results[output]
         columns = zip(*rows[output], strict=True)
         for name, changes in moves.items():
-            kind = "" if derivative.entries else output
-            block = [_change_of(kind, parts, column) for column in itertools.islice(columns, len(changes))]
+            block = [_change_of(output, parts, column) for column in itertools.islice(columns, len(changes))]
             found[f"{output}_{name}"] = tuple(itertools.chain(*zip(*block, strict=True)))
     return {**functions.results, **found}
 
@@ -167,16 +173,16 @@ def _gradients(
     make_functions: Callable[[dict[str, Any]], Functions] | None = None,
 ) -> dict[str, Any]:
     """Return the gradient of the weighted sum of the outputs by every argument."""
-    values, moves = _variables(plain, given, derivative.arguments)
+    values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
     functions = make_functions(values) if make_functions else _functions(plain, values)
     weights: dict[str, list[Operand]] = {}
     for output in derivative.outputs:
-        parts = functions.results[output]
+        parts, kind = functions.results[output], "" if derivative.entries else output
         sums: list[Operand] = [0.0] * len(parts)
         weights[output] = sums
-        for weight, change in zip(components(values[f"weight_{output}"]), _changes(output, parts), strict=True):
+        for weight, change in zip(components(values[f"weight_{output}"]), _changes(kind, parts), strict=True):
             for k, rate in change:
-                sums[k] = sums[k] + weight * rate * _share(output)
+                sums[k] = sums[k] + weight * rate * _share(kind)
     inputs = [x for change in itertools.chain(*moves.values()) for x, _ in change]
     slopes = dict(zip(map(id, inputs), functions.pullback(weights, inputs), strict=True))
     gradients = {
@@ -188,7 +194,7 @@ def _gradients(
 
 def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the rates of change of all outputs."""
-    values, moves = _variables(plain, given, derivative.arguments)
+    values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
     changes = [
         (weight, change)
         for name, group in moves.items()
@@ -196,7 +202,10 @@ def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dic
     ]
     functions = _functions(plain, values)
     rates = functions.pushforward(derivative.outputs, _sum(changes))
-    changed = {f"rate_{one}": tuple(_change_of(one, functions.results[one], rate)) for one, rate in rates.items()}
+    changed = {
+        f"rate_{one}": tuple(_change_of("" if derivative.entries else one, functions.results[one], rate))
+        for one, rate in rates.items()
+    }
     return {**functions.results, **changed}
 
 

@@ -27,6 +27,10 @@ class Kernel:
         float_type: type of the numbers it computes with, "double" or "float".
         form: text that decides, with the sources of this package, what `ir` returns, so that it need not be called
             to look on the disk; empty where only the module itself says what it is.
+        imports: addresses of further functions that the module calls, by symbol.
+
+    Attributes:
+        key: text that tells this code from all other.
 
     Raises:
         ArgumentError: this is a sub-interpreter.
@@ -34,12 +38,20 @@ class Kernel:
         CompilationError: LLVM does not compile the code, or it cannot be loaded.
     """
 
-    def __init__(self, name: str, ir: Callable[[], str], float_type: str = "double", form: str = "") -> None:
+    def __init__(
+        self,
+        name: str,
+        ir: Callable[[], str],
+        float_type: str = "double",
+        form: str = "",
+        imports: Mapping[str, int] | None = None,
+    ) -> None:
         if not _is_main_interpreter():  # ctypes and NumPy hold what they make in the main one
             expected = "'numpy' in a sub-interpreter, where no kernel can be called"
             raise ArgumentError("backend", expected, f"a kernel of {name!r}")
         with compiler_lock:
-            self._code = _compile_module(name, ir, form, _shared_functions(float_type))
+            functions = {**_shared_functions(float_type), **(imports or {})}
+            self.key, self._code = _compile_module(name, ir, form, functions)
 
     def address(self, symbol: str) -> int:
         """Return the address of a function that the module defines."""
@@ -91,9 +103,9 @@ _unused_engines: list[Any] = []
 
 def _compile_module(
     name: str, ir: Callable[[], str], form: str = "", shared: Mapping[str, int] | None = None
-) -> _Code:
-    """Return an LLVM module as loaded machine code, compiled or from the disk; see `Kernel`. `shared` are the
-    addresses of functions that it calls, beside those of the C library.
+) -> tuple[str, _Code]:
+    """Return the key of an LLVM module, and its loaded machine code, compiled or from the disk; see `Kernel`.
+    `shared` are the addresses of functions that it calls, beside those of the C library.
     """
     with compiler_lock:  # LLVM's optimiser is not run: the trace has been folded already
         processor = host_processor()
@@ -107,11 +119,11 @@ def _compile_module(
                 code = _compile(text)
                 object_cache.write_object(key, code)
             if images.CAN_LINK:
-                return images.Image(code, functools.partial(_import_address, shared or {}))
+                return key, images.Image(code, functools.partial(_import_address, shared or {}))
             llvm = load_llvmlite()
             for symbol, address in (shared or {}).items():
                 llvm.add_symbol(symbol, address)
-            return _JitCode(code)
+            return key, _JitCode(code)
         except MissingDependencyError:
             raise
         except Exception as error:
@@ -160,7 +172,7 @@ def _loaded_shared_functions(float_type: str, processor: tuple[str, str]) -> tup
     """Return the shared functions and their addresses by symbol, loaded once for each processor."""
     sources = object_cache.source_digest()
     form = f"shared functions {float_type} {sources}" if sources else ""
-    code = _compile_module("shared functions", functools.partial(shared_ir, float_type), form)
+    _, code = _compile_module("shared functions", functools.partial(shared_ir, float_type), form)
     return code, {symbol: code.address(symbol) for symbol in shared_symbols(float_type)}
 
 
