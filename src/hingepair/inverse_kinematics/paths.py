@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from hingepair.inverse_kinematics.search import Solutions, Solver, Targets
 from hingepair.numeric.arrays import Float64Array
 
-_BRANCHES: Final = 16  # followed at once
+_BRANCHES: Final = 16  # of a path, followed at once
 _CHECKS: Final = (4, 2, 4, 10)  # steps to a sample; branches that have arrived after 4, 4 + 2, ... of them rest
 _PULLS: Final = 1  # rounds towards a posture at each sample
-_MAX_NUMBERS: Final = 20_000_000  # of the branches that are remembered
+_MAX_NUMBERS: Final = 20_000_000  # in the history of the branches that are followed at once
 
 
 class Path(NamedTuple):

@@ -74,7 +74,7 @@ class _BoundedProgram:
         function = compile_for_bounds(loop.name, loop.program(tuple(pattern)).source)
         sizes = {name: math.prod(tail) for name, tail in loop.outputs}
 
-        def compute(block: Named) -> dict[str, Any]:
+        def bounded_derivatives(block: Named) -> dict[str, Any]:
             parts = [
                 part
                 for name, _ in loop.inputs
@@ -84,7 +84,7 @@ class _BoundedProgram:
             results = iter(function(*self._constants, *parts))
             return {name: tuple(itertools.islice(results, size)) for name, size in sizes.items()}
 
-        return compute
+        return bounded_derivatives
 
     def run(self, block: Named, names: Iterable[str]) -> dict[str, Any]:
         """Return the bounded outputs for a block of the inputs `names`, as `_with_conversion_errors` returns them."""

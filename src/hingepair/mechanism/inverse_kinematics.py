@@ -54,12 +54,12 @@ class Query(NamedTuple):
         found = Solutions.nothing(lead, solver)
         steps, starts = np.zeros(rows, np.int64), np.zeros(rows, np.int64)
 
-        def solve_some(index: Any) -> None:
-            targets = self.targets.at(index)
-            some, steps[index], starts[index] = (
+        def solve_some(rows: Any) -> None:
+            targets = self.targets.at(rows)
+            some, steps[rows], starts[rows] = (
                 solver.first(targets, self.seed) if several is None else solver.several(targets, several, self.seed)
             )
-            found.put(index, some)
+            found.put(rows, some)
 
         finite = np.flatnonzero(np.isfinite(self.targets.poses).all(axis=1))
         pieces = [piece for piece in np.array_split(finite, self.workers) if len(piece)]

@@ -1083,6 +1083,7 @@ class MechanismMethods(Frozen, Shown):
         base_motion: BodyMotion | None,
         turning: list[int],
     ) -> tuple[Float64Array, Float64Array | None]:
+        """Return q and, if qd is given, v as a package writes them, cosine and sine in the columns `turning` of q."""
         free, tree = self.base == "free", self.tree
         conventions.check_base(base_motion, free)
         rates = None if qd is None else conventions.read_rows("qd", qd, tree)

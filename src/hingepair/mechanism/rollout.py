@@ -147,6 +147,7 @@ def rolled_out(
             raise ArgumentError("out", "None, since arguments are arrays of another library", quoted(out))
 
         def roll(**arrays: Any) -> Rollout:
+            """Return the rollout with NumPy arrays in place of those of the library."""
             return rolled_out(
                 computation, **{"q0": q0, "qd0": qd0, "tau": tau, **arrays}, dt=dt, method=method, steps=steps,
                 every=every, limit=limit, gravity=gravity, loads=loads, base_motion=base_motion, out=None,

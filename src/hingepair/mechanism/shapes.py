@@ -149,10 +149,10 @@ _S = TypeVar("_S", bound="Shape | Mesh")
 
 def placed_shapes(shapes: Iterable[_S], pose: FramePose) -> list[_S]:
     """Return copies of shapes that are rotated and then shifted by `pose`."""
-    return [_placed(shape, pose) for shape in shapes]
+    return [_placed_shape(shape, pose) for shape in shapes]
 
 
-def _placed(shape: Any, pose: FramePose) -> Any:
+def _placed_shape(shape: Any, pose: FramePose) -> Any:
     if isinstance(shape, Mesh):
         return shape.placed(pose)
     center = pose.origin + pose.rotation @ shape.center

@@ -83,10 +83,11 @@ BODIES: Final = ("body1", "body2")  # attributes of a pair that hold its mass pr
 ROWS: Final = ("q", "qd", "qdd")  # all coordinates of a pair, and their derivatives
 _HINGE: Final = ("psi", "psid", "psidd")
 _MOVED: Final = ("S1", "omega1", "a1", "alpha1", *_HINGE)  # inputs of inverse dynamics
-_WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")
+_WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")  # outputs of hinge_wrench
 _HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"  # where body 1 has no mass
-# Derivatives of the pose, such as that of d by u1, and of the velocities.
+# Derivatives of the pose, such as that of d by u1.
 POSE_SENSITIVITIES: Final = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
+# Derivatives of the velocities.
 VELOCITY_SENSITIVITIES: Final = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
 
 

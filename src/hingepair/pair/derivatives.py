@@ -15,8 +15,8 @@ from hingepair.plans.constant_steps import CONSTANT_SHAPES
 from hingepair.plans.derivatives import Derivative
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
-_GEOMETRY: Final = ("u1", "u2", "n", "home")
-_POSE: Final = ("d", "S2")
+_GEOMETRY: Final = ("u1", "u2", "n", "home")  # by which derivatives are taken
+_POSE: Final = ("d", "S2")  # of which they are taken
 
 
 def geometry_jacobian(pair: Constants, body1: BodyMotion, psi: ArrayLike, points: tuple[str, ...] = ()) -> Any:

@@ -17,7 +17,7 @@ from hingepair.pair.constants import Constants, with_hinge_frames
 from hingepair.plans.dynamics_steps import LOADS
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
-DEFAULT_GRAVITY = SPATIAL_MOTION_KIND.gravity
+DEFAULT_GRAVITY = SPATIAL_MOTION_KIND.gravity  # (0, 0, -9.81) m/s^2, world axes
 
 Bodies: TypeAlias = tuple[Body | None, Body | None]
 PIVOT_ROUNDING: Final = 64 * 2.0**-53  # a pivot of the mass matrix below this share of all inertia is rounding

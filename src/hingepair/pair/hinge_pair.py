@@ -42,7 +42,7 @@ from hingepair.rotations.sequences import find_sequence
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
 _MOVED: Final = ("S", "omega", "a", "alpha")  # arrays of body 1 on which forces depend
-_PLACED: Final = ("R", "S", "v", "omega")  # and those on which energy and momentum depend
+_PLACED: Final = ("R", "S", "v", "omega")  # arrays of body 1 on which energy and momentum depend
 WRENCH_OUTPUTS: Final = {"force": "hinge_force", "torque": "hinge_moment"}
 """Outputs by the attributes of a HingeWrench."""
 

@@ -31,7 +31,7 @@ from hingepair.plans.prepared import Prepared
 from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import Sheet, Shown, sheet_of
 
-PLANAR_GRAVITY = PLANAR_MOTION_KIND.gravity
+PLANAR_GRAVITY = PLANAR_MOTION_KIND.gravity  # (0, -9.81) m/s^2
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

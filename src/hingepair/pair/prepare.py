@@ -98,7 +98,7 @@ def prepare(
 
 
 def _bodies(tasks: Any, outputs: tuple[str, ...]) -> set[str]:
-    """Return the bodies whose masses the outputs need."""
+    """Return the bodies, "body1" or "body2", whose masses the outputs need."""
     fewest: dict[str, tuple[str, ...]] = {}
     for task in tasks.values():
         for name in task.outputs:

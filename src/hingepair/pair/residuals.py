@@ -292,7 +292,8 @@ class LazyResiduals(Results):
         return f"LazyResiduals(shape={self.shape}, not computed, outputs=({', '.join(self.outputs)}))"
 
 
-_ABSENT_WHEN_LAZY = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")  # in a LazyResiduals
+# Attributes that a LazyResiduals does not have.
+_ABSENT_WHEN_LAZY = ("rows", "ok", "verdict", "skipped", "to_json", "unwrapped_psi")
 _OF_REPORTS = (*_ABSENT_WHEN_LAZY, "name", "t", "u")  # attributes of `Residuals` beside those of all results
 
 

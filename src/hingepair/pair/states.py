@@ -27,7 +27,7 @@ class PointState(Results):
 
 
 class _StateWithPoints(Results):
-    """Outputs of a pair, among them those of points."""
+    """Base class of outputs of a pair, in which `state["tip"]` is the PointState of a point."""
 
     __slots__ = ()
 

@@ -69,7 +69,7 @@ class Scatter(NamedTuple):
 
 
 def _std(covariance: Any) -> Any:
-    """Return standard deviations, the roots of the diagonal, of which rounding below 0 is 0; shape (..., k)."""
+    """Return standard deviations, the roots of the diagonal, 0 where rounding made it negative; shape (..., k)."""
     xp = namespace_of(covariance)
     variances = xp.linalg.diagonal(covariance)
     return xp.sqrt(xp.where(variances < 0, 0 * variances, variances))
@@ -380,8 +380,8 @@ def geometry_scatter(
 
 
 def read_limits(name: str, value: Any) -> tuple[Float64Array, NDArray[np.bool_]]:
-    """Return the standard deviations (3,) that limits as on drawings mean, and which of them are of uniform
-    distributions.
+    """Return the standard deviations (3,) that limits as on drawings mean, of normal ones a third, and which of them
+    are of uniform distributions.
 
     >>> read_limits("u1", "+-0.3 mm, +-0,6 mm normal, 0")[0].round(6).tolist()
     [0.0001, 0.0002, 0.0]
@@ -402,8 +402,8 @@ def read_limits(name: str, value: Any) -> tuple[Float64Array, NDArray[np.bool_]]
 
 def _read_limit(part: Any, si: str, *, round_zone: bool) -> tuple[float, bool] | None:
     """Return the standard deviation [m or rad] that one limit such as "+-0.2 mm uniform" means, and whether it is of
-    a uniform distribution; None if it cannot be read. `si` is its unit without one of its own. With `round_zone`, a
-    uniform limit is the radius of a disc, otherwise half of an interval.
+    a uniform distribution; None if it cannot be read. A normal limit is three standard deviations; a uniform one half
+    an interval or, with `round_zone`, the radius of a disc. `si` is the unit from which others are converted.
     """
     if isinstance(part, str) and part.strip() == "0":
         return 0.0, False
@@ -418,7 +418,7 @@ def _read_limit(part: Any, si: str, *, round_zone: bool) -> tuple[float, bool] |
 
 
 def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
-    """Return three standard deviations; a number stands for three equal ones."""
+    """Return the argument `name` as three standard deviations, of a number equal ones; refuse negative ones."""
     if name == "axis_std" or np.ndim(value) == 0:
         number = value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         return np.full(3, number_not_below_0(name, number))
@@ -429,7 +429,7 @@ def _three_deviations(name: str, value: ArrayLike) -> Float64Array:
 
 
 def _checked_covariance(value: ArrayLike) -> Float64Array:
-    """Return the argument `covariance`, (12, 12), exactly symmetric; refuse what is none, or 0."""
+    """Return the argument `covariance`, (12, 12), exactly symmetric; refuse other matrices, and 0."""
     matrix = one_constant("covariance", value, 12, 12)
     largest = np.diagonal(matrix).max()
     allowed = 1e-9 * largest  # by which rounding may make a covariance asymmetric, and an eigenvalue negative

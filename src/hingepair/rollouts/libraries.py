@@ -104,6 +104,7 @@ def _jax_function(function: _Function, library: Library) -> Callable[..., Any]:
         return tuple(one.astype(library.dtype) for one in function.run(values).arrays().values())
 
     def host_gradients(*both: Any) -> tuple[Any, ...]:
+        """Return the gradients for NumPy arrays: the values, then the weights of the outputs."""
         count = len(function.names)
         pairs = zip(both[count:], shapes, strict=True)
         samples = np.broadcast_shapes(*(one.shape[: one.ndim - len(expected.shape)] for one, expected in pairs))

@@ -21,7 +21,7 @@ MAX_EXPONENT: Final = 1_000
 MAX_ROOT: Final = 10_000
 """Largest denominator of an exponent: t**0.1234 has 5000."""
 
-_BITS: Final = 256  # of numbers that are not exact
+_BITS: Final = 256  # to which numbers that are not exact are rounded
 _CANCELLED: Final = Fraction(1, 2**200)  # a sum this small relative to its largest term is 0
 
 

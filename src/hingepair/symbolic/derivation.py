@@ -58,7 +58,7 @@ MAX_COMPONENT_SYMBOLS: Final = 5_000
 """Largest number of symbols in a component, with repetition; a longer one is not readable."""
 SYMBOLIC_CONSTANTS: Final = ("u1", "u2", "n")
 """Constants of a pair that can stay symbols."""
-_CONSTANTS: Final = (*SYMBOLIC_CONSTANTS, "home")
+_CONSTANTS: Final = (*SYMBOLIC_CONSTANTS, "home")  # all constants of a pair
 
 
 class Derivation(WrittenForms):

@@ -63,7 +63,7 @@ _HINTS: Final = MappingProxyType({  # names that are known from elsewhere, as th
 })  # fmt: skip
 
 _FORBIDDEN = re.compile(r"[^\w+*/().,<>=\s-]", re.ASCII)  # a character that no expression has
-_SIGN_HINTS: Final = {  # what is written in place of such a character
+_SIGN_HINTS: Final = {  # ends of messages: what is written in place of a character
     "^": "; a power is written **",
     "%": "; a remainder is written mod(x, period)",
     "°": "; degrees are written deg(x)",
@@ -74,10 +74,10 @@ _INSTEAD: Final[Mapping[type[ast.expr], str]] = {  # what is expected in place o
     ast.Tuple: "one number or expression (decimals follow a point)",
 }
 _LENGTHS: Final = {"mm": "*1e-3", "cm": "*1e-2", "km": "*1e3", "m": ""}  # what is written in place of a unit
-_FINITE = "a finite real number"
+_FINITE = "a finite real number"  # what messages expect of a constant
 _MAX_SHOWN = 40  # characters of the text in a message
-_WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"  # other than an operator
-_NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"
+_WORD = r"(?!(?:and|or|not|if|else)\b)[A-Za-z_]\w*+"  # a name, other than an operator
+_NUMBER = r"(?<![\w.])(?<!\d[eE][-+])\d++(?:\.\d*+)?(?:[eE][-+]?\d++)?"  # no part of a name or of another number
 # Two operands without an operator between them: 2t, 2 sin(t), (1 + t)(2 - t), pi t.
 _MISSING_OPERATOR = re.compile(rf"({_NUMBER}|\)|\b{_WORD}(?=\s+\w))\s*({_WORD}|\(|(?<=\s)\d)")
 

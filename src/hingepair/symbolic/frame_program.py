@@ -39,7 +39,7 @@ POINTS: Final = "u"
 # What rounding leaves: of the components of parallel axes, of right angles [rad], of components of a point beside
 # its largest one.
 _PARALLEL, _RIGHT_ANGLE, _ZERO = 16 * 2.0**-53, 4 * 2.0**-53, 4 * 2.0**-53
-_ORIGIN: Final = (sympy.S.Zero,) * 3
+_ORIGIN: Final = (sympy.S.Zero,) * 3  # the zero vector, too
 _IDENTITY: Final = tuple(sympy.Integer(i == j) for i in range(3) for j in range(3))
 
 

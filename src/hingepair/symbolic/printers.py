@@ -21,8 +21,8 @@ from hingepair.symbolic.exact_constants import exact
 from hingepair.symbolic.kinks import Expr, Kinked, Larger, Remainder, SideOfZero, Smaller, Where, constant_value
 
 _MAX_DENOMINATOR: Final = 1_000  # of a fraction that is always printed as such
-_DECIMAL_DENOMINATOR: Final = 4  # of one among decimals, such as the lengths of a robot
-_MAX_INTEGER: Final = 10**6  # in a fraction that has no finite decimal form
+_DECIMAL_DENOMINATOR: Final = 4  # the same where decimals are preferred, such as for the lengths of a robot
+_MAX_INTEGER: Final = 10**6  # in a fraction that is printed as such because it has no finite decimal form
 _EXACT_FLOATS: Final = 2**53  # integers below are exact as floats
 _MAX_CHARACTERS: Final = 18  # of an exact number; a longer one is printed as a decimal of 17 digits
 _CANCELLED: Final = 1e-60  # a sum of constants this small, relative to its largest term, is 0

@@ -299,7 +299,7 @@ def _joined(function: Callable[[Any, Any], Any]) -> Callable[..., _SideJet]:
     return rule
 
 
-_CONDITIONS: Final[dict[str, Callable[..., _SideJet]]] = {  # of jets, or of conditions
+_CONDITIONS: Final[dict[str, Callable[..., _SideJet]]] = {  # sides of conditions, from jets or from other sides
     "<=": _at_least_0,
     "<": lambda x: _negated(_at_least_0(x)),
     "not": _negated,

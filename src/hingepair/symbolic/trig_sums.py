@@ -19,10 +19,8 @@ from hingepair.symbolic.kinks import Expr
 MAX_TERMS: Final = 200
 """Largest number of terms of a sum; a longer one would not be readable."""
 _MAX_PAIRS: Final = 10_000  # of terms in one multiplication
-
-_MAX_ANGLE_NODES: Final = (
-    24  # of one sine; sums of longer angles are no easier to read than products, and take minutes
-)
+# Of one sine; sums of longer angles are no easier to read than products, and take minutes.
+_MAX_ANGLE_NODES: Final = 24
 
 
 class _TrigTerm(NamedTuple):
