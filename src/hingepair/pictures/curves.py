@@ -29,13 +29,11 @@ if TYPE_CHECKING:
 XYZ_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
 PATHS: Final = "paths"
 """Name of the curve that holds the paths in space."""
-# A panel has fewer columns of pixels, also in print.
+# Intervals of a curve whose extremes are drawn: more than a panel has columns of pixels, also in print; of a path
+# more, since its shape within an interval is visible.
 _TIME_INTERVALS: Final = 2000
-# More intervals than of a curve over time, since the shape of a path within an interval is visible.
 _PATH_INTERVALS: Final = 20_000
-
-
-_MAX_DRAWN: Final = 1e100
+_MAX_DRAWN: Final = 1e100  # pictures square and multiply, which overflows for larger numbers
 
 
 class Curve(NamedTuple):
@@ -51,7 +49,7 @@ class Curve(NamedTuple):
     offsets: tuple[float, ...] = ()
 
     def converted(self, name: str, columns: Columns, shifts_values: bool = True) -> Curve:
-        """Return the curve of a quantity in units, without what makes it unreadable beside its variation."""
+        """Return the curve in units, less the offsets of t and, if wanted, of the values that hide its variation."""
         t, values = columns.converted("t", self.t), columns.converted(name, self.values)
         start, label = columns.units.offset_of_instants(*_ends(self.t))
         label = label or f"t [{columns.unit('t')}]"
@@ -72,16 +70,15 @@ def _ends(values: Array) -> tuple[float, float]:
 
 
 class CurveCollector:
-    """Collects a figure's curves from consecutive pieces of a motion: `add_piece` adds a piece, and `curves` returns
-    a dict of the curves by name.
-    """
+    """Collector of a figure's curves from consecutive pieces of a motion."""
 
     def __init__(self) -> None:
         self._pieces: dict[str, list[tuple[Array, Array]]] = {}  # t and values of each curve
         self._angles: dict[str, Array] = {}  # last Euler angles of each attitude, from which the next piece goes on
 
     def add_piece(self, t: Array, num_instants: int, arrays_by_name: Mapping[str, Array]) -> None:
-        """Append the arrays of one piece of the motion, a dict by name, to the curves of the same names.
+        """Append the arrays of one piece of the motion, thinned to extremes, to the curves of the same names;
+        rotation matrices as Euler angles.
 
         Args:
             t: instants of the piece [s]; shape (N,).
@@ -118,9 +115,7 @@ class CurveCollector:
 
 
 def check_drawable(name: str, array: Array) -> None:
-    """Raise an ArgumentError if a finite number of an array is too large for a picture, which squares and
-    multiplies.
-    """
+    """Raise an ArgumentError if a finite number of an array is too large for a picture."""
     largest = np.abs(array, where=np.isfinite(array), out=np.zeros(np.shape(array))).max(initial=0.0)
     if largest > _MAX_DRAWN:
         raise ArgumentError(name, f"numbers of at most {_MAX_DRAWN:g} in a picture", f"{largest:g}")
@@ -144,8 +139,8 @@ def finish_figure(figure: Figure, title: str) -> Figure:
 
 
 def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
-    """Return the Euler angles XYZ [rad] of rotation matrices S, shape (N, 3), without jumps between samples; NaN for
-    a matrix that is not finite.
+    """Return the Euler angles XYZ [rad] of rotation matrices S, shape (N, 3), without jumps between samples and from
+    the last angles before, (1, 3) or (0, 3); NaN for a matrix that is not finite.
     """
     with np.errstate(invalid="ignore"):
         angles = np.array(matrix_to_euler(S))
@@ -158,8 +153,8 @@ def _continuous_euler_angles(S: Array, previous_angles: Array) -> Array:
 
 
 def _envelope_rows(values: Array, interval_size: int) -> Array:
-    """Return an increasing array of the indices of the samples through which a curve looks the same as through all
-    its samples `values`, shape (N, components).
+    """Return the indices of the samples (N, components) through which a curve looks the same as through all: of each
+    interval of `interval_size` samples the first, the last, the extremes, and the ends of gaps.
     """
     count = len(values)
     if interval_size <= 2:

@@ -44,8 +44,8 @@ _COLOURS: Final = ("#ee7733", "#4477aa", "#222222", "#009e73", "#aa3377", "#bbaa
 def plot_mechanism(
     source: RobotScene | RobotResult, outputs: Iterable[str] | None, units: UnitsLike = None
 ) -> Figure:
-    """Draw the motion of a scene of a mechanism, or of its result, in a new figure, and return the figure: position,
-    rate and motor torque or force of each moving joint over time, and the paths of the scene's frames in space.
+    """Return a new figure of the motion of a robot: position, rate and motor torque or force of each moving joint
+    over time, and the paths of the scene's frames in space.
 
     Args:
         source: a scene of a mechanism, or its result, whose scene is drawn.
@@ -84,8 +84,8 @@ def plot_mechanism(
 
 
 def plot_robot(robot: Mechanism, given: RobotMotion, *, has_instants: bool, units: UnitsLike = None) -> Figure:
-    """Draw coordinates of a robot, and the rates and efforts that are given, over time, and the paths of its last
-    links; over the number of the sample unless t was given (`has_instants`).
+    """Return a new figure of coordinates of a robot and of the rates and efforts that are given, over time (over the
+    number of the sample without `has_instants`), and of the paths of its last links.
     """
     joints = robot.tree.coordinates
     si_units = {"t": "s" if has_instants else "1", PATHS: "m"}
@@ -121,9 +121,7 @@ def _unit_of(joint: Joint, quantity: str) -> str:
 
 
 def _columns_by_joint(piece: RobotResult, quantity: str) -> dict[str, Array]:
-    """Return a dict from the name of each moving joint to an array (N,): its q, qd or tau, whichever `quantity`
-    names, in a piece of a result.
-    """
+    """Return q, qd or tau of each moving joint, shape (N,), by its name."""
     array = getattr(piece, quantity)
     moving = piece.scene.motion.moving
     return {joint: array[:, i] for i, joint in enumerate(piece.scene.mechanism.names) if joint in moving}
@@ -141,7 +139,7 @@ def _joint_curve(name: str) -> tuple[str, str]:
 
 
 def _joint_unit(scene: RobotScene, quantity: str, joint: str) -> str:
-    """Return the SI unit of q, qd or tau of a joint, and of instants."""
+    """Return the SI unit of q, qd or tau of a joint; of instants if `joint` is empty."""
     if not joint:
         return "s"
     return scene.unit(f"tau_{joint}" if quantity == "tau" else joint + quantity[1:])
@@ -155,8 +153,8 @@ def _draw_joint_panels(
     curves: dict[str, Curve],
     shown: Columns,
 ) -> Figure:
-    """Draw a row of panels for each joint or group of joints, with a column for each of `quantities` (q, qd, tau),
-    and a panel of the frames' paths in a new figure of the class `figure_type`; return the figure.
+    """Return a new figure with a row of panels for each joint or group of joints, a column for each of `quantities`
+    (q, qd, tau), and a panel of the frames' paths.
     """
     groups = _panel_groups(joints)
     rows, columns = max(1, len(groups)), len(quantities)
@@ -196,7 +194,7 @@ def _draw_joint_panels(
 
 
 def _panel_groups(joints: Sequence[Joint]) -> list[list[Joint]]:
-    """Return a list of lists of joints; each list holds the joints of one row of panels."""
+    """Return the joints in each row of panels: one, or, of more than 12, several with the same unit."""
     size = -(-len(joints) // 12)  # joints in a row
     if size <= 1:
         return [[joint] for joint in joints]
@@ -208,9 +206,7 @@ def _panel_groups(joints: Sequence[Joint]) -> list[list[Joint]]:
 def _draw_joints(
     axes: Axes, joints: Sequence[Joint], quantity: str, curves: dict[str, Curve], columns: Columns
 ) -> None:
-    """Draw q, qd or tau, whichever `quantity` names, of joints over time into Matplotlib axes, with their limits as
-    lines.
-    """
+    """Draw q, qd or tau of joints over time, with their limits."""
     alone = len(joints) == 1
     for joint, colour in zip(joints, itertools.cycle(_COLOURS), strict=False):
         name = f"{quantity}_{joint.name}"
@@ -228,9 +224,7 @@ def _draw_joints(
 
 
 def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
-    """Return the tuple (lower, upper) of the limits of a joint's q, qd or tau, whichever `quantity` names; a limit
-    that the joint lacks is infinite.
-    """
+    """Return the lower and upper limit of a joint's q, qd or tau; infinite where the joint has none."""
     if quantity == "q":
         return joint.position_limits
     largest = joint.rate_limit if quantity == "qd" else joint.effort_limit
@@ -238,9 +232,7 @@ def _joint_limits(joint: Joint, quantity: str) -> tuple[float, float]:
 
 
 def _draw_limits(axes: Axes, limits: Sequence[float], values: Array, colour: str, writes_far_limits: bool) -> None:
-    """Draw the (lower, upper) limits that are near the curve's values as dashed lines of the given colour into
-    Matplotlib axes.
-    """
+    """Draw the limits that are near a curve's values as dashed lines; write the others as text if wanted."""
     finite = values[np.isfinite(values)]
     known = [limit for limit in limits if np.isfinite(limit)]
     if not known or not finite.size:
@@ -263,7 +255,5 @@ def _draw_limits(axes: Axes, limits: Sequence[float], values: Array, colour: str
 
 
 def _shorten_name(name: str) -> str:
-    """Return a name of at most 22 characters, which fit beside a panel, unchanged; return a longer one shortened in
-    the middle.
-    """
+    """Return a name, shortened in the middle if it has more than the 22 characters that fit beside a panel."""
     return name if len(name) <= 22 else f"{name[:10]}…{name[-11:]}"

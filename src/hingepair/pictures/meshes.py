@@ -65,7 +65,7 @@ def read_meshes(meshes: Iterable[Mesh], megabytes: float) -> tuple[dict[int, lis
 
 
 def _placed(mesh: Mesh, geometry: Any) -> tuple[str | None, Any]:
-    """Return (colour, geometry) with the vertices in the axes of the body, and equal vertices merged."""
+    """Move a geometry into the axes of the body, in place, merge equal vertices, and return (colour, geometry)."""
     geometry.vertices = mesh.pose.origin + (geometry.vertices * mesh.scale) @ mesh.pose.rotation.T
     if np.prod(mesh.scale) < 0:  # a mirrored body: triangles keep their outer side
         geometry.invert()
@@ -87,7 +87,7 @@ def _hex_colour(rgba: Sequence[float] | Array) -> str:
 
 
 def _piece(colour: str | None, geometry: Any, share: float) -> MeshPiece:
-    """Return the piece with about `share` of its triangles."""
+    """Return the piece with about `share` of its triangles, but with _MIN_FACES at least."""
     wanted = max(_MIN_FACES, int(share * len(geometry.faces)))
     if share < 1 and wanted < len(geometry.faces):
         geometry = geometry.simplify_quadric_decimation(face_count=wanted)

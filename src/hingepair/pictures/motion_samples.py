@@ -22,7 +22,7 @@ Array: TypeAlias = NDArray[Any]
 MAX_SHOWN: Final = 2000
 """Largest number of instants on a page, spread evenly over the motion; a plot uses all instants."""
 
-# By increasing level of derivatives.
+# Velocities, then accelerations of body 2: two for each order of derivatives.
 BODY2_RATES: Final = ("v2", "omega2", "a2", "alpha2")
 
 MotionSource: TypeAlias = HingePair | PairScene | PairResult | Trajectory | SimulatedPlanarMotion
@@ -95,27 +95,21 @@ def sample_pieces(source: object, outputs: Iterable[str] | None = None) -> Itera
 
 
 def _scene_outputs(scene: PairScene, outputs: tuple[str, ...] | None) -> tuple[str, ...]:
-    """Return a tuple of the names of the outputs to evaluate: `outputs` itself or, if `outputs` is None, the
-    velocities and accelerations of body 2 that the scene's motion has, and psi.
-    """
+    """Return `outputs` or, of None, the velocities and accelerations of body 2 that the motion has, and psi."""
     if outputs is not None:
         return outputs
     return (*BODY2_RATES[: 2 * scene.motion.level], "psi")
 
 
 def _scene_samples(scene: PairScene, piece: PairResult, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return a `ShownMotion` of one piece of a scene's result, with the outputs named in `outputs`, or with the
-    velocities and accelerations of body 2 if `outputs` is None.
-    """
+    """Return a piece of a scene's result with `outputs`; None: velocities and accelerations of body 2."""
     arrays, bodies = piece.requested_arrays(), piece.known.body_arrays(scene.pair)
     outputs_by_name = arrays if outputs is not None else _rate_vectors(arrays)
     return ShownMotion(scene.space, scene.title, scene.samples, piece.t, bodies, piece.known.psi, outputs_by_name)
 
 
 def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ...] | None) -> ShownMotion:
-    """Return a `ShownMotion` of a motion in memory at the instants that `rows`, indices or a slice, selects, with the
-    outputs named in `outputs`, or with the velocities and accelerations of body 2 if `outputs` is None.
-    """
+    """Return the instants `rows` of a motion with `outputs`; None: velocities and accelerations of body 2."""
     t, pair, body1, psi, recorded = motion
     body1, psi = motion_of_rotations(R=body1.R[rows], S=body1.S[rows]), psi[rows]
     points = (*pair.points1, *pair.points2)
@@ -130,9 +124,7 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 
 
 def _recorded_motion(source: object) -> RecordedMotion:
-    """Return a tuple of t, the pair, the BodyMotion of body 1, psi and a dict of further recorded arrays of a
-    trajectory by name.
-    """
+    """Return the motion of a trajectory; of a pair, in 6 s, that through its limits and back, or through a turn."""
     if isinstance(source, Trajectory):
         recorded = source.recorded()  # refuses many motions
         return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, recorded
@@ -150,9 +142,7 @@ def _recorded_motion(source: object) -> RecordedMotion:
 
 
 def _rate_vectors(arrays: dict[str, Array]) -> dict[str, Array]:
-    """Return a dict of the velocities and accelerations of body 2 among the given arrays, by name, as vectors in
-    space; shape (N, 3).
-    """
+    """Return the velocities and accelerations of body 2 among arrays, by name, as vectors in space (N, 3)."""
     return {name: _spatial_vectors(arrays[name]) for name in BODY2_RATES if name in arrays}
 
 

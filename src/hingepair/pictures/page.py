@@ -141,11 +141,10 @@ class Page:
         return _shown_count(self.frames, self.samples)
 
     def save(self, path: str | os.PathLike[str], inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
-        """Write the page to the file `path`, which ends in .html or .htm and must be none of `inputs`, the files that
-        are being read; return its path.
+        """Write the page to a file, and return its path.
 
         Args:
-            path: file to write; ends in .html.
+            path: file to write; ends in .html or .htm.
             inputs: files that are being read, which must not be overwritten.
 
         Raises:
@@ -184,9 +183,7 @@ class _PageMotion(NamedTuple):
 
 
 def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
-    """Return a tuple of the page model and a _PageMotion of a pair, a scene of a pair, or a trajectory, with at most
-    MAX_SHOWN samples of the motion.
-    """
+    """Return the model and at most MAX_SHOWN instants of the motion of a pair, a scene of a pair or a trajectory."""
     samples = spread_samples(source)
     psi, readings = samples.psi[:, None], samples.outputs_by_name
     shown = {"psi": psi} | {name: readings[name] for name in ("v2", "omega2") if name in readings}
@@ -197,9 +194,7 @@ def _pair_content(source: MotionSource) -> tuple[PageModel, _PageMotion]:
 
 
 def _robot_content(scene: RobotScene, megabytes: float) -> tuple[PageModel, _PageMotion]:
-    """Return a tuple of the page model and a _PageMotion of the scene of a mechanism, with at most MAX_SHOWN samples
-    of the motion.
-    """
+    """Return the model and at most MAX_SHOWN instants of the motion of a robot's scene."""
     robot = scene.mechanism
     part = scene.sampled(MAX_SHOWN, ("q", "qd", "tau")[: scene.motion.level + 1])
     base, t = part.known.base, part.t
@@ -214,7 +209,7 @@ def _robot_content(scene: RobotScene, megabytes: float) -> tuple[PageModel, _Pag
 
 
 def _shown_robot_motion(given: RobotMotion) -> _PageMotion:
-    """Return the instants of a motion that the page shows."""
+    """Return at most MAX_SHOWN instants of a motion that is given as arrays."""
     rows = spread_rows(len(given.t))
     R, S = (part[rows] if len(part) > 1 else part for part in (given.R, given.S))
     tau = given.others.get("tau")

@@ -215,8 +215,8 @@ def model_json(model: PageModel, positions: np.ndarray[Any, Any]) -> dict[str, A
 
 
 def placements(R: np.ndarray[Any, Any], S: np.ndarray[Any, Any]) -> list[list[float] | None]:
-    """Return a list of the 4 x 4 pose matrices of positions R, shape (N, 3), and rotations S, shape (N, 3, 3), each
-    as 16 numbers row by row, for JSON; None for a pose that is not finite.
+    """Return the 4 x 4 matrices of positions R (N, 3) and rotations S (N, 3, 3) for JSON, each as 16 numbers row by
+    row; None for a pose that is not finite.
     """
     matrices = np.zeros((len(R), 4, 4))
     matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = S, R, 1.0
@@ -224,8 +224,8 @@ def placements(R: np.ndarray[Any, Any], S: np.ndarray[Any, Any]) -> list[list[fl
 
 
 def _coordinate_json(joint: Joint, chain_index: int, size: float, positions: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """Return the slider of a joint as a dictionary for JSON: limits, range and neutral position, and the index of the
-    joint's chain.
+    """Return the slider of a joint for JSON: limits, range, which reaches all `positions`, neutral position and index
+    of the chain.
     """
     (lower, upper), (first, last) = drawn_limits(joint), drawn_range(joint, size)
     known = positions[np.isfinite(positions)]
@@ -259,7 +259,7 @@ def _coloured_shapes(
 
 
 def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
-    """Return a list of the unbranched chains of a robot's joints."""
+    """Return the name, and the numbers of the joints from 1 on, of each unbranched chain of a robot's joints."""
     carried = [0] * (len(tree.joints) + 1)
     for joint in tree.joints:
         carried[joint.parent] += 1
@@ -273,8 +273,8 @@ def _joint_chains(tree: Tree) -> list[tuple[str, list[int]]]:
 
 
 def _chain_name(names: Sequence[str]) -> str:
-    """Return a name for the chain of the joints with these names: the only name, or the common prefix of the names,
-    or, if they have none, the first and the last name without their numbers.
+    """Return a name for a chain of joints: the only name, the common prefix, or else the first and the last name
+    without their numbers.
     """
     if len(names) == 1:
         return names[0]
@@ -292,8 +292,8 @@ def _without_number(name: str) -> str:
 
 
 def _tool(tree: Tree) -> str:
-    """Return the name of the frame at the tool: the link or frame so called that is behind the most joints, or else
-    the tip link that is; the first one of several.
+    """Return the frame at the tool: of the links and frames with such a name (tool0, tcp, ee), or else of the tips,
+    the first that is behind the most joints.
     """
     depths = [0]
     for joint in tree.joints:
@@ -310,9 +310,7 @@ def _lighten(colour: str, share: float) -> str:
 
 
 def _shape_json(shape: Shape | MeshPiece, colour: str) -> dict[str, Any]:
-    """Return a shape as a dictionary for JSON: kind, colour, dimensions [m] and placement (16 numbers, as
-    `placements` returns them).
-    """
+    """Return a shape for JSON: kind, colour, dimensions [m] and placement (see `placements`); or a mesh."""
     if isinstance(shape, MeshPiece):
         return shape.json(colour)
     turn = np.eye(3)

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 # Colours of the paths of the bodies' reference points and of the hinge point.
 _PATH_COLOURS: Final = {"R1": "#4477aa", "R2": "#ee7733", "hinge point": "#222222"}
-# Outputs in the rows of panels, by column.
+# Outputs by row of panels, and in it by column.
 _PANELS: Final = (("R2", "v2", "a2"), ("S2", "omega2", "alpha2"), ("hinge_torque", "hinge_force", "bearing_torque"))
 _AS_ANGLES: Final = ("S1", "S2")  # drawn as Euler angles
 _RESIDUAL: Final = "residual"  # name of the curve of the residual of E1
@@ -174,13 +174,13 @@ def _plot_given(
 
 
 def _drawn_unit(unit: Callable[[str], str]) -> Callable[[str], str]:
-    """Return a function from the name of a curve to its SI unit, for the SI units of quantities."""
+    """Return the function from the name of a curve to its SI unit that extends `unit`, that of quantities."""
     own = {**dict.fromkeys(_AS_ANGLES, "rad"), PATHS: "m", _RESIDUAL: "m"}
     return lambda name: own.get(name) or unit(name)
 
 
 def _collect_record(source: Record, outputs: tuple[str, ...] | None) -> CurveCollector:
-    """Collect the curves of the arrays of a record, or of some of them."""
+    """Return the curves of the arrays of a record, or of some of them."""
     arrays, collector = source.recorded(), CurveCollector()
     for name in outputs or ():
         if name not in arrays:
@@ -190,9 +190,7 @@ def _collect_record(source: Record, outputs: tuple[str, ...] | None) -> CurveCol
 
 
 def _collect_motion(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[str, CurveCollector]:
-    """Collect the curves of the outputs named in `outputs` or, if it is None, of all quantities that a
-    figure shows.
-    """
+    """Return the title of a motion, and the curves of `outputs` or, if it is None, of all that a figure shows."""
     collector = CurveCollector()
     t, loads = _loads(source, outputs)
     moving = None if outputs is None else tuple(name for name in outputs if name not in loads)
@@ -225,9 +223,8 @@ def _loads(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[Array
 
 
 def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
-    """Return a dict of arrays by name, all that a figure shows without `outputs`, computed from samples of a pair's
-    motion: R2, S2, the velocities and accelerations of body 2, psi, the paths of both bodies and of the hinge point
-    in one array (N, 9), and the residual of E1 with its rounding error, (N, 2).
+    """Return all that a figure shows without `outputs`, by name, the paths of R1, R2 and the hinge point in one array
+    (N, 9), and the residual of E1 and its rounding error in another (N, 2).
     """
     pair, (R1, R2, S2) = samples.pair, (samples.pose_arrays_by_name[name] for name in ("R1", "R2", "S2"))
     scale = np.abs(R1).max(axis=1) + np.linalg.norm(pair.u1) + np.linalg.norm(pair.u2)
@@ -246,14 +243,12 @@ def _plotted_quantities(samples: ShownMotion) -> dict[str, Array]:
 
 
 def _title_and_unit(name: str, columns: Columns) -> tuple[str, str]:
-    """Return the title of the panel of the output called `name`, and the unit of the output, as two strings."""
+    """Return the title of an output's panel, and the unit of the output."""
     return _TITLES.get(name, name), columns.unit(name)
 
 
 def _draw_motion(figure_type: type[Figure], curves: dict[str, Curve], columns: Columns) -> Figure:
-    """Draw the curves of a pair's motion, a dict by name, the paths in space and the residual of E1 in a new figure
-    of the class `figure_type`; return the figure.
-    """
+    """Return a new figure of a pair's motion: curves over time, paths in space, and the residual of E1."""
     panels = [own for names in _PANELS if (own := [name for name in names if name in curves])]
     beside = ["psi", *(panels.pop() if panels[-1] == ["hinge_torque"] else [])]  # one panel is no row
     width = max(2, *map(len, panels))

@@ -32,7 +32,7 @@ def read_robot_motion(
     rate: float = 30.0,
     **others: ArrayLike | None,
 ) -> RobotMotion:
-    """Check the arguments of a picture; `rate` is the number of instants per second unless t is given."""
+    """Return the checked arguments of a picture; N = 0 without q, `rate` instants a second without t."""
     positions = np.zeros((0, robot.dof)) if q is None else _joint_rows(robot, "q", q)
     if positions.ndim != 2 or positions.shape[1] != robot.dof or (q is not None and not len(positions)):
         raise ShapeError("q", f"shape (T, {robot.dof}) with T from 1 on", positions.shape)
@@ -50,7 +50,7 @@ def read_robot_motion(
 
 
 def base_poses(base_motion: BodyMotion | None, count: int) -> tuple[Array, Array]:
-    """Check the motion of a base, a BodyMotion or None for rest at the origin, at one or `count` instants."""
+    """Return R and S of a base at one or `count` instants, checked; None is rest at the origin."""
     if base_motion is None:
         return np.zeros((1, 3)), np.eye(3)[None]
     if not isinstance(base_motion, BodyMotion):

@@ -12,8 +12,7 @@ from hingepair.mechanism.tree import Joint, Tree
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import Box, Cylinder, Shape, Sphere
 
-# Length of a rod over the robot's size up to which the rod is not drawn.
-_SHORTEST: Final = 1e-3
+_SHORTEST: Final = 1e-3  # of the robot's size; rods up to this length are not drawn
 
 
 class SimpleBody(NamedTuple):
@@ -40,17 +39,13 @@ def robot_size(tree: Tree) -> float:
 
 
 def drawn_limits(joint: Joint) -> tuple[float, float]:
-    """Return the lower and upper position limit of a joint [rad or m] as a tuple. A limit that is missing, or is not
-    between -1e4 and 1e4, is infinite.
-    """
+    """Return the lower and upper position limit of a joint [rad or m]; infinite if missing or beyond 1e4."""
     lower, upper = joint.position_limits
     return lower if lower > -1e4 else -math.inf, upper if upper < 1e4 else math.inf
 
 
 def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
-    """Return the tuple (lower, upper) of the ends of the range of a joint's slider on the page [rad or m]: the limits
-    of the joint, or defaults for missing limits. For a sliding joint, the default depends on `size`, the robot's size
-    [m].
+    """Return both ends of the range of a joint's slider on the page [rad or m]: its limits, where it has any.
 
     Without limits, the range of a hinge is -pi to pi, and that of a slider has the width of half the robot's size
     around 0. With one limit, the range has the same width.
@@ -63,7 +58,7 @@ def drawn_range(joint: Joint, size: float) -> tuple[float, float]:
 
 
 def simple_bodies(tree: Tree, size: float) -> list[SimpleBody]:
-    """Return a list of the `SimpleBody` records of all bodies of a robot, the base first.
+    """Return simple shapes for all bodies of a robot, the base first.
 
     Args:
         tree: the robot.
@@ -113,9 +108,7 @@ def axes_along(axis: Any) -> Float64Array:
 
 
 def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
-    """Return a list of the ends of the rods of the body with the number `body_number`, which must carry no joints, in
-    the axes of that body [m].
-    """
+    """Return the ends [m] of the rods of a body that carries no joints: the tips on it, or else a point behind its mass."""
     tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == body_number]
     far = [tip for tip in tips if math.hypot(*tip) > _SHORTEST * size]
     if far:
@@ -126,9 +119,7 @@ def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
 
 
 def _rod_radius(mass: float, length: float, size: float) -> float:
-    """Return the radius of a body's rods [m] from the body's mass [kg], the length of the rods [m] and the robot's
-    size [m].
-    """
+    """Return the radius [m] of rods of this mass [kg] and length [m], of metal, within bounds by the robot's size."""
     thinnest, thickest, thickest_of_short_rods = 0.016 * size, 0.03 * size, 0.3 * length
     is_drawn = length > _SHORTEST * size
     least = min(thinnest, thickest_of_short_rods) if is_drawn else thinnest
@@ -141,9 +132,7 @@ def _rod_radius(mass: float, length: float, size: float) -> float:
 
 
 def _rod_shapes(end: Float64Array, radius: float, size: float) -> Sequence[Shape]:
-    """Return a tuple of a cylinder of the given radius from the reference point of a body to `end`, in the body's
-    axes [m], and a sphere at `end`.
-    """
+    """Return a rod from a body's reference point to `end` [m], with a sphere there; nothing if it is too short."""
     length = math.hypot(*end)
     if length <= _SHORTEST * size:
         return ()

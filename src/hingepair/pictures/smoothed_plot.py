@@ -34,8 +34,7 @@ _ANGLE_OUTPUTS: Final = ("psi", "psid", "psidd")
 def plot_smoothed(
     source: SmoothedMotion | SmoothedAngle, outputs: Iterable[str] | None = None, units: UnitsLike = None
 ) -> Figure:
-    """Draw the result of `smooth`, a motion or an angle, over time in a new figure, with bands of two standard
-    deviations; return the figure. An attitude S is drawn as Euler angles without a band.
+    """Return a new figure of the result of `smooth` over time, with bands of two standard deviations.
 
     Args:
         source: the result of `smooth`.
@@ -62,9 +61,7 @@ def plot_smoothed(
 
 
 def _draw_band(axes: Axes, t: Float64Array, values: Float64Array, instants: Float64Array, std: Float64Array) -> None:
-    """Draw bands of two standard deviations around the components of a curve, `values` of shape (N, k) at times t,
-    into Matplotlib axes.
-    """
+    """Draw bands of two standard deviations, (M, k) at `instants`, around a curve with `values` (N, k) at t."""
     colours = XYZ_COLOURS if values.shape[1] > 1 else ("#222222",)
     for column, deviations, colour in zip(values.T, std.T, colours, strict=False):
         half = 2 * np.interp(t, instants, deviations)
