@@ -17,10 +17,10 @@ from hingepair.mechanism.shapes import Drawn, Mesh
 from hingepair.mechanism.tree import Tree
 from hingepair.rotations.matrices import matrix_to_quaternion
 
-_GREY: Final = (0.6, 0.6, 0.6, 1.0)
+_GREY: Final = (0.6, 0.6, 0.6, 1.0)  # RGBA of what has no colour
 _COLLISION: Final = "collision"  # name of the class of the geoms for collisions
 _STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes
-_MAX_STL_TRIANGLES = 200_000  # of MuJoCo's reader
+_MAX_STL_TRIANGLES = 200_000  # that MuJoCo reads
 
 
 class MjcfMeshes:
@@ -69,7 +69,7 @@ class MjcfMeshes:
             add_element(group, "geom", **DRAWN_ONLY | {"group": "3"})
 
     def add_geoms(self, body: ET.Element, number: int) -> None:
-        """Add what draws a body. Where MuJoCo can load none of it, the geoms for collisions are shown instead."""
+        """Add the geoms of a body: those that are drawn, and those for collisions, shown if there are no others."""
         drawing = drawing_of_body(self._tree, number)
         visuals = [one for shape in drawing.visuals if (one := self._geom(shape))]
         for visual in visuals:
@@ -82,7 +82,7 @@ class MjcfMeshes:
                 add_element(body, "geom", **{"class": _COLLISION}, **geom, **shown, rgba=_GREY)
 
     def _geom(self, shape: Drawn) -> dict[str, Any] | None:
-        """Return the attributes of a geom; None for a mesh that is not written."""
+        """Return the attributes of the geom of a shape or mesh; None for a mesh that is not written."""
         if not isinstance(shape, Mesh):
             return {**mjcf_geometry(shape), "pos": shape.center}
         path = self._paths.get((shape.file, shape.folder))
@@ -107,7 +107,7 @@ def _drawn(tree: Tree, number: int) -> Iterable[Drawn]:
 
 
 def _refusal(path: Path) -> str:
-    """Return why MuJoCo cannot load the file of a mesh; "" if it can."""
+    """Return a clause on why MuJoCo cannot load the file of a mesh; "" if it can."""
     suffix = path.suffix.lower()
     if suffix == ".obj":
         return ""

@@ -1,6 +1,6 @@
-"""A hinge pair written as URDF or as MJCF (MuJoCo).
+"""Pairs and robots written as URDF or as MJCF (MuJoCo).
 
-Both formats hang body 2 up at the hinge point:
+Of a pair, both formats hang body 2 up at the hinge point:
 
     body1 --hinge--> body2_at_hinge --fixed--> body2
 
@@ -24,6 +24,7 @@ from hingepair.formats.robot_mjcf import MJCF_COMPILER, insert_mjcf_joint, robot
 from hingepair.formats.robot_writer import add_moving_joint, robot_to_urdf
 from hingepair.formats.shape_writers import add_geom, add_shape
 from hingepair.formats.xml_text import (
+    NO_TURN,
     add_element,
     add_inertial,
     add_urdf_joint,
@@ -48,9 +49,7 @@ WORLD_LINK_NAME, BODY1_LINK_NAME, BODY2_LINK_NAME = "world", "body1", "body2"
 BODY2_AT_HINGE_LINK_NAME = "body2_at_hinge"  # its origin is the hinge point
 BASE_JOINT_NAME, HINGE_JOINT_NAME = "base", "hinge"
 
-_NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
-# Beyond, a viewer shows nothing, and what is drawn has the size of one metre.
-_DRAWABLE = (1e-9, 1e9)
+_DRAWABLE = (1e-9, 1e9)  # m; beyond, viewers show nothing, and shapes have the size of one metre
 _INERTIA_MARGIN = 2.0**-46
 """Margin by which A + B > C is written, as a share of the largest moment C: MuJoCo refuses A + B < C.
 
@@ -144,12 +143,12 @@ def to_urdf(
     hinge = hinge_of_pair(pair, hinge_load)
     _, made_up = add_moving_joint(robot, hinge, BODY1_LINK_NAME, BODY2_AT_HINGE_LINK_NAME)
     to_body2 = add_urdf_joint(robot, "body2_reference", "fixed", BODY2_AT_HINGE_LINK_NAME, BODY2_LINK_NAME)
-    add_element(to_body2, "origin", xyz=-pair.u2, rpy=_NO_TURN)
+    add_element(to_body2, "origin", xyz=-pair.u2, rpy=NO_TURN)
     for link, points in ((BODY1_LINK_NAME, pair.points1), (BODY2_LINK_NAME, pair.points2)):
         for name, position in points.items():
             add_element(robot, "link", name=name)
             to_point = add_urdf_joint(robot, f"{name}_point", "fixed", link, name)
-            add_element(to_point, "origin", xyz=position, rpy=_NO_TURN)
+            add_element(to_point, "origin", xyz=position, rpy=NO_TURN)
     return document(robot, [*_assumptions(parts), *limits_sentences([(HINGE_JOINT_NAME, made_up)])])
 
 
@@ -259,7 +258,7 @@ def _assumptions(parts: tuple[_ModelPart, _ModelPart]) -> list[str]:
 
 
 def _checked_load(format_name: str, hinge_torque: HingeLoad | None, written_fields: tuple[str, ...]) -> HingeLoad:
-    """Return the load, or one without effect, and warn of fields that the format does not have."""
+    """Return the load, one without effect for None, and warn of its fields that are not written."""
     if hinge_torque is None:
         return HingeLoad()
     if not isinstance(hinge_torque, HingeLoad):
@@ -340,8 +339,8 @@ def _axis_in_body2(pair: HingePair) -> Float64Array:
 
 
 def _raise_flat_inertia(inertia: Float64Array) -> Float64Array:
-    """Return an inertia whose largest principal moment is below the sum of the others by a margin, by which that of a
-    flat body is increased, and by the excess of the largest moment if the moments were given rounded.
+    """Return an inertia, increased about all axes if its largest principal moment is not below the sum of the others
+    by a margin, as that of a flat body or of rounded moments.
     """
     *smaller, largest = map(float, np.linalg.eigvalsh(inertia))
     lift = _INERTIA_MARGIN * largest + largest - sum(smaller)
@@ -362,6 +361,7 @@ def _round_for_drawing(length: float) -> float:
 
 
 def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
+    """Add a body as a link, with its mass properties and shapes."""
     link = add_element(robot, "link", name=part.link)
     if part.body is not None:
         place = part.body.centre_of_mass - part.origin
@@ -371,6 +371,7 @@ def _add_urdf_link(robot: ET.Element, part: _ModelPart) -> None:
 
 
 def _add_mjcf_body(body: ET.Element, part: _ModelPart) -> None:
+    """Add the mass properties and shapes of a body to its element <body>."""
     if part.body is not None:
         place = part.body.centre_of_mass - part.origin
         J = _raise_flat_inertia(part.body.inertia)

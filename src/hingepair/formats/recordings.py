@@ -78,6 +78,7 @@ class ColumnAdvice(NamedTuple):
         return f'{stated} ("compass" in place of "deg" for headings clockwise from north)'
 
 
+# By the arguments of `read_recording`.
 _IN_PYTHON: Final = ColumnAdvice(
     "columns={{{ours!r}: {name!r}}}",
     "columns={{{ours!r}: {{'name': {name!r}, 'unit': {unit!r}}}}}",
@@ -172,6 +173,7 @@ def _read_recording(
     sequence: str | None,
     advice: ColumnAdvice,
 ) -> Recording:
+    """Return the Recording of one or two files or tables, on one clock; refuse one without body 1 or body 2."""
     if encoder_column in _POSE_COLUMNS:
         raise ArgumentError("encoder", "a column that is not t and not of a pose", repr(encoder_column))
     bodies: dict[str, _RecordedBody] = {}
@@ -226,7 +228,7 @@ def no_body_error(body: str, sources: Sequence[object]) -> ArgumentError:
 
 
 def _resample_to_one_clock(first: _RecordedBody, second: _RecordedBody, max_gap: float) -> Recording:
-    """Return two bodies and the readings of the first at the instants of the body with the longer time steps."""
+    """Return both bodies and the readings of the first at the instants of the body with the longer time steps."""
     t1, t2 = _body_instants(first), _body_instants(second)
     if np.array_equal(t1, t2):
         return Recording(first.motion, second.motion, t1, first.encoder)
@@ -297,8 +299,8 @@ def _judge_angles(path: Path | ColumnTable, angles: Mapping[str, Float64Array], 
 def _body_motion(
     path: Path | ColumnTable, columns: Columns, column_digit: str, sequence: str, *, may_be_point: bool
 ) -> BodyMotion:
-    """Return the poses of the body whose columns end in a digit or in ""; an attitude of which a part is missing, or
-    all is 0, is NaN.
+    """Return the poses of the body whose columns end in "1", "2" or ""; an attitude of which a part is missing, or
+    all is 0, is NaN, and a body without columns of one is a point if it may be.
     """
     planar = {
         (z, *tilts): (x, y, turn)
@@ -337,7 +339,7 @@ def _body_motion(
 def _stack_columns(
     path: Path | ColumnTable, columns: Columns, alternatives: tuple[tuple[str, ...], ...]
 ) -> Float64Array:
-    """Return the columns (N, k) of the first alternative of which any is present."""
+    """Return the columns (N, k) of the first alternative of which any is present; refuse it if one is missing."""
     names = next((names for names in alternatives if not columns.keys().isdisjoint(names)), alternatives[-1])
     for name in names:
         if name not in columns:
@@ -366,6 +368,7 @@ def _read_columns(
         path = path.without_units(taken)
 
     def choose(names: list[str]) -> list[str]:
+        """Return those of the file's columns that are to be read."""
         present_names.extend(names)
         if not sources:
             return _columns_to_read(names, ignored_columns, encoder_column, advice)
@@ -380,6 +383,7 @@ def _read_columns(
     stated_names: set[str] = set()  # columns whose heading has their unit
 
     def read_own_heading(heading: str) -> tuple[str, float]:
+        """Return name and factor to SI of a heading with a unit; one that `columns` names stays as it is."""
         name, factor = (heading, 1.0) if heading in taken else read_heading(heading, unit_of)
         if name != heading:
             stated_names.add(name)
@@ -411,7 +415,7 @@ def _columns_to_read(
     advice: ColumnAdvice,
     other_names: Collection[str] = (),
 ) -> list[str]:
-    """Return the names to be read: instants, poses, the encoder and `other_names`, without those that are ignored."""
+    """Return the names to be read, without those that are ignored or of results; refuse unknown ones."""
     known_names = [*_POSE_COLUMNS, *other_names]
     if encoder_column is not None:
         known_names.append(encoder_column)
@@ -437,8 +441,8 @@ def _columns_to_read(
 
 
 def _meant_column(name: str, known_names: Sequence[str]) -> tuple[str, str]:
-    """Return the known column that an unknown one probably stands for, and the unit in its name, such as t and ms for
-    time_ms; empty if there is none.
+    """Return the known column that an unknown one probably stands for, and the unit in its name: t and ms for
+    time_ms; "" where there is none.
     """
     lower = name.lower()
     stem, _, unit = lower.rpartition("_")

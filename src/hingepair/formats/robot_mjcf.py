@@ -29,8 +29,8 @@ MJCF_COMPILER: Final = {
     "boundinertia": "0",
     "fusestatic": "false",
 }
-_TYPES: Final = {"hinge": "hinge", "slider": "slide"}
-_FARTHEST = 1e9  # rad or m; a limit that is none beside one that is
+_TYPES: Final = {"hinge": "hinge", "slider": "slide"}  # MuJoCo's, by our kind of joint
+_FARTHEST = 1e9  # rad or m; written for a missing limit beside a given one
 
 
 def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bool) -> str:
@@ -68,7 +68,7 @@ def _add_body(
     *,
     is_world: bool = False,
 ) -> ET.Element:
-    """Add the body of a joint with its links, frames and geoms. A fixed base called "world" is the world."""
+    """Return the added body behind a joint (number 0: the base); a fixed base called "world" is the parent itself."""
     links = {name: frame for name, frame in tree.links.items() if frame.body == number}
     seat = next((name for name, frame in links.items() if is_here(frame)), None)
     joint = tree.joints[number - 1] if number else None
@@ -94,8 +94,8 @@ def _body_name(link: str) -> str:
 
 
 def insert_mjcf_joint(body: ET.Element, joint: Joint, label: str) -> None:
-    """Insert a joint as the first child of its body. Issue a DynamicsWarning, in which `label` names the joint, for
-    what MuJoCo refuses: equal limits, and an effort limit of 0.
+    """Insert a joint as the first child of its body. Warn of what MuJoCo refuses, under the name `label`: equal
+    limits, and an effort limit of 0; they are left out.
 
     Raises:
         ArgumentError: MJCF has no such joint.

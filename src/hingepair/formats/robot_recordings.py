@@ -21,7 +21,7 @@ from hingepair.tables.column_file import ColumnRequest, read_columns
 from hingepair.tables.column_sources import in_own_names, read_column_sources
 from hingepair.tables.units import read_heading
 
-_MOTION = ("q", "qd", "qdd")
+_MOTION = ("q", "qd", "qdd")  # the last two recorded or derived
 
 
 def read_robot_recording(
@@ -48,6 +48,7 @@ def read_robot_recording(
     taken = {source.column for source in sources.values()}
 
     def choose(names: list[str]) -> list[str]:
+        """Return those of the file's columns that are to be read."""
         present.extend(names)
         for name in sources:
             if name in names and name not in taken:

@@ -113,7 +113,7 @@ class _UrdfWriter:
         add_element(element, "origin", xyz=frame.R, rpy=matrix_to_euler(frame.S, "xyz"))
 
     def _add_carrier(self, root: ET.Element, parent_link: str, order: int, joint_name: str) -> str:
-        """Add a link that carries a joint, whose fixed joint sorts it by a number; return its name."""
+        """Return an added link for one joint; the number in the name of its fixed joint sorts siblings."""
         held_by = _unused_name(self._joints, f"{order:04d}_{joint_name}")
         link = _unused_name(self._links, f"{held_by}_carrier")
         add_element(root, "link", name=link)
@@ -121,6 +121,7 @@ class _UrdfWriter:
         return link
 
     def _add_moving_joint(self, root: ET.Element, joint: Joint, parent: str, child: str) -> None:
+        """Add a joint with its mimic rule, and keep what is made up of its limits."""
         element, made_up = add_moving_joint(root, joint, parent, child)
         self.made_up_limits.append((joint.name, made_up))
         if joint.mimic is not None:
@@ -165,7 +166,7 @@ def _is_same_frame(frame: Frame, other_frame: Frame) -> bool:
 
 
 def _unused_name(used_names: set[str], name: str) -> str:
-    """Return the name, with a number if it is in use, and keep it."""
+    """Return the name, with a number if it is in use, and add it to `used_names`."""
     numbered = (f"{name}_{i}" for i in range(2, len(used_names) + 3))
     unused = next(one for one in (name, *numbered) if one not in used_names)
     used_names.add(unused)

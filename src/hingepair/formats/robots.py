@@ -77,7 +77,7 @@ def load_robot_hinge(robot: str, joint: str) -> HingePair:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return the sorted names of all robots of example-robot-data."""
+    """Return the sorted names of all robots: the stem of a file, or folder/stem if several have it."""
     files = _urdf_paths()
     count = Counter(_stem(name) for name in files)
     return tuple(sorted(_stem(name) if count[_stem(name)] == 1 else name for name in files))

@@ -8,14 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from hingepair.formats.xml_text import add_element, check_xml_text, first_few
+from hingepair.formats.xml_text import NO_TURN, add_element, check_xml_text, first_few
 from hingepair.mechanism.shapes import BodyDrawing, Drawn, Mesh
 from hingepair.mechanism.tree import Tree
 from hingepair.pair.body import Box, Cylinder, Shape
 from hingepair.rotations.euler import matrix_to_euler
 from hingepair.rotations.matrices import matrix_to_quaternion
 
-_NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 DRAWN_ONLY: Final = {"contype": "0", "conaffinity": "0", "group": "1"}  # attributes of a geom that does not collide
 
 
@@ -65,7 +64,7 @@ def _urdf_geometry(shape: Drawn) -> tuple[str, dict[str, Any], Any]:
         x, y, z = map(float, shape.axis)
         rpy = math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0
         return "cylinder", {"radius": shape.radius, "length": shape.length}, rpy
-    return "sphere", {"radius": shape.radius}, _NO_TURN
+    return "sphere", {"radius": shape.radius}, NO_TURN
 
 
 def mjcf_geometry(shape: Shape) -> dict[str, Any]:

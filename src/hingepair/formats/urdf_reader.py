@@ -138,6 +138,7 @@ def _poses_of_fixed_links(robot: RobotRecord, hinge: JointRecord, link: str) -> 
 
 
 def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None, argument: str) -> FramePose:
+    """Return the pose of `frame`, by default of `link`; refuse one that is not fixed to the link."""
     link_name = link if frame is None else frame
     if not isinstance(link_name, str) or link_name not in poses:
         raise URDFError(argument, f"a link rigidly fixed to {link!r}: {choices(tuple(poses))}", quoted(frame))
@@ -145,7 +146,7 @@ def _pose_of_frame(poses: Mapping[str, FramePose], link: str, frame: str | None,
 
 
 def _combined_body(robot: RobotRecord, poses: Mapping[str, FramePose], warn: bool) -> Body | None:
-    """Return links that are fixed to each other as one Body; None if none has mass, or if no rigid body has it."""
+    """Return links that are fixed to each other as one Body; None without mass, or with one of no rigid body."""
     with np.errstate(all="ignore"):  # what overflows is no mass property: Body refuses it
         inertias = {link: robot.links[link][0].inertia().placed(pose) for link, pose in poses.items()}
         heavy = {link: inertia for link, inertia in inertias.items() if inertia[0] != 0}

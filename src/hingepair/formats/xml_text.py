@@ -14,25 +14,21 @@ from hingepair.errors import ArgumentError, quoted
 from hingepair.numeric.arrays import Float64Array
 from hingepair.pair.body import warn_of_dynamics
 
+NO_TURN = (0.0, 0.0, 0.0)  # roll, pitch and yaw [rad]
 _DEFAULT_LIMITS = {"effort": 1000.0, "velocity": 100.0}  # [N m or N] and [rad/s or m/s]; they stop nothing
 
-# Compiled when used, which takes milliseconds.
+# Characters that XML cannot hold; compiled when used, which takes milliseconds.
 _INVALID = "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 
 def check_xml_text(argument: str, text: str) -> None:
-    """Check the text of an argument.
-
-    Raises:
-        ArgumentError: it has a character that XML cannot hold.
-    """
+    """Raise an ArgumentError if the text of an argument has a character that XML cannot hold."""
     if re.search(_INVALID, text):
         raise ArgumentError(argument, "characters that XML can hold", quoted(text))
 
 
 def add_element(parent: ET.Element, tag: str, /, **attributes: Any) -> ET.Element:
-    """Add a child with a tag to an XML element, and return the child. Its attributes, given by keyword, are strings,
-    numbers or arrays of numbers, which are converted to strings.
+    """Add a child to an XML element, and return it; attributes are strings, or numbers and arrays to be written.
 
     Numbers are written with all their digits (repr does not depend on the locale), and -0 as 0.
     """
@@ -93,14 +89,14 @@ def add_urdf_joint(robot: ET.Element, name: str, kind: str, parent: str, child: 
 def add_inertial(link: ET.Element, mass: float, centre: Float64Array, inertia: Float64Array) -> None:
     """Add the mass properties of a body to a link of a URDF."""
     inertial = add_element(link, "inertial")
-    add_element(inertial, "origin", xyz=centre, rpy=(0.0, 0.0, 0.0))
+    add_element(inertial, "origin", xyz=centre, rpy=NO_TURN)
     add_element(inertial, "mass", value=mass)
     moments = inertia[np.triu_indices(3)].tolist()
     add_element(inertial, "inertia", **dict(zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), moments, strict=True)))
 
 
 def axis_for_urdf(axis: Float64Array) -> Float64Array:
-    """Return a unit axis in a form that URDF readers keep."""
+    """Return a unit axis; one so near x, y or z that readers would take it for that is made a little longer."""
     # Pinocchio takes an axis within 1e-12 of x for x, but normalises one that is longer by more than that.
     second_largest = np.sort(np.abs(axis))[1]
     return axis * (1 + 2.0**-38) if 2.0**-53 < second_largest < 2.0**-39 else axis
