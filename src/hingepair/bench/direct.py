@@ -270,7 +270,7 @@ def random_states(rng: np.random.Generator, count: int, level: str) -> tuple[Arr
 
 
 def hard_states(rng: np.random.Generator, level: str) -> tuple[Array, ...]:
-    """Return q, and qd and qdd as far as the level has them, of random states with one hard change each."""
+    """Return q, and qd and qdd as far as the level has them, of random states that are hard in one way each."""
     quarter = math.pi / 2
     psis = (1e-160, 1e-9, -1e-5, 0.0, math.pi, math.pi - 1e-9, math.pi + 1e-9, 1e5, -1e16, 1e300)
     changes: list[tuple[Any, Any, float]] = [(6, psi, 1.0) for psi in psis]
@@ -295,7 +295,7 @@ def truth_of(motion: tuple[Array, ...]) -> Truth:
 
 
 def method_errors(methods: Iterable[Method], motion: tuple[Array, ...], truth: Truth) -> dict[str, float]:
-    """Return the largest error of each method that computes [u * scale]; inf where it refuses a state."""
+    """Return the largest error of each method [u * scale], without those that copy; inf where it refuses a state."""
     errors = {}
     for method in methods:
         if method.name in {COPY, FRESH_COPY}:
@@ -374,7 +374,7 @@ def _hingepair_cycle(pair: HingePair, *state: Any) -> Job:
 
 
 def _pinocchio_cycle(pair: HingePair, R: Array, quat: Array, v: Array, omega: Array, psi: float, psid: float) -> Job:
-    """Return Pinocchio's job of the same; the conversion to its coordinates is not timed."""
+    """Return the job of the same by Pinocchio's functions; the conversion to its coordinates is not timed."""
     import pinocchio as pin
 
     body1 = BodyMotion.from_quaternion_xyzw(R=R[None], quat_xyzw=quat[None], v=v[None], omega=omega[None])
@@ -396,13 +396,14 @@ def _pinocchio_cycle(pair: HingePair, R: Array, quat: Array, v: Array, omega: Ar
     return run
 
 
-# Code before the calls in fresh processes, and the scene of `hingepair run`.
+# Code that runs before the calls in fresh processes.
 _STATES_CODE = """
 import numpy as np
 import hingepair as hp
 pair = hp.HingePair(u1=(0.5, 0.2, 0.1), u2=(-0.25, 0.1, 0.3), n=(1, 2, -0.5))
 q, qd = np.random.default_rng(0).normal(size=(2, *{shape}))
 """
+# Scene of `hingepair run` in fresh processes.
 _SCENE = """
 pair = {u1 = [0.5, 0.2, 0.1], u2 = [-0.25, 0.1, 0.3], n = [1, 0, 0]}
 motion = {x = "3*t", y = "3*t", z = "3*t", phi_x = "3*t", phi_y = "t", phi_z = "5*t", psi = "10*t"}

@@ -167,6 +167,8 @@ def tumbling_case(pair: HingePair, duration: float = 10.0) -> Case:
     read = attrgetter("quat_wxyz", "psi")
 
     def by_scipy(tol: float) -> Job:
+        """Return the job of SciPy's solver, of which attitudes and psi come back."""
+
         def run() -> tuple[Array, Array]:
             y = solve_ivp(rates, (0, duration), y_0, "DOP853", times, rtol=tol, atol=tol).y
             return y[3:7].T / np.linalg.norm(y[3:7], axis=0)[:, None], y[7]

@@ -174,6 +174,8 @@ def mujoco_job(states: States) -> Job:
         rows = _mujoco_rows(rows, w_are_forces=workload == FORWARD)
 
     def solve(call: Any, w: Array, result: Array) -> Callable[..., Any]:
+        """Return a function of q, v and w, which it writes into MuJoCo's arrays before the call."""
+
         def compute(*state: Array) -> tuple[Array, ...]:
             data.qpos[:], data.qvel[:], w[:] = state
             call(model, data)
@@ -191,6 +193,7 @@ def mujoco_job(states: States) -> Job:
     twist, change = np.zeros((6, 1)), np.zeros((6, 1))  # angular, then linear
 
     def motion(*state: Array) -> tuple[Array, ...]:
+        """Return position, attitude and, as far as given, velocities and accelerations of body 2."""
         for target, source in zip(targets, state, strict=False):
             target[:] = source
         mj.mj_kinematics(model, data)
@@ -210,7 +213,7 @@ def mujoco_job(states: States) -> Job:
 
 
 def _mujoco_rows(rows: Sequence[Array], *, w_are_forces: bool) -> tuple[Array, ...]:
-    """Return q, v and accelerations or forces w of a free base, given as Pinocchio has them, as MuJoCo takes them:
+    """Convert q, v and w, accelerations or forces, of a free base from Pinocchio's conventions to MuJoCo's:
     quaternions wxyz, linear parts in world axes.
     """
     q, *others = rows

@@ -124,7 +124,7 @@ def _order(previous: tuple[float, float], run: tuple[float, float]) -> float | N
 
 
 def long_cases(steps: int) -> Iterator[Case]:
-    """Yield a case for each motion by `magnus6`; omega is evaluated before."""
+    """Yield a case for each motion of so many steps by `magnus6`, with omega computed before; none for 0 steps."""
     name = "magnus6, omega computed before"
     for motion in MOTIONS if steps else ():
         t = np.linspace(0, DURATION, steps + 1)
@@ -136,7 +136,7 @@ def long_cases(steps: int) -> Iterator[Case]:
 
 
 def _stored(motion: Motion, known: dict[Any, Any], nodes: Any) -> Any:
-    """Return omega at the nodes, which are computed once."""
+    """Return omega of a motion at nodes from `known`, which keeps what was computed."""
     key = len(nodes), nodes[0], nodes[-1]
     if key not in known:
         known[key] = motion.omega(nodes)
@@ -162,6 +162,7 @@ def _by_scipy(solver: str, motion: Motion, tol: float) -> NDArray[np.float64]:
     sin, cos = math.sin, math.cos
 
     def rate(t: float, quat: Any) -> tuple[float, ...]:
+        """Return the derivative of the quaternion, half of omega times it."""
         u = (1.5 + 2.5 * sin(t)) / size  # half of omega in the axes of S_ref
         v = (0.5 * cos(3 * t) - 1.25 * (sin(2 * t) + sin(4 * t))) / size
         w = (0.5 * sin(3 * t) + 1.25 * (cos(4 * t) + cos(2 * t))) / size

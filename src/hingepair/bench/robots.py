@@ -55,8 +55,7 @@ LOCKED = {"panda": {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}}  # 
 SLOPES = (TORQUE_SLOPES, ACCELERATION_SLOPES, GRADIENT)  # workloads of derivatives
 REUSED = f"{HINGEPAIR}, out="  # results into arrays of the call before
 WORKLOADS = (POSE, JACOBIAN, INVERSE, FORWARD, *SLOPES)  # in the order of the table
-FRAX = "frax (JAX, one batch)"
-BATCHES = "Pinocchio, its own batches"
+FRAX, BATCHES = "frax (JAX, one batch)", "Pinocchio, its own batches"  # names of methods
 MAX_FRAX_SLOPES = 1_000  # states whose derivatives frax computes at a time: it needs 0.3 MB for each
 MAX_FRAX_JOINTS = 8  # of more, JAX compiles the derivatives for minutes
 CHECKED = 4  # states whose results are compared with the exact ones; of derivatives one

@@ -18,8 +18,7 @@ from hingepair.mechanism.mechanism import Mechanism
 
 DT = 1e-3  # s, of a step
 MOTION, GRADIENT = "rollout", "gradient"
-REUSED = "hingepair, into the same arrays"
-MUJOCO = "mujoco.rollout"
+REUSED, MUJOCO = "hingepair, into the same arrays", "mujoco.rollout"  # names of methods
 _CHECKED = 3  # motions that are compared with those of Pinocchio's loop
 
 
@@ -112,6 +111,7 @@ def pinocchio_job(task: Task) -> Job:
     gradient = np.empty_like(task.tau)
 
     def roll() -> tuple[Array]:
+        """Return q of all motions by semi-implicit Euler steps."""
         for own_q, own_v, own_tau in zip(q, v, task.tau, strict=True):
             qi, vi = own_q[0], own_v[0]
             for k, tau in enumerate(own_tau):
@@ -121,6 +121,7 @@ def pinocchio_job(task: Task) -> Job:
         return (q,)
 
     def differentiate() -> tuple[Array]:
+        """Roll, and return the derivatives of the loss by tau, backwards through the steps."""
         roll()
         for i, (own_tau, weights) in enumerate(zip(task.tau, task.weights, strict=True)):
             by_q, by_v = np.zeros((2, model.nv))

@@ -23,12 +23,12 @@ from hingepair.formats.robots import load_robot
 from hingepair.numeric.optional import require
 from hingepair.pair.hinge_pair import HingePair
 
-MAX_CHUNK = 1_000_000  # samples
+MAX_CHUNK = 1_000_000  # samples of a Dask chunk
 VARIANTS = 1000  # of a sweep
 MEMORY, PROCESSOR_TIME = "peak memory [MB]", "processor time [s]"  # headings of columns
 
-# A process that reduces lazy poses and prints its run time [s] and its peak memory [MB]; arguments: samples, threads.
 # On Linux, ru_maxrss of a new process begins with the memory of the process that started it; VmHWM does not.
+# A process that reduces lazy poses and prints its run time [s] and its peak memory [MB]; arguments: samples, threads.
 _REDUCTION = """
 import re, resource, sys, time
 from pathlib import Path
@@ -170,6 +170,7 @@ def _measure_beside_dask(
     processor: dict[str, list[float]] = {}
 
     def timed(name: str, call: Callable[[], Any]) -> None:
+        """Add a job that also notes the processor time of each call."""
         own = processor.setdefault(name, [])
 
         def run() -> None:

@@ -25,7 +25,7 @@ from hingepair.numeric.arrays import Float64Array as Array
 StateRates: TypeAlias = Callable[[Array, Array], Array]
 """Derivatives (m, k) of the state at times (m,) and states (m, k), smooth until the next event."""
 
-NODES: Final = 8
+NODES: Final = 8  # of a step
 _SAFETY = 0.8  # of the length that the estimate of the error allows
 _MIN_GROWTH, _MAX_GROWTH = 0.2, 3.0  # from the length of one step to that of the next
 _STIFF = 0.5  # stiffness times length of a step: below it fixed points converge without Newton's method
@@ -33,12 +33,12 @@ _STIFF = 0.5  # stiffness times length of a step: below it fixed points converge
 # Matrices take values at the nodes to other values of the polynomial through them. Times are relative to the step: 0
 # at its start, 1 at its end.
 _gauss_nodes, _gauss_weights = legendre.leggauss(NODES)
-NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2  # (8,)
-_SERIES: Final[Array] = np.stack(  # to the coefficients of the Legendre series; (8, 8)
+NODE_TIMES: Final[Array] = (_gauss_nodes + 1) / 2  # of the nodes; (8,)
+_SERIES: Final[Array] = np.stack(  # from values to the coefficients of their Legendre series; (8, 8)
     [(2 * k + 1) / 2 * _gauss_weights * legendre.legval(_gauss_nodes, np.eye(NODES)[k]) for k in range(NODES)]
 )
 _antiderivatives = [legendre.legint(unit, lbnd=-1) for unit in np.eye(NODES)]
-_INTEGRAL_SERIES: Final[Array] = (  # to the coefficients of the Legendre series of the integral; (9, 8)
+_INTEGRAL_SERIES: Final[Array] = (  # from values to the coefficients of the Legendre series of their integral; (9, 8)
     np.stack([np.pad(c, (0, NODES + 1 - len(c))) for c in _antiderivatives], axis=1) @ _SERIES / 2
 )
 
@@ -59,7 +59,7 @@ WEIGHTS: Final[Array] = integration_matrix(np.ones(1))[0]
 """Weights of the values at the nodes in the integral over a step from 0 to 1; shape (8,)."""
 # Where the residual is checked: between the nodes and at both ends; (9,).
 _BETWEEN: Final[Array] = np.hstack([0.0, (NODE_TIMES[1:] + NODE_TIMES[:-1]) / 2, 1.0])
-# Distances between the nodes there; (9, 1).
+# Distances between the nodes, or ends, on both sides of these times; (9, 1).
 _GAPS: Final[Array] = np.diff(NODE_TIMES, prepend=0.0, append=1.0)[:, None]
 _TO_STATES, _TO_RATES = integration_matrix(_BETWEEN), interpolation_matrix(_BETWEEN)
 # Where distances from events are evaluated, at least; (17,).

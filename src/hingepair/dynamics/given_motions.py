@@ -42,7 +42,7 @@ class GivenMotion(ABC):
         return self._read(call_with_arrays(self.label, self._motion, t), t)
 
     def check(self, t: Array) -> None:
-        """Raise an ArgumentError unless the rates are derivatives, and do not jump, from t[0] to t[-1]."""
+        """Raise an ArgumentError unless rates are derivatives and velocities do not jump, from t[0] to t[-1]."""
         _check_rates(self.label, self.at, t, self.rates)
 
     @abstractmethod

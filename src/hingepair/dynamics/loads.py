@@ -81,11 +81,11 @@ class GivenLoad(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """Whether it is not zero for certain."""
+        """Whether it may be other than zero."""
         return callable(self.value) or bool(np.any(self.value))
 
     def at(self, t: Array, now: Any) -> Array:
-        """Return it at n instants, (n, k)."""
+        """Return the load at n instants, (n, k)."""
         if callable(self.value):
             return called_load(self.label, self.value, t, now, (self.size,))
         return broadcast_load(self.label, self.value, (len(t), self.size))

@@ -35,7 +35,7 @@ from hingepair.rotations.matrices import matrix_to_quaternion
 
 _P, _G = slice(3, 6), slice(9, 12)  # momentum and Cayley coordinates in the state
 _Q = 12  # index of q in the state of a free or pinned base
-_ZERO = np.zeros(3)
+_ZERO = np.zeros(3)  # a vector
 REST = BodyMotion(R=_ZERO, S=np.eye(3))  # a base at rest at the origin
 
 
@@ -300,7 +300,7 @@ class RobotMotion:
         return np.asarray(energy.kinetic, np.float64), np.asarray(energy.potential, np.float64)
 
     def powers(self, samples: RobotSamples) -> dict[str, Array]:
-        """Return the power of each load [W], (n,); of a base that moves, that of its support."""
+        """Return the power of each load [W], (n,), and as "base" that of what moves a base as given."""
         now, loads, powers = samples.motion, samples.loads, dict[str, Array]()
         if self.has_momenta:
             powers["force1"] = (loads["force1"] * now.v1).sum(axis=-1)
@@ -382,7 +382,7 @@ class RobotMotion:
         return forces + np.einsum("nlij,nli->nj", terms.jacobians, wrenches) if wrenches.size else forces
 
     def _solve(self, terms: _Terms, loads: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return the accelerations, and the generalized forces that make those come true that are known; (n,
+        """Return the accelerations, and the generalized forces by which known ones are held or driven; (n,
         velocities) each. `held` has the shape (dof,) or (n, dof).
         """
         known = np.broadcast_to(self._known, loads.shape).copy()

@@ -90,7 +90,7 @@ class StepRule(NamedTuple):
         return h[:, None] * np.einsum("n,snk->sk", np.array(self.weights) / sum(self.weights), columns)
 
 
-RULES: Final = {
+RULES: Final = {  # by name
     rule.name: rule
     for rule in (
         StepRule("magnus6", 6, _GAUSS3, (5, 8, 5), magnus6),
@@ -129,6 +129,7 @@ def angle_loop(rule: StepRule) -> Loop:
     """
 
     def step(v: dict[str, Any]) -> dict[str, Any]:
+        # Sums of two doubles throughout.
         weighted = [_weighted(p, w) for p, w in zip(v["rate"], rule.weights, strict=True)]
         total = functools.reduce(twofold_sum, weighted)
         mean = twofold_quotient(total, float(sum(rule.weights))) if len(weighted) > 1 else total

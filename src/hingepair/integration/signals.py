@@ -45,7 +45,7 @@ class ConstantSignal:
         return ConstantSignal(value, value.shape[:1])
 
     def first_bad(self) -> tuple[tuple[int, ...], str] | None:
-        """Return the index of the first motion with a number that is not finite, and that value; None if all are."""
+        """Return the index of the first motion with a number that is not finite, and its value as text; or None."""
         bad = _first_not_finite(self.value)
         motion = () if bad is None else bad[: len(self.motions)]
         return None if bad is None else (motion, f"{self.value[motion]}")
@@ -124,7 +124,7 @@ class SampledSignal:
         return SampledSignal(self.t, values, self.execution, values.shape[:1])
 
     def first_bad(self) -> tuple[tuple[int, ...], str] | None:
-        """Return the index of the first motion with a number that is not finite, and that sample; None if all are."""
+        """Return the index of the first motion with a number that is not finite, and the sample as text; or None."""
         bad, count = _first_not_finite(self.values), len(self.motions)
         return None if bad is None else (bad[:count], f"{self.values[bad[: count + 1]]} at index {bad[count]}")
 
@@ -263,6 +263,7 @@ def interpolation_loop(sample_count: int, node_count: int, column_count: int) ->
     """
 
     def interpolate(v: dict[str, Any]) -> dict[str, Any]:
+        """Return values at the `offsets` of nodes from samples at times x, both since the start of the step."""
         x = v["x"]
         samples = [v["values"][sample_count * k : sample_count * (k + 1)] for k in range(column_count)]
         # Lagrange's weights: products of distances without one of them.

@@ -122,6 +122,7 @@ def solve(
         return stamp_deviations([rate for rate in (omega, psid) if isinstance(rate, SampledSignal)])
 
     def error(integral: Integral, values: Array, measured: StepErrors | None) -> float:
+        """Return the estimated error of an integral [rad], with that of rounded stamps of samples."""
         size = min(estimate_error(integral, steps, values, measured), integral.max_error)
         if isinstance(integral.rate, SampledSignal):
             size = min(size + stamp_error(integral.rate, deviations()), integral.max_error)

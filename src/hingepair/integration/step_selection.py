@@ -51,7 +51,7 @@ class _Pieces(NamedTuple):
 
     @property
     def error_sizes(self) -> Array:
-        """Sizes of the errors of the integral where they are largest [rad]."""
+        """Sizes of the errors of the pieces [rad], each the largest of all integrals."""
         return np.asarray(
             np.minimum(np.max([one.sizes for one in self.errors], axis=0), 1e30)
         )  # also of infinite ones
@@ -163,8 +163,8 @@ def _part_counts(integrals: Sequence[Integral], t: Array, pieces: _Pieces, tol: 
 def _expected_errors(
     integrals: Sequence[Integral], t: Array, pieces: _Pieces
 ) -> tuple[Callable[[NDArray[Any]], float], float]:
-    """Return a function of the numbers of parts of the pieces, which returns the largest sum of errors of an integral
-    up to any instant that is to be expected, and the largest rounding error [rad].
+    """Return a function of the numbers of parts of the pieces, which tells the largest sum of errors at any instant
+    that is to be expected of them [rad], and the largest rounding error [rad].
     """
     steps, order = _steps_of(t, pieces), integrals[0].rule.order
     parts = [

@@ -203,5 +203,6 @@ def _padded_length(count: int) -> int:
     return count if count <= _SEQUENTIAL else -(-count // GROUP) * GROUP
 
 
+# Attitudes from the rotations of steps, and sums of two doubles from their integrals.
 ROTATION_SCAN: Final = PrefixScan("rotations", quaternion_product, (1.0, 0.0, 0.0, 0.0), quaternion_unit)
 HIGH_LOW_SUM_SCAN: Final = PrefixScan("sums", twofold_sum, (0.0, 0.0), exact=True)

@@ -41,7 +41,7 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.tables.sheets import percent
 
 _PARAMETERS = 6  # numbers of a step of `Circle.moved`; the clock offset follows them where it is sought
-_SHIFT_ERROR = 1e-6  # of the radius: what moving exact samples in time may leave
+_SHIFT_ERROR = 1e-6  # largest residual that moving exact samples in time explains, in parts of the radius
 
 
 class Circle(NamedTuple):
@@ -89,7 +89,7 @@ class Circle(NamedTuple):
         return np.stack([(high - low) / (2 * h) for high, low in ends], axis=-1)
 
     def angles(self, p: Float64Array) -> Float64Array:
-        """Return the hinge angles psi (N,) [rad] at which the moving point is at positions p (N, 3)."""
+        """Return the hinge angles psi (N,) in [-pi, pi] [rad] at which the moving point is at positions p (N, 3)."""
         off = p - self.centre
         return np.asarray(np.arctan2(off @ np.cross(self.n, self.zero_direction), off @ self.zero_direction))
 
@@ -173,6 +173,7 @@ def fit_circle(
     find = poses_at or (lambda _, most: poses.thinned(most))
 
     def equations(state: _State) -> Equations:
+        # Of residuals in standard deviations, by the parameters.
         residuals, change = _residuals_and_derivatives(state.circle, state.poses)
         variance, weights, _ = _variance_and_weights(residuals, state.poses.weights, loss)
         weights = weights / max(variance, 1e-300)
@@ -180,6 +181,7 @@ def fit_circle(
         return Equations(normal, np.einsum("n,nij,ni->j", weights, change, residuals))
 
     def move(state: _State, step: Float64Array) -> tuple[_State, Float64Array]:
+        # With the poses at the new clock offset; a step may be shortened.
         step = state.circle.shortened(step)
         some, later = state.poses, state.offset
         if some.offset_derivatives is not None:
@@ -278,6 +280,7 @@ def circle_misfit(poses: RelativePoses) -> float:
     fixed = poses._replace(offset_derivatives=None)
 
     def equations(circle: Circle) -> Equations:
+        """Return the normal equations of distances with Cauchy weights."""
         residuals, change = _residuals_and_derivatives(circle, fixed)
         squares = (residuals * residuals).sum(axis=1)
         weights, _ = loss_weights(cauchy, squares / max(float(np.median(squares)), 1e-300), 2, np.inf)
@@ -370,7 +373,7 @@ def _residuals_and_derivatives(circle: Circle, poses: RelativePoses) -> tuple[Fl
 
 def _circle_of_random_triples(p: Float64Array, num_triples: int = 300) -> Circle:
     """Return the circle with the smallest median distance from the samples p (N, 3), among the circles through random
-    triples of samples (fixed seed).
+    triples of samples (fixed seed); refuse samples that show none.
     """
     if p.shape[0] < 4:
         raise FitError("body2", "at least four samples of a point", f"{p.shape[0]}")

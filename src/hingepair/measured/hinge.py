@@ -74,7 +74,7 @@ def sign_of(n: Float64Array, n_along: Float64Array | None = None) -> float:
 
 
 def frame(axis: Float64Array) -> Float64Array:
-    """Return three orthonormal columns, the last of which is the unit vector `axis`."""
+    """Return three orthonormal columns, right-handed, the last of which is the unit vector `axis`."""
     x, y, z = axis.tolist()
     if abs(x) <= min(abs(y), abs(z)):
         first = (0.0, z, -y)
@@ -94,7 +94,7 @@ def tilt_axis(axis: Float64Array, step: ArrayLike) -> Float64Array:
 
 
 def first_axis_across(n: Float64Array) -> int:
-    """Return the index of the first component of the unit vector n below 0.65, which there always is.
+    """Return the index of the first component of the unit vector n whose size is below 0.65; there always is one.
 
     It fixes the direction of psi = 0 for a point, and the axis of the half turn that home begins with; after that
     half turn, axes that were opposite are less than a right angle apart.

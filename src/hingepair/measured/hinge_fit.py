@@ -209,6 +209,7 @@ class HingeFit(OverInstants, Shown):
         return f"n points along ({along}), as asked. {RULE_OF_HOME}"
 
     def _clock_offset_line(self) -> str:
+        """Return the line of the report on the clock offset."""
         offset, std = 1e3 * (self.clock_offset or 0.0), 1e3 * float(self.std["clock_offset"])
         if not np.isfinite(std):
             return "clock offset: not determined by this motion, taken as 0"
@@ -217,6 +218,7 @@ class HingeFit(OverInstants, Shown):
         return f"clock offset: {size}" + f"; body 2 was recorded {order} than its time stamps say" * (offset != 0)
 
     def _residual_text(self, units: str | None = None) -> str:
+        """Return what is left of the samples, gap and tilt rms, as text."""
         shown = _fine(units)
         gap = f"left: {shown.factor('m') * self.rms_position:.3g} {shown.unit('m')}"
         if np.isnan(self.rms_angle):
@@ -502,7 +504,7 @@ def _find_hinge(
     clock_offset: float | None,
     n_along: Float64Array | None,
 ) -> _Found:
-    """Find the hinge of two bodies."""
+    """Find the hinge of two bodies that both have attitudes."""
     # The most likely hinge, without its bias, and its residuals.
     poses = samples.poses(used)
     check_turning(poses)

@@ -33,7 +33,7 @@ def arctan(z: Float64Array) -> tuple[Float64Array, Float64Array]:
     return 1 / (1 + z * z), -2 * z / (1 + z * z) ** 2
 
 
-LOSSES: dict[str, Loss | None] = {
+LOSSES: dict[str, Loss | None] = {  # by the names that users type; None: least squares
     "linear": None,
     "soft_l1": soft_l1,
     "huber": huber,

@@ -46,7 +46,7 @@ class Samples(NamedTuple):
         )
 
     def noise_suspicions(self, noise: Noise) -> list[str]:
-        """Return sentences on noise that differs from what `noise1` and `noise2` state by a factor of 1.5."""
+        """Return sentences on noise that differs from what `noise1` and `noise2` state by a factor of 1.5 or more."""
         if self.mean_noise is None:
             return []
         ratios = {

@@ -217,7 +217,7 @@ def _compared_outputs(pair: HingePair | PlanarPair, kind: MotionKind, *derivativ
 
 
 class _Given(NamedTuple):
-    """What Pinocchio's results follow from, at N samples."""
+    """What Pinocchio computes from, at N samples."""
 
     pair: HingePair
     twin: PairTwin

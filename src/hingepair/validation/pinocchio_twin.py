@@ -63,6 +63,7 @@ def _free_flyer(order: int, body1: BodyMotion) -> dict[str, Float64Array]:
     """Return a body's pose (order 0), velocity (1) or acceleration (2) as the two parts of a free-flyer's."""
 
     def given(*names: str) -> list[Float64Array]:
+        """Return arrays of the motion, none of which may be missing."""
         for name in names:
             if getattr(body1, name) is None:
                 raise ArgumentError("body1", f"a motion with {name}", "one without")
@@ -91,7 +92,7 @@ def _to_world(S: Float64Array, vector: Float64Array) -> Float64Array:
 
 
 def _joined(base: Mapping[str, Float64Array], joints: Mapping[str, Float64Array]) -> Float64Array:
-    """Return the parts of the base and the last of the joints' arrays in one array; all of them broadcast."""
+    """Concatenate the parts of the base and the last of the joints' arrays, broadcast to the shape of all."""
     shape = broadcast_shape({name: part.shape[:-1] for name, part in {**base, **joints}.items()})
     parts = [*base.values(), [*joints.values()][-1]]
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)

@@ -391,7 +391,7 @@ def _unresisted_joint(robot: Mechanism, matrix: Float64Array) -> str:
 
 
 def _output_scales(case: _Case, ours: Mapping[str, Float64Array]) -> dict[str, Float64Array]:
-    """Return the error scales of all outputs by name, which broadcast against them; `ours` has those to compare."""
+    """Return the error scales of all outputs by name, which broadcast against them; forward_dynamics if in `ours`."""
     robot, twin, samples = case.robot, case.twin, case.samples
     joints = [twin.joint_positions(samples.joints[0]), *(one[:, 6:] for one in case.states()[1:])]
     scales = RobotScales(robot.tree, joints, samples.base, case.gravity, case.wrenches)

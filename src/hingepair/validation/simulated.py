@@ -18,12 +18,12 @@ from hingepair.rotations.matrices import skew
 from hingepair.validation.report import Comparison, RateComparison
 from hingepair.validation.robot_check import compare_loads
 
-_SCALE_TEXTS: Final = {
+_SCALE_TEXTS: Final = {  # what the scale of each load's error is, for reports
     "force1": "masses times the sizes of all terms of their accelerations and of gravity, and the loads",
     "torque1": "inertias times the sizes of all terms of alpha and omega^2, forces times levers, and the loads",
     "hinge_torque": "as for torque1, but of body 2 alone",
 }
-_LINK = "body2"  # in the robot of one joint
+_LINK = "body2"  # name of body 2 in the robot of one joint
 _SLOPE_ORDERS: Final = (6, 4)  # of the slopes, and of those that tell their errors
 
 

@@ -19,7 +19,7 @@ from hingepair.pair.accuracy import unit_roundoff
 from hingepair.validation.pinocchio_twin import Twin, import_pinocchio, joins_wrongly
 from hingepair.validation.report import Comparison
 
-_U = unit_roundoff(np.float64)
+_U = unit_roundoff(np.float64)  # in which differences are counted
 
 
 class _Rule(NamedTuple):

@@ -25,7 +25,7 @@ from hingepair.measured.smoothing.spline import MIN_PIECE, inverse_bands
 from hingepair.numeric.arrays import Float64Array, constant, read_only
 from hingepair.tables.sheets import percent
 
-_UNKNOWNS = 22  # of `_Records`
+_UNKNOWNS = 22  # of `_Records`: axes (4), levers (6), biases (12)
 _STEP = 1e-5  # rad, m, rad/s, m/s^2: of central differences by the unknowns
 _REFINED_SAMPLES = 4000  # from which the unknowns are estimated, at most
 _UNMEASURED = 1e6  # rad: standard deviation of an angle, or a change over a gap, that nothing measures
@@ -218,6 +218,7 @@ def _fit_unknowns(data: _Records) -> tuple[Float64Array, Float64Array]:
     prior = 1 / np.repeat(sizes, (4, 6, 6, 6)) ** 2
 
     def equations(x: Float64Array) -> Equations:
+        """Return the normal equations of the differences, weighted by what they leave, and of the priors."""
         left = data.seen(x, rows).differences()
         steps = _STEP * np.eye(_UNKNOWNS)
         ends = [(data.seen(x + h, rows).differences(), data.seen(x - h, rows).differences()) for h in steps]

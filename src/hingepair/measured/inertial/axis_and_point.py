@@ -244,7 +244,7 @@ class Axes(NamedTuple):
         return -self.lag.rows
 
     def shows_offset(self) -> bool:
-        """Return whether both clocks differ, and by more than the axis allows for."""
+        """Return whether the clocks differ for certain, and by so much that the axis or the residuals change."""
         if abs(self.offset) <= max(4.0 * self.lag.std, 0.02):
             return False
         # With the lag an axis moves by half a standard deviation, or residuals fall by a tenth.

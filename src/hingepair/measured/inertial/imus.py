@@ -45,7 +45,7 @@ class ImuRecording:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ImuFit:
-    """The result of `fit_imus`.
+    """The result of `fit_imus`: the hinge, and the fits of axis, point and angle.
 
     Attributes:
         pair: the hinge, a HingePair of sensor 1 and sensor 2.

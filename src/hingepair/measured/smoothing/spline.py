@@ -247,6 +247,7 @@ def _cross_validated_model(
     longest, step = max(time[-1] for time in times), sum(time[-1] for time in times) / count
 
     def score(log_bandwidth: float) -> float:
+        """Return the generalised cross-validation score; inf where a spline fails or has no freedom left."""
         try:
             spline = SmoothingSpline(times, SmoothingModel(float(np.exp(log_bandwidth)), correlation), weights)
         except np.linalg.LinAlgError:
