@@ -20,6 +20,7 @@ from hingepair.numeric.arrays import (
     real_array,
     vectors,
 )
+from hingepair.plans.trees import COORDINATES
 
 Coordinates: TypeAlias = ArrayLike | tuple[Any, ...] | Mapping[str, Any]
 """q, qd, qdd or tau: an array with the coordinates last; a tuple, or a dict by name, of numbers and arrays that
@@ -27,9 +28,8 @@ broadcast; or a table with a column for each."""
 
 Outputs: TypeAlias = Iterable[str] | None
 
-_COORDINATES: Final = ("q", "qd", "qdd", "tau")  # arguments with a component for each coordinate
-_LOADS: Final = ("force", "torque")  # how the arguments begin that may be the number 0
-_NUMBERS: Final = {float, int, np.float64, np.int64, np.int32}  # of which a row is computed in float64
+_LOADS: Final = ("force", "torque")  # beginnings of the arguments for which the number 0 is no load
+_NUMBERS: Final = {float, int, np.float64, np.int64, np.int32}  # types; a row of such numbers becomes float64
 
 
 class CoordinateNames(NamedTuple):
@@ -46,7 +46,9 @@ class CoordinateNames(NamedTuple):
         return f"the {len(self.names)} {self.noun} {', '.join(few)}{self.follower_note()}"
 
     def follower_note(self, name: str | None = None) -> str:
-        """Return a remark on the joint of this name, or on the first, that has no coordinate; "" if there is none."""
+        """Return a remark that the joint of this name, or the first such one, has no coordinate; "" if
+        there is none.
+        """
         follower = next(iter(self.leaders), "") if name is None else name
         if follower not in self.leaders:
             return ""
@@ -105,7 +107,7 @@ def read_arguments(
     values, shapes = {}, {}
     for name, value in given.items():
         label, tail = labels.get(name, name), sample_shapes[name]
-        is_coordinates = name.removeprefix("change_") in _COORDINATES
+        is_coordinates = name.removeprefix("change_") in COORDINATES
         if value is None:
             expected = f"values of the {coordinates.noun}" if is_coordinates else "a value"
             raise ArgumentError(label, f"{expected}, since what is asked for needs it", None)

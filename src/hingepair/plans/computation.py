@@ -27,8 +27,8 @@ from hingepair.rotations.matrices import MAX_ORTHOGONALITY_ERRORS, check_rotatio
 
 QUATERNIONS: Final = ("quat_xyzw", "quat_wxyz")  # inputs that can replace S1
 _ATTITUDES: Final = ("S1", "S2", *QUATERNIONS)  # inputs that a prepared call checks
-_MAX_DERIVED_OPERATIONS: Final = 10_000_000  # of an estimate; 2.5 million take some 5 s to compile
-_MAX_CALLS: Final = 64  # that a computation keeps
+_MAX_DERIVED_OPERATIONS: Final = 10_000_000  # most, by an estimate; 2.5 million take some 5 s to compile
+_MAX_CALLS: Final = 64  # most that a computation keeps, before it forgets all
 
 
 @dataclass(slots=True, eq=False)
@@ -149,7 +149,7 @@ class Computation:
         return self if self._by_constants is None else self._by_constants()
 
     def missing(self, given: Collection[str]) -> tuple[str, str] | None:
-        """Return an output and an input that it needs but that is neither given nor known; None if all are."""
+        """Return an output and an input, gravity apart, that it lacks; None if what is given and known suffices."""
         names = tuple(given)
         if names not in self._sufficient:
             for output in self.outputs:

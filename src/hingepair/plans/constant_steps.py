@@ -27,7 +27,7 @@ from hingepair.equations.spatial import (
 from hingepair.equations.trees import Matter, Placement, with_carried
 from hingepair.plans.steps import LEVER_CONSTANT_STEPS, Step, in_space
 
-_NOTHING: Final = Matter(0.0, ZERO_VECTOR, (0.0,) * 6)
+_NOTHING: Final = Matter(0.0, ZERO_VECTOR, (0.0,) * 6)  # a body without mass
 _IDENTITY: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 CONSTANT_SHAPES: Final[Mapping[bool, Mapping[str, ArrayShape]]] = {
@@ -47,7 +47,7 @@ def _across(unit: Vector, n: Vector) -> Vector:
 
 
 def _in_body2(home: Matrix, v: Vector) -> Vector:
-    """Return C^-1 v."""
+    """Return C^-1 v, where home = C: a vector of body-1 axes at psi = 0 in the axes of body 2."""
     a, b, c = (home[k::3] for k in range(3))
     sides = cross(b, c), cross(c, a), cross(a, b)
     volume = dot(a, sides[0])
@@ -56,7 +56,7 @@ def _in_body2(home: Matrix, v: Vector) -> Vector:
 
 
 def _matter(body: int, masses: Any, first_moments: Any, inertias: Any) -> Matter:
-    """Return the matter of body 1 (0) or 2 (1), about its reference point, in its axes."""
+    """Return the matter of body 1 (`body` 0) or 2 (1), about its reference point, in its axes."""
     xx, xy, yy, xz, yz, zz = inertias[6 * body : 6 * body + 6]  # Pinocchio's order
     half = 0.5 * (xx + yy + zz)
     return Matter(
@@ -64,25 +64,28 @@ def _matter(body: int, masses: Any, first_moments: Any, inertias: Any) -> Matter
     )
 
 
-def _matter2(axes: Matrix, home: Matrix, u2: Vector, *matter: Any) -> Matter:
+def _matter2(axes: Matrix, home: Matrix, u2: Vector, *both_bodies: Any) -> Matter:
     """Return the matter of body 2 about the hinge point, in the tree's axes."""
     turn = compose(transpose(axes), home)
-    return with_carried(_NOTHING, Placement(turn, None, scale(rotate(turn, u2), -1.0)), _matter(1, *matter))
+    return with_carried(_NOTHING, Placement(turn, None, scale(rotate(turn, u2), -1.0)), _matter(1, *both_bodies))
 
 
-def _tree(axes: Matrix, u1: Vector, matter2: Matter, least_pivots: Vector, *matter: Any) -> tuple[Any, ...]:
-    """Return `tree` of `pair.dynamics.tree_numbers`: matter on the hinge's axis counts with body 1 (T9)."""
+def _tree(axes: Matrix, u1: Vector, matter2: Matter, least_pivots: Vector, *both_bodies: Any) -> tuple[Any, ...]:
+    """Return the constant `tree` of `pair.dynamics.tree_numbers`: matter on the hinge's axis counts with
+    body 1 (T9).
+    """
     *second, along = matter2.second
     on_axis = Matter(matter2.mass, (0.0, 0.0, matter2.first[2]), (0.0, 0.0, 0.0, 0.0, 0.0, along))
-    base = with_carried(_matter(0, *matter), Placement(axes, None, u1), on_axis)
+    base = with_carried(_matter(0, *both_bodies), Placement(axes, None, u1), on_axis)
     return (base.mass, *base.first, *base.second, *axes, *u1, *matter2.first[:2], *second, *least_pivots)
 
 
-_MATTER: Final = ("masses", "first_moments", "inertias")
+_BOTH_BODIES: Final = ("masses", "first_moments", "inertias")
+# Steps to the constants of dynamics, in space and in the plane.
 _TREE_STEPS: Final = (
     Step("tree_axes", matrix_from_columns, ("e1", "e2", "n")),
-    Step("matter2", _matter2, ("tree_axes", "home", "u2", *_MATTER)),
-    Step("tree", _tree, ("tree_axes", "u1", "matter2", "least_pivots", *_MATTER)),
+    Step("matter2", _matter2, ("tree_axes", "home", "u2", *_BOTH_BODIES)),
+    Step("tree", _tree, ("tree_axes", "u1", "matter2", "least_pivots", *_BOTH_BODIES)),
     Step(
         "whole_body2", lambda axes, u1, m: (*axes, *u1, m.mass, *m.first, *m.second), ("tree_axes", "u1", "matter2")
     ),
@@ -107,7 +110,7 @@ def _inertias_in_space(inertias: Any) -> tuple[Any, ...]:
     return tuple(x for J in inertias for x in (1.5 * J, 0.0, 1.5 * J, 0.0, 0.0, J))
 
 
-_PLANAR_NAMES: Final = {"u1": "u1_in_space", "u2": "u2_in_space", **{one: f"{one}_in_space" for one in _MATTER[1:]}}
+_PLANAR_NAMES: Final = {name: f"{name}_in_space" for name in ("u1", "u2", *_BOTH_BODIES[1:])}  # names in space
 PLANAR_CONSTANT_STEPS: Final = (
     *(Step(f"{name}_in_space", in_space, (name,)) for name in ("u1", "u2")),
     Step("first_moments_in_space", _moments_in_space, ("first_moments",)),

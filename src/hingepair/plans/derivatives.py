@@ -34,10 +34,10 @@ Parts: TypeAlias = Mapping[str, Sequence[Operand]]
 Moves: TypeAlias = dict[str, list[Change]]
 """Changes by argument, one for each component of a change of it."""
 
-# The last is that of a step in time; home of a pair turns about the axes of body 1.
+# They change by rotations about world axes, home about those of body 1; next_S1 is S1 after a step in time.
 _ATTITUDES: Final = frozenset({"S", "S1", "S2", "home", "next_S1"})
-_QUATERNIONS: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # where w, x, y, z stand
-# What belongs to the coordinates of a robot, those of a free base first.
+_QUATERNIONS: Final = {"quat_xyzw": (3, 0, 1, 2), "quat_wxyz": (0, 1, 2, 3)}  # places of w, x, y, z
+# For each quantity of the joints, those of a free base that come before it, and itself.
 _GROUPS: Final = {
     "q": ("R1", "S1", "q"),
     "qd": ("v1", "omega1", "qd"),
@@ -125,7 +125,7 @@ def derivative_loop(
 
 
 def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the Jacobian of every output by every argument."""
+    """Return the outputs, and the Jacobian of each by every argument."""
     values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
     functions = _functions(plain, values)
     rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])
@@ -142,7 +142,7 @@ def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> 
 
 
 def _matrices(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return Jacobians of inverse or forward dynamics, with a row and a column for each velocity."""
+    """Return outputs, and Jacobians of inverse or forward dynamics with a row and a column for each velocity."""
     form, request = _tree_of(plain)
     kinds = {name: name.partition("_")[2] for name in derivative.outputs}
     groups = {kind: _group(kind, request) for kind in kinds.values() if kind in {"q", "qd"}}
@@ -172,7 +172,7 @@ def _gradients(
     given: Mapping[str, Any],
     make_functions: Callable[[dict[str, Any]], Functions] | None = None,
 ) -> dict[str, Any]:
-    """Return the gradient of the weighted sum of the outputs by every argument."""
+    """Return the outputs, and the gradient of their weighted sum by every argument."""
     values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
     functions = make_functions(values) if make_functions else _functions(plain, values)
     weights: dict[str, list[Operand]] = {}
@@ -193,7 +193,7 @@ def _gradients(
 
 
 def _rates(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the rates of change of all outputs."""
+    """Return the outputs and their rates of change."""
     values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
     changes = [
         (weight, change)
@@ -277,14 +277,16 @@ def _changes_of_bodies(tree: TreeForm, values: dict[str, Any], names: Iterable[s
 
 
 def _along(P: Sequence[Operand], j: int, place: int) -> list[tuple[int, Operand]]:
-    """Return the change of a vector at a place where its j-th component in a body's axes changes; P turns from the
-    program's axes.
+    """Return the change of the vector that begins at a place where its j-th component in a body's axes changes; P
+    converts from the program's axes to these.
     """
     return [(place + i, P[3 * j + i]) for i in range(3)]
 
 
 def _of_inertia(P: Sequence[Operand], a: int, b: int, place: int) -> list[tuple[int, Operand]]:
-    """Return the change of a second moment, trace(J)/2 - J, where the entry (a, b) of the inertia J changes."""
+    """Return the change of the second moment, trace(J)/2 - J, that begins at a place where the entry (a, b) of the
+    inertia J changes; P is that of `_along`.
+    """
     x, y = P[3 * a : 3 * a + 3], P[3 * b : 3 * b + 3]
     changes: list[tuple[int, Operand]] = []
     for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
@@ -320,7 +322,7 @@ def _tree_of(plain: Loop) -> TreeForm:
 
 
 class Functions:
-    """Results of a program.
+    """Results of a program, and their derivatives by what it has traced.
 
     Args:
         results: results by name, scalars or tuples of components.

@@ -22,17 +22,18 @@ ACCELERATIONS = ("a1", "alpha1", "psidd")
 
 _PLACE = (None,) * 12  # in `Form.known`: attitude and point of the hinge, numbers that come with each call
 _ROTOR = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a hinge that follows none
-# Body 2 without the matter that counts with body 1 (T9): m = 0, h_z = 0 and N_zz = 0.
+# A pair as a tree: body 2 without the matter that counts with body 1 (T9): m = 0, h_z = 0 and N_zz = 0.
 _PAIR = Form(
     ("hinge",), (0,), (HINGE,), (0,),
     ((None,) * 10 + _PLACE + (0.0, None, None, 0.0, None, None, None, None, None, 0.0) + _ROTOR + (None,) * 3),
 )  # fmt: skip
-# The hinge bears the whole of body 2, and body 1 does not count.
+# A pair as a tree for the load of its hinge, which bears the whole of body 2; body 1 does not count.
 _BODY2 = Form(("hinge",), (0,), (HINGE,), (0,), (0.0,) * 10 + _PLACE + (None,) * 10 + _ROTOR + (0.0,) * 3)
-_UNLOADED = Request((), free=True)
+_UNLOADED = Request((), free=True)  # without loads on body 2
 # force2 and torque2 act in a frame of body 2 with the axes of the tree.
 _LOADED = Request((), True, (1,), (None, None, None, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), (0,))
 
+# Names in a tree of the values of a pair; each of the second becomes a tuple of one.
 _TREE_NAMES = {"force2": "force_0", "torque2": "torque_0"}
 _TREE_COORDINATES = {"psi": "q", "psid": "qd", "psidd": "qdd", "hinge_torque": "tau"}
 
@@ -98,6 +99,7 @@ DYNAMICS_STEPS = (
 )
 """All steps from a known motion: its forces, the mass matrix, energy and momentum."""
 
+# Steps that solve for the accelerations of a pair in space.
 _FORWARD_STEPS = (
     _computed("pushed_tree", _PAIR, _LOADED, "tree", "arm2", "S1", "omega1", "psi", "psid", "gravity", *LOADS),
     _output("a1", lambda c: c.solved[0], "pushed_tree"),
@@ -107,7 +109,8 @@ _FORWARD_STEPS = (
 )
 
 
-_PLANE = (0, 1, 5, 6)  # of v1, omega1 and psi'
+_PLANE = (0, 1, 5, 6)  # places of planar velocities among v1, omega1 and psi'
+# How values of a planar pair become those of space, and back.
 _FROM_PLANE = {
     **dict.fromkeys(("force1", "force2", "gravity"), in_space),
     **dict.fromkeys(("torque1", "torque2"), vector_along_z),
@@ -120,7 +123,7 @@ _TO_PLANE: dict[str, Callable[..., Any]] = {
 
 
 def _in_space(step: Step, results: Collection[str]) -> Step:
-    """Return a step of space, between values of a planar pair in space."""
+    """Return a step of space for a planar pair: vectors and the named results get names that end in _in_space."""
     moved = ("R1", "v1", "a1", "gravity", "force1", "force2", "torque1", "torque2")
     arguments = tuple(f"{name}_in_space" if name in moved else name for name in step.arguments)
     return Step(f"{step.result}_in_space" if step.result in results else step.result, step.function, arguments)

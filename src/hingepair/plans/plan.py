@@ -95,7 +95,7 @@ class MotionKind:
         return "SPATIAL_MOTION_KIND" if len(self.coordinates) == 7 else "PLANAR_MOTION_KIND"
 
 
-_BODY1: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")
+_BODY1: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")  # outputs only if they are named
 
 
 def _levels(*of_body2: str) -> dict[str, int | None]:
@@ -146,8 +146,8 @@ class Plan:
     points: tuple[Point, ...] = ()  # that the outputs may be of
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Run the steps on `values`, a dictionary that holds the inputs by name. The result of each step is added to
-        this dictionary, which is returned. Results that are being traced get names for generated code.
+        """Run the steps on `values`, the inputs by name; add the result of each step to it, and return it. Results
+        that are being traced get names for generated code.
         """
         for result, function, arguments in self.steps:
             value = values[result] = function(*[values[name] for name in arguments])
@@ -171,8 +171,7 @@ def make_plan(
     given_names: tuple[str, ...] = (),
     points: tuple[Point, ...] = (),
 ) -> Plan:
-    """Return the cached `Plan` that computes the named outputs of a pair in space or in a plane (`kind`); equal steps
-    give the identical object.
+    """Return the `Plan` that computes the named outputs of a pair in space or in a plane (`kind`).
 
     Args:
         outputs: names of the outputs.
@@ -204,7 +203,7 @@ def _plan(
     kind: MotionKind,
     points: tuple[Point, ...],
 ) -> Plan:
-    """Return the cached plan of those steps that the results need; equal arguments give the identical plan."""
+    """Return the cached plan of those steps that the results need."""
     return Plan(outputs, *needed_steps(steps, results), kind, points)
 
 
@@ -216,7 +215,7 @@ def shapes_with_points(kind: MotionKind, points: tuple[Point, ...]) -> Mapping[s
 
 @functools.lru_cache(maxsize=256)
 def from_constants(plan: Plan) -> Plan:
-    """Return a plan that computes the constants of its steps from the geometry and the masses of the pair."""
+    """Return a plan that first computes the constants of its steps from the geometry and masses of the pair."""
     constant_steps = PLANAR_CONSTANT_STEPS if plan.kind is PLANAR_MOTION_KIND else SPATIAL_CONSTANT_STEPS
     steps, inputs = needed_steps(constant_steps, plan.inputs)
     return Plan(plan.outputs, (*steps, *plan.steps), inputs, plan.kind, plan.points)
@@ -224,7 +223,7 @@ def from_constants(plan: Plan) -> Plan:
 
 @functools.lru_cache(maxsize=1024)
 def plan_loop(plan: Plan) -> Loop:
-    """Return the `Loop` that runs a plan over samples. The loop is cached by plan."""
+    """Return the cached `Loop` that runs a plan over samples."""
     shapes = shapes_with_points(plan.kind, plan.points)
     labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
     inputs, outputs = ({name: shapes[name] for name in names} for names in (sorted(plan.inputs), plan.outputs))
@@ -232,8 +231,8 @@ def plan_loop(plan: Plan) -> Loop:
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:
-    """Return (steps, inputs): the steps on which the outputs depend, as a tuple in order, and the names of the needed
-    inputs, as a frozenset. The inputs are all arguments of these steps and all outputs that no step computes.
+    """Return the steps on which the outputs depend, in order, and the names of the inputs that are needed: all
+    arguments of these steps and all outputs that no step computes.
     """
     needed = set(outputs)
     selected = []
@@ -247,9 +246,8 @@ def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[S
 
 @functools.cache
 def default_outputs(level: int, kind: MotionKind = SPATIAL_MOTION_KIND) -> tuple[str, ...]:
-    """Return a tuple of the names of the default outputs for a level (0 pose, 1 velocity, 2 acceleration): the
-    outputs of this level and of the levels below it, which are computed if the user names none. `kind` is the
-    `MotionKind`, in space or in a plane.
+    """Return the names of the outputs that are computed if the user names none: those of a level (0 pose, 1 velocity,
+    2 acceleration) and of the levels below it.
     """
     return tuple(name for name, lowest in kind.levels.items() if lowest is not None and lowest <= level)
 
@@ -263,11 +261,8 @@ def all_steps(
     given_names: tuple[str, ...] = (),
     points: tuple[Point, ...] = (),
 ) -> tuple[Step, ...]:
-    """Return a cached tuple of all steps that are possible with the given inputs; a plan takes those that it needs.
-    `sequence` is the Euler sequence of body 1, or None if S1 is given; `has_home` says that the rotation `home` is
-    not the identity. `trig_functions` is a pair of functions that return sines and cosines, of phi and of psi; `kind`
-    is motion in space or in a plane. `given_names` are the names of the inputs other than the constants of the pair,
-    `points` its points.
+    """Return a cached tuple of all steps that are possible with the given inputs, of which a plan takes those that it
+    needs; the arguments are those of `make_plan`.
     """
     if kind is PLANAR_MOTION_KIND:
         split = PLANAR_SPLIT_STEPS if "q" in given_names else ()

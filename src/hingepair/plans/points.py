@@ -16,15 +16,14 @@ class Point(NamedTuple):
     """A point that is fixed to body 1 or body 2 of a pair."""
 
     name: str
-    body: int
+    body: int  # 1 or 2
 
 
 POINT_ENDINGS: Final = {"R": "", "v": "_v", "a": "_a"}
 """Endings of the outputs of a point, after its name, by quantity."""
 
 INPUT: Final = "point:"
-"""How the names of the vectors begin, from the body's reference point in its axes; steps of a plan have no such
-name."""
+"""Beginning of the names of inputs: the vectors from the body's reference point to points, in its axes."""
 
 
 @functools.lru_cache(maxsize=256)
@@ -113,7 +112,7 @@ def planar_point_steps(points: tuple[Point, ...]) -> tuple[Step, ...]:
 
 
 def named_results(values: dict[str, Any], outputs: tuple[str, ...]) -> None:
-    """Give the results of points the names of the outputs."""
+    """Add the results of points to `values` under the names of the outputs."""
     for name in outputs:
         result = result_of(name)
         if result in values:

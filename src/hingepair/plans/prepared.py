@@ -124,6 +124,7 @@ class Prepared:
         return self._call_any_arguments(given, out) if result is None else result
 
     def _call_with_options(self, given: Sequence[Any], out: Any) -> Any:
+        """Compute what `rows` takes, by threads, into one array or under a watch; None where it does not."""
         result = self._call.rows(*given, out=check_out(out, self.outputs), workers=self._execution.workers)
         if result is not None and self._watch is not None:
             self._watch(result, dict(zip(self.given, given, strict=True)))

@@ -24,7 +24,7 @@ from hingepair.numeric.blocks import components, cosine, sine
 from hingepair.plans.derivatives import Accelerations, Derivative, Functions, Parts, change_shape, derivative_loop
 from hingepair.plans.trees import Form, Request, TreeQuantities, input_shapes
 
-METHODS = ("semi_implicit", "rk4")
+METHODS = ("semi_implicit", "rk4")  # of integration, explained above
 BASE_STATE = {"R1": (3,), "v1": (3,), "omega1": (3,), "S1": (3, 3)}
 """What of a free base follows q and qd in a state, with the shape of one sample."""
 
@@ -58,6 +58,7 @@ class Control(NamedTuple):
         return tuple(tau)
 
     def _products(self, gain: Any, errors: list[Scalar]) -> list[Scalar]:
+        """Return a gain times errors: entry by entry, or as a matrix given row by row."""
         if self.gains == "diagonal":
             return [a * b for a, b in zip(gain, errors, strict=True)]
         size = len(errors)
@@ -129,6 +130,7 @@ def backward_loop(step: RolloutStep, wrt: tuple[str, ...], held: tuple[str, ...]
     gradients = derivative_loop(plain, derivative, functools.partial(_functions, step))
 
     def function(v: Mapping[str, Any]) -> dict[str, Any]:
+        """Take the derivatives back by one step or stage."""
         weights = {f"weight_next_{name}": v[f"adjoint_{name}"] for name in changes}
         for name in step.state:
             weights[f"weight_next_{name}"] = _ahead(v[f"adjoint_{name}"], v[f"weight_{name}"], v["ends"])
@@ -158,6 +160,7 @@ class _StepFunctions(Functions):
         attitude = ("S1", "omega1") if step.request.free else ()
 
         def solve(given: Mapping[str, Any]) -> Mapping[str, Any]:
+            """Return variables in the place of the accelerations."""
             self._given = {name: components(given[name]) for name in ("q", "qd", "tau", *attitude)}
             self._inner = {name: variables(value) for name, value in self._given.items()}
             self._accelerations = Accelerations(TreeQuantities(step.form, step.solved, {**given, **self._inner}))
@@ -215,6 +218,7 @@ def _accelerations(
 
 
 def _semi_implicit(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
+    """Return the state after a step of "semi_implicit"."""
     h, moved = v["h"], {name: v[name] for name in step.state}
     found = _accelerations(step, v, solve, {name: moved[name] for name in moved if name not in {"R1", "v1"}})
     qd = _ahead(v["qd"], found["qdd"], h)
@@ -227,8 +231,8 @@ def _semi_implicit(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dic
 
 
 def _stage(step: RolloutStep, v: Mapping[str, Any], solve: Solve) -> dict[str, Any]:
-    """Make a stage of "rk4". `shares` are those of a step until the next stage, and of the stage in the mean; and
-    whether the stage is the last one.
+    """Return what a stage of "rk4" passes on. `shares` are those of a step until the next stage, and of the stage in
+    the mean; and whether the stage is the last one.
     """
     ahead, share, is_last = v["shares"]
     to_next, weight = v["h"] * ahead, v["h"] * share

@@ -28,6 +28,7 @@ from hingepair.plans.trees import (
 
 MOTION = ("R1", "S1", "v1", "omega1")
 """Outputs that are the motion of the base."""
+# Also that of the vector from R1 to the centre of mass.
 _MOTION_SHAPES: dict[str, ArrayShape] = {"R1": (3,), "S1": (3, 3), "v1": (3,), "omega1": (3,), "centre": (3,)}
 
 Values = Mapping[str, Any]
@@ -60,6 +61,7 @@ def state_loop(form: Form, request: Request, pinned: bool, outputs: tuple[str, .
 
 
 def _outputs(form: Form, request: Request, pinned: bool, outputs: tuple[str, ...], values: Values) -> dict[str, Any]:
+    """Return the named outputs of the motion that a state stands for."""
     dof, state = form.dof, values["state"]
     base_point, P, L, g = (state[3 * k : 3 * k + 3] for k in range(4))
     q, qd = state[12 : 12 + dof], state[12 + dof :]
@@ -102,7 +104,7 @@ def _base_rates(still: TreeQuantities, centre: Vector, P: Vector, L: Vector, pin
 def _rates(
     moving: TreeQuantities, centre: Vector, mass: Scalar, P: Vector, g_rate: Vector, pinned: bool
 ) -> tuple[Scalar, ...]:
-    """Return the derivative of the state."""
+    """Return the time derivative of the state."""
     values = moving.values
     force, torque = values["force1"], values["torque1"]
     for k, place in enumerate(moving.request.loaded):

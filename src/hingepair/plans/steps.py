@@ -17,9 +17,7 @@ from hingepair.rotations.sequences import find_sequence
 
 
 class Step(NamedTuple):
-    """One equation of a plan, as a named tuple: result = function(*arguments). The fields `result` and `arguments`
-    are names of values, and `function` is called with these values.
-    """
+    """One equation of a plan: result = function(*arguments), where result and arguments are names of values."""
 
     result: str
     function: Callable[..., Any]
@@ -284,8 +282,8 @@ JACOBIAN_STEPS = (
 
 @functools.lru_cache(maxsize=64)
 def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
-    """Return a cached tuple of the steps that compute the Jacobian of (v2, omega2) with respect to the rates of the
-    seven coordinates, and the time derivative of this Jacobian, for an Euler sequence such as "XYZ".
+    """Return the cached steps to the Jacobian of (v2, omega2) with respect to the rates of the seven coordinates, and
+    to its time derivative, for an Euler sequence such as "XYZ".
     """
     euler_sequence = find_sequence(sequence)
     return (

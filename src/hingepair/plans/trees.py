@@ -47,8 +47,8 @@ JOINT_SHAPES: Final = {
     "offset": (),
     "min_pivot": (),
 }
-PIVOT_SHAPES: Final = {"min_force_pivot": (), "min_torque_pivot": ()}
-FRAME_SHAPES: Final = {"R": (3,), "S": (9,)}
+PIVOT_SHAPES: Final = {"min_force_pivot": (), "min_torque_pivot": ()}  # of a free base; less is rounding
+FRAME_SHAPES: Final = {"R": (3,), "S": (9,)}  # of each frame, in the axes of its body
 LOAD_SHAPES: Final = {"stiffness": (), "rest": (), "damping": (), "friction": ()}
 """Shapes of the constants of the load of each joint. The vector of constants holds those of the base, then those of
 each joint, then the smallest pivots of the base, then those of each frame, then those of loads where they are asked
@@ -56,7 +56,7 @@ for, in the order of these five dictionaries."""
 
 
 class Form(NamedTuple):
-    """The structure of a robot; robots of equal form share programs. The tuples have one entry for each joint."""
+    """Structure of a robot; robots of equal form share programs. Tuples but `known` have an entry for each joint."""
 
     names: tuple[str, ...]  # in generated code
     parents: tuple[int, ...]  # number of the body that carries it; 0 is the base
@@ -103,9 +103,7 @@ class Output(NamedTuple):
 
 
 def velocity_count(form: Form, request: Request) -> int:
-    """Return the number of velocities of a robot: one for each coordinate of its form, and six more if the request is
-    for a free base.
-    """
+    """Return the number of velocities of a robot: one for each coordinate, and six more of a free base."""
     return form.dof + 6 * request.free
 
 
@@ -706,7 +704,7 @@ class TreeQuantities:
         return add(L, cross(offset, P))
 
     def _name_components(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
-        """Name the components of every body's values in generated code."""
+        """Name the components of every body's values in generated code, and return the values."""
         for name, parts in zip(("base", *self.form.names), values, strict=True):
             for letter, part in zip(letters, parts, strict=False):
                 name_components(f"{letter}_{name}", part)
@@ -719,7 +717,7 @@ def _reciprocal(x: Scalar) -> Scalar:
 
 
 def complete_numbers(form: Form, request: Request, values: Mapping[str, Any]) -> list[Scalar]:
-    """Return all constants of a robot and its frames, those that are known, the parameters, and those of samples."""
+    """Return all constants of a robot and its frames in order: known ones, parameters, and those of samples."""
     left = iter(values["constants"])
     numbers = [next(left) if known is None else known for known in (*form.known, *request.known)]
     for place, number in zip(request.varied, values["samples"] if request.varied else (), strict=True):
@@ -741,7 +739,7 @@ def constant_place(body: int, name: str) -> int:
 
 
 def _take_numbers(numbers: Any, shapes: Mapping[str, ArrayShape]) -> dict[str, Any]:
-    """Take the next numbers, a tuple for each shape but ()."""
+    """Return the next numbers by name, a tuple for each shape but ()."""
     return {
         name: tuple(next(numbers) for _ in range(shape[0])) if shape else next(numbers)
         for name, shape in shapes.items()
@@ -820,14 +818,14 @@ OUTPUTS: Final[Mapping[str, Output]] = {
 """All that can be computed of a tree, by name."""
 
 COORDINATES: Final = ("q", "qd", "qdd", "tau")  # inputs with a component for each coordinate
-BASE_MOTION: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")
-BASE_LOADS: Final = ("force1", "torque1")
+BASE_MOTION: Final = ("R1", "S1", "v1", "omega1", "a1", "alpha1")  # inputs; a1, alpha1 of one that is not free
+BASE_LOADS: Final = ("force1", "torque1")  # inputs of a free base
 
 
 @functools.lru_cache(maxsize=512)
 def input_shapes(form: Form, request: Request) -> dict[str, ArrayShape]:
-    """Return a cached dictionary from the name of each input that a request needs to the shape of one sample of the
-    input, with "constants" first. The dictionary must not be changed.
+    """Return the shape of one sample of each input that a request needs, by name, "constants" first. The dictionary
+    is cached and must not be changed.
     """
     names = set()
     for output in request.outputs:
@@ -877,9 +875,8 @@ def estimated_operations(form: Form, request: Request) -> int:
 
 
 def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Compute the outputs of a request for a robot of the given form. Return a dictionary from the name of each
-    output to a scalar or a flat tuple of components. `values` is a dictionary of the inputs, which may be scalars of
-    any kind.
+    """Return the outputs of a request by name, each a scalar or a flat tuple of components, from the inputs by name,
+    which may be scalars of any kind.
     """
     return TreeQuantities(form, request, values).outputs(request.outputs)
 
