@@ -27,11 +27,9 @@ from hingepair.numeric.arrays import real_array
 from hingepair.numeric.optional import require
 from hingepair.tables.column_tables import ColumnTable
 
-MAX_FILE_ROWS: Final = 10_000_000
+MAX_FILE_ROWS: Final = 10_000_000  # of a file or a table in memory; more are refused
 MAX_FILE_BYTES: Final = 2_000_000_000
-_MAX_HEADING: Final = (
-    100_000  # characters of the first line of a .csv, and bytes of the heading of an array in a .npz
-)
+_MAX_HEADING: Final = 100_000  # characters of the first line of a .csv, bytes of an array's heading in a .npz
 # The heading of an array in a .npz: its dtype, its order in memory, its shape.
 _NPY_HEADER: Final = re.compile(
     r"\{'descr': '([<>|=]?[A-Za-z]\d{0,9}(?:\[\w{1,9}\])?)', 'fortran_order': (True|False), "
@@ -82,6 +80,7 @@ def read_columns(source: Path | ColumnTable, request: ColumnRequest) -> Columns:
 
 
 def _read_file(path: Path, request: ColumnRequest) -> Columns:
+    """Read columns of a file by the reader of its ending; what it cannot read is an ArgumentError."""
     read = _READERS.get(path.suffix.lower())
     if read is None:
         raise ArgumentError(
@@ -235,7 +234,7 @@ def _legible(text: str) -> str:
 
 
 def _csv_form(stream: IO[str], read_heading: HeadingReader) -> _CsvForm:
-    """Return the form of a CSV file whose first line is read here."""
+    """Return the form of a CSV file, of which the first line is consumed and the second one looked at."""
     line = stream.readline(_MAX_HEADING)
     if len(line) == _MAX_HEADING:
         raise ArgumentError("", "a first line of column names", "a longer line")
@@ -267,7 +266,7 @@ def _in_si_unit(column: NDArray[Any], factor: float) -> NDArray[Any]:
 
 
 def _csv_rows(stream: IO[str], form: _CsvForm, columns: list[int] | None, **options: Any) -> NDArray[Any]:
-    """Return the next lines, one more than a file may have, as a 2D array of these columns."""
+    """Return the next lines, at most one more than a file may have, as a 2D array of columns by index."""
     options = {"delimiter": form.delimiter, "comments": None, "quotechar": '"', "ndmin": 2} | options
     lines: Iterable[str] = itertools.islice(stream, MAX_FILE_ROWS + 1)
     if form.has_decimal_commas:
@@ -395,7 +394,7 @@ def _read_npy_array(stream: IO[bytes], name: str, sample_shape: tuple[int, ...],
 
 
 def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tuple[int, ...]]:
-    """Return dtype, Fortran order and shape of an array; the dtype is None if it is none of numbers."""
+    """Return dtype, Fortran order and shape of an array; the dtype is None if the header is not understood."""
     magic = stream.read(8)
     size = int.from_bytes(stream.read(2 if magic[6:7] == b"\x01" else 4), "little")
     text = stream.read(size).decode("latin1") if magic[:6] == b"\x93NUMPY" and size <= _MAX_HEADING else ""
@@ -406,6 +405,7 @@ def _read_npy_header(stream: IO[bytes]) -> tuple[np.dtype[Any] | None, bool, tup
 
 
 def _read_parquet(path: Path, request: ColumnRequest) -> Columns:
+    """Read columns of a Parquet file."""
     pa, pq = require("pyarrow", str(path)), require("pyarrow.parquet", str(path))
     columns: Columns = {}
     try:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.tables.units import SCALES
 
-_COMPASS: Final = "compass"
+_COMPASS: Final = "compass"  # unit of headings in degrees, clockwise from north
 
 
 class ColumnSource(NamedTuple):

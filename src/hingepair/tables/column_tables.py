@@ -32,7 +32,7 @@ _UNIT_ALIASES: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ColumnTable:
-    """Columns in the place of a file of them."""
+    """Columns in memory, which are read as those of a file."""
 
     kind: str  # such as DataFrame, for messages
     arrays: Mapping[str, NDArray[Any]]  # of shape (N,), or (N, ...) of vectors and matrices
@@ -71,7 +71,9 @@ def column_table(name: str, source: Any) -> ColumnTable:
 
 
 def _of_dataset(source: Any) -> ColumnTable:
-    """Return the variables of an xarray Dataset that have the first dimension of its first variable."""
+    """Return the coordinates and variables of an xarray Dataset that have the first dimension of its first variable,
+    with the units that they state.
+    """
     first = next((variable.dims[0] for variable in source.data_vars.values() if variable.dims), "")
     arrays, units = {}, {}
     for key, variable in {**source.coords, **source.data_vars}.items():

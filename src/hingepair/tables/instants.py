@@ -129,7 +129,7 @@ def instants_of(name: str, t: ArrayLike, order: int = 0) -> Float64Array:
 
 
 def jitter_suspicions(name: str, seconds: Float64Array) -> list[str]:
-    """Return a sentence if the steps between instants [s] are irregular, which makes derivatives inaccurate."""
+    """Return a sentence, in a list, if the steps between instants [s] are irregular: derivatives are inaccurate."""
     steps = np.diff(seconds)
     if steps.size < 8:
         return []
@@ -151,14 +151,14 @@ def rows_after_gaps(t: Float64Array) -> NDArray[np.intp]:
 
 
 def break_at_gaps(t: Float64Array, values: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return a curve with NaN in each gap that is wide enough to be seen, so that no line crosses it."""
+    """Return instants and values of a curve, with NaN in each gap wide enough to be seen: no line crosses it."""
     rows = rows_after_gaps(t)
     rows = rows[t[rows] - t[rows - 1] > np.ptp(t) / 200] if rows.size else rows  # thinned curves have smaller steps
     return np.insert(t, rows, (t[rows - 1] + t[rows]) / 2), np.insert(values, rows, np.nan, axis=0)
 
 
 def gap_sentences(name: str, t: Float64Array) -> list[str]:
-    """Return a sentence if samples are missing between the instants t [s].
+    """Return a sentence, in a list, if samples are missing between the instants t [s].
 
     >>> gap_sentences("t", np.array([0, 1, 2, 3, 13, 14]))
     ['t has no samples from 3 to 13 s']

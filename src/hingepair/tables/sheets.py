@@ -175,6 +175,7 @@ def json_text(report: Any) -> str:
 
 
 def _json_values(value: Any) -> Any:
+    """Return nested values with None for numbers that are not finite."""
     if isinstance(value, Mapping):
         return {key: _json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -199,7 +200,7 @@ class Shown:
     __slots__ = ()
 
     def _sheet(self) -> Sheet:
-        """Return the table of this object."""
+        """Return what notebooks show."""
         raise NotImplementedError
 
     def _repr_html_(self) -> str:

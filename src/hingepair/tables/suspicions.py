@@ -54,7 +54,7 @@ def _span(values: Float64Array) -> float:
 
 
 def _turned(angles: Float64Array) -> float:
-    """Return how far an angle turns in all if it never turns back, its span otherwise."""
+    """Return how far an angle turns in all if it never turns back (NaN unless by multiples of 45), else its span."""
     steps = np.diff(angles)
     turn = abs(float(steps.sum()))
     if (steps >= 0).all() or (steps <= 0).all():
@@ -96,6 +96,7 @@ def _fast_and_jerked(motion: Float64Array) -> float:
     return rms_v if rms_a > 50.0 else np.nan
 
 
+# Median steps in another unit than seconds.
 _INSTANT_RANGES = tuple(
     _Range(least, most, f"{{name}} steps by {{size:.3g}} s: is it in seconds? {unit} * {{name}}.")
     for least, most, unit in (  # each unit ends with the largest step of a usual recording in it
@@ -105,7 +106,7 @@ _INSTANT_RANGES = tuple(
         (np.finfo(float).tiny, 1e-6, "Days become seconds by 86400"),
     )
 )
-_DEGREES = "degrees become radians by {convert_largest}."
+_DEGREES = "degrees become radians by {convert_largest}."  # end of sentences
 _QUANTITIES: Final[Mapping[str, _Quantity]] = {
     # Sensors of motion take at least a sample a second and at most a million.
     "instants": _Quantity(_median_step, _INSTANT_RANGES),

@@ -14,9 +14,9 @@ from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.tables.sheets import offset_text, round_offset
 
 _PER_SECOND: Final = ("", "/s", "/s^2")  # a length or an angle, its rate, its acceleration
-_LENGTHS: Final = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}
-_ANGLES: Final = {"mrad": 1e-3, "deg": math.pi / 180, "turn": 2 * math.pi}
-_RATES: Final = {
+_LENGTHS: Final = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}  # m
+_ANGLES: Final = {"mrad": 1e-3, "deg": math.pi / 180, "turn": 2 * math.pi}  # rad
+_RATES: Final = {  # further units of rates and accelerations, by the SI unit
     "m/s": {"km/h": 1 / 3.6, "kn": 1852 / 3600},
     "m/s^2": {"g": 9.80665},
     "rad/s": {"rpm": math.pi / 30},
@@ -32,7 +32,7 @@ SCALES: Final[Mapping[str, Mapping[str, float]]] = {
     },
 }
 """Factors of the units that may stand for an SI unit, by the SI unit."""
-_HEADING: Final = re.compile(r"(.+) \[([^][]+)\]")
+_HEADING: Final = re.compile(r"(.+) \[([^][]+)\]")  # a name and its unit
 
 
 class Units:
@@ -138,7 +138,7 @@ SI: Final = Units()
 
 
 class Columns(NamedTuple):
-    """Names and numbers of columns in units.
+    """Headings of the columns of quantities, and their numbers, in units.
 
     >>> Columns(Units("mm")).heading("R2_x")
     'R2_x [mm]'

@@ -73,7 +73,7 @@ def _os_errors_named(target: str | os.PathLike[str]) -> Iterator[None]:
 def _checked_status(
     target: str | os.PathLike[str], input_paths: Iterable[str | os.PathLike[str]]
 ) -> os.stat_result | None:
-    """Return the status of the target, None if there is none; refuse an input."""
+    """Return the status of the target, None if there is none; refuse a target that is one of the inputs."""
     status = _file_status(target)
     if status is not None and any(
         os.path.samestat(status, other) for other in map(_file_status, input_paths) if other
