@@ -14,12 +14,20 @@ import numpy as np
 
 from hingepair.engine.calls import Call
 from hingepair.numeric.array_libraries import Library, is_foreign, namespace_of
-from hingepair.plans.differentiable import Arrays, Caller, Differentiable, Functions, leading_shapes, split, traced
+from hingepair.plans.differentiable import (
+    Arrays,
+    Caller,
+    Differentiable,
+    Functions,
+    by_library,
+    leading_shapes,
+    split,
+)
 
 
 def kernel_function(call_of: Caller, library: Library) -> Functions | None:
-    """Return a function of the arrays of a library that a kernel computes, in the order of the call's arguments and
-    outputs; None where the library computes by itself.
+    """Return a function of a library's arrays, in the order of the call's arguments, that a kernel computes and the
+    library can differentiate; None where the library computes by itself.
     """
     function = Differentiable(call_of)
     tails = *function.arguments.values(), *function.outputs.values()
@@ -55,7 +63,7 @@ def apply(function: Functions, call: Call, values: Mapping[str, Any], library: L
 
 
 def _computed(call: Call, arrays: Arrays) -> tuple[Any, ...]:
-    """Return the outputs for arrays of NumPy."""
+    """Return the outputs that the kernel computes for arrays of NumPy."""
     found = call.rows(*arrays)
     if found is None:
         shapes = leading_shapes(call.argument_shapes, arrays)
@@ -64,6 +72,7 @@ def _computed(call: Call, arrays: Arrays) -> tuple[Any, ...]:
 
 
 def _torch_function(function: Differentiable) -> Functions:
+    """Return the function of PyTorch tensors that a kernel computes, with rules for its derivatives."""
     import torch
 
     names = tuple(function.arguments)
@@ -94,6 +103,7 @@ def _torch_function(function: Differentiable) -> Functions:
 
             @staticmethod
             def vmap(info: Any, in_dims: Any, *arrays: Any) -> Any:
+                """Move the mapped axes to the front, where they are axes of samples."""
                 moved = [
                     one.unsqueeze(0) if axis is None else one.movedim(axis, 0)
                     for one, axis in zip(arrays, in_dims, strict=True)
@@ -106,14 +116,16 @@ def _torch_function(function: Differentiable) -> Functions:
     jacobians: dict[tuple[str, ...], Any] = {}
 
     def jacobian(by: tuple[str, ...]) -> Any:
+        """Return the function, made once, of the Jacobians by these arguments."""
         if by not in jacobians:
             derived = function.derivative("jacobian", by)
 
             def second(given: Any, _: Any, weights: Any) -> Any:
+                """Return the derivatives of weighted Jacobians, which PyTorch takes through the equations."""
                 with torch.enable_grad():
                     inputs = [one.detach().requires_grad_() for one in given]
                     library = Library("torch", namespace_of(inputs[0]), inputs[0].dtype, inputs[0].device)
-                    found = traced(derived, library, inputs)
+                    found = by_library(derived, library, inputs)
                     return torch.autograd.grad(found, inputs, weights, allow_unused=True)
 
             def refuse(*_: Any) -> Any:
@@ -123,6 +135,7 @@ def _torch_function(function: Differentiable) -> Functions:
         return jacobians[by]
 
     def pullback(given: Any, needed: Any, weights: Any) -> Any:
+        """Return the gradients, by the needed arguments, of the outputs times their weights; None for the others."""
         by = tuple(name for name, one in zip(names, needed, strict=True) if one)
         total: Any = 0.0
         for J, tail, weight in zip(jacobian(by)(*given), function.outputs.values(), weights, strict=True):

@@ -125,7 +125,7 @@ def derivative_loop(
 
 
 def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the outputs, and the Jacobian of each by every argument."""
+    """Return the outputs and the Jacobian of each by every argument; by entries, the Jacobians alone."""
     values, moves = _variables(plain, given, derivative.arguments, derivative.entries)
     functions = _functions(plain, values)
     rows = functions.jacobian(derivative.outputs, [*itertools.chain(*moves.values())])

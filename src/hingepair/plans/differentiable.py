@@ -1,5 +1,5 @@
-"""The outputs of a computation as functions of arrays, with the calls of their derivatives and the products with
-Jacobians that arrays of any library compute.
+"""Outputs of a computation as functions of arrays of any library, the calls of their derivatives, and products with
+Jacobians.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ Names: TypeAlias = tuple[str, ...]
 
 
 class Caller(Protocol):
-    """What gives the calls of a computation: of its outputs, or of a derivative, whose weights or changes are further
-    arguments.
+    """Function that returns the call of a computation's outputs, or of a derivative, whose weights or changes are
+    further arguments.
     """
 
     def __call__(self, derivative: Derivative | None = None, further: Names = ()) -> Call:
@@ -59,8 +59,9 @@ class Differentiable:
         return call_of(Derivative(kind, tuple(self.outputs), shapes, entries=True), further.get(kind, ()))
 
     def products(self, by: Names, jacobians: Arrays, vectors: Arrays, transposed: bool = False) -> list[Any]:
-        """Return the products of the Jacobians and the changes of arguments, one array for each output; or those of
-        their transposes and the weights of outputs, one for each argument. Leading axes broadcast.
+        """Return the products of Jacobians (..., components of an output, of all arguments) and changes of arguments,
+        one array for each output; or those of their transposes and the weights of outputs, one for each argument.
+        Leading axes broadcast.
         """
         arguments, outputs = [self.arguments[name] for name in by], [*self.outputs.values()]
         if transposed:
@@ -108,8 +109,8 @@ def leading_shapes(tails: Mapping[str, ArrayShape], arrays: Arrays) -> dict[str,
     }
 
 
-def traced(call: Call, library: Library, arrays: Arrays) -> tuple[Any, ...]:
-    """Return the outputs of a call as an array library computes them."""
+def by_library(call: Call, library: Library, arrays: Arrays) -> tuple[Any, ...]:
+    """Return the outputs of a call that an array library itself computes from the equations."""
     shapes = leading_shapes(call.argument_shapes, arrays)
     found = call.run_foreign(dict(zip(shapes, arrays, strict=True)), shapes, library, None, 1)
     return (found,) if call.result is None else tuple(found.arrays().values())

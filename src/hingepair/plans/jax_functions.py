@@ -21,11 +21,13 @@ from hingepair.engine.binding import ArrayShape
 from hingepair.engine.calls import Call
 from hingepair.engine.xla import xla_function
 from hingepair.numeric.array_libraries import Library
-from hingepair.plans.differentiable import Arrays, Differentiable, Functions, Names, leading_shapes, split, traced
+from hingepair.plans.differentiable import Arrays, Differentiable, Functions, Names, by_library, leading_shapes, split
 
 
 def jax_function(function: Differentiable) -> Functions:
-    """Return a function of arrays of JAX, in the order of the arguments, which JAX can transform."""
+    """Return a function of arrays of JAX, in the order of the arguments: kernels compute it, and JAX can transform
+    it.
+    """
     tails = function.arguments
 
     def spread(lead: ArrayShape, names: Iterable[str], arrays: Arrays) -> list[Any]:
@@ -36,6 +38,7 @@ def jax_function(function: Differentiable) -> Functions:
         return tuple(_kernel.bind(*spread(lead, tails, arrays), to=function.call))
 
     def rule(given: Any, changes: Any) -> Any:
+        """Return the outputs and their changes."""
         still = jax.custom_derivatives.SymbolicZero
         moving = {name: one for name, one in zip(tails, changes, strict=True) if not isinstance(one, still)}
         lead = np.broadcast_shapes(*leading_shapes(tails, given).values())
@@ -75,7 +78,7 @@ class _Map(NamedTuple):
         """Return the Jacobians, a matrix for each output."""
         call = self.function.derivative("jacobian", self.by)
         found = jax.custom_jvp(lambda *arrays: tuple(_kernel.bind(*arrays, to=call)))
-        found.defjvp(functools.partial(jax.jvp, functools.partial(_traced, call)))
+        found.defjvp(functools.partial(jax.jvp, functools.partial(_by_library, call)))
         jacobians: tuple[Any, ...] = found(*given)
         return jacobians
 
@@ -118,15 +121,17 @@ def _joined(vectors: Arrays) -> Any:
 
 
 def _compute(arrays: Arrays, call: Call) -> tuple[Any, ...]:
+    """Return the outputs of a call: by its kernel inside JAX, or by JAX itself if there is none."""
     function = xla_function(call, np.dtype(arrays[0].dtype).char)
-    return _traced(call, *arrays) if function is None else function(*arrays)
+    return _by_library(call, *arrays) if function is None else function(*arrays)
 
 
-def _traced(call: Call, *arrays: Any) -> tuple[Any, ...]:
-    return traced(call, Library("jax", jnp, arrays[0].dtype, None), arrays)
+def _by_library(call: Call, *arrays: Any) -> tuple[Any, ...]:
+    return by_library(call, Library("jax", jnp, arrays[0].dtype, None), arrays)
 
 
 def _compute_product(arrays: Arrays, linear: _Map) -> tuple[Any, ...]:
+    """Return the products with one vector for each sample, by a kernel."""
     return _compute(arrays, linear.function.derivative("vjp" if linear.transposed else "jvp", linear.by))
 
 
@@ -178,11 +183,13 @@ def _in_front(arrays: Arrays, axes: Sequence[int | None]) -> list[Any]:
 
 
 def _batch_kernel(arrays: Arrays, axes: Sequence[int | None], call: Call) -> tuple[list[Any], list[int]]:
+    """Make a batch of calls of a kernel one call, with an axis more."""
     found = _kernel.bind(*_in_front(arrays, axes), to=call)
     return found, [0] * len(found)
 
 
 def _batch_product(arrays: Arrays, axes: Sequence[int | None], linear: _Map) -> tuple[list[Any], list[int]]:
+    """Make a batch of products one primitive: many vectors of one Jacobian, or one of each of many samples."""
     given, vectors = linear.divide(arrays)
     sides = linear.divide(axes)
     if any(axis is not None for axis in sides[0]):
@@ -195,6 +202,7 @@ def _batch_product(arrays: Arrays, axes: Sequence[int | None], linear: _Map) -> 
 
 
 def _batch_products(arrays: Arrays, axes: Sequence[int | None], linear: _Map) -> tuple[list[Any], list[int]]:
+    """Make a batch of products with many vectors one primitive, if the vectors are the same for all."""
     given, vectors = linear.divide(arrays)
     sides = linear.divide(axes)
     if any(axis is not None for axis in sides[1]):
@@ -228,6 +236,7 @@ def _filled(arrays: Arrays) -> list[Any]:
 
 
 def _transpose_product(weights: Arrays, *arrays: Any, to: _Map) -> list[Any]:
+    """Return the transposed product of weights by the vectors; None for the arguments of the function."""
     given, _ = to.divide(arrays)
     weights = _filled(weights)
     found = _product.bind(*given, *weights, to=to._replace(transposed=not to.transposed))
@@ -235,6 +244,7 @@ def _transpose_product(weights: Arrays, *arrays: Any, to: _Map) -> list[Any]:
 
 
 def _transpose_products(weights: Arrays, *arrays: Any, to: _Map) -> list[Any]:
+    """Return the transposed products of weights by the vectors; None for the arguments of the function."""
     given, vectors = to.divide(arrays)
     weights = _filled(weights)
     products = jax.linear_transpose(lambda *some: to.many(*given, *some), *(one.aval for one in vectors))
