@@ -23,7 +23,7 @@ _TRIANGLE: Final = (
     {7: -1.0}, {8: -1.0}, {4: 0.5, 6: 0.5, 9: -0.5},
     {1: 1.0}, {2: 1.0}, {3: 1.0}, {0: 1.0},
 )  # fmt: skip
-_DIAGONAL: Final = (0, 2, 5, 9)  # its entries on the diagonal
+_DIAGONAL: Final = (0, 2, 5, 9)  # entries of _TRIANGLE on the diagonal
 _LEAST = 1e-6  # lowest eigenvalue of the pseudo-inertia of a body of size one: its mass is not all in a plane
 _PULL = 1e-2  # towards the described parameters, beside one standard deviation; decides what is not determined
 

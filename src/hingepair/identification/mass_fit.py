@@ -35,19 +35,19 @@ class _Term(NamedTuple):
     signed: bool = False  # whether it may be below 0
 
 
-_TERMS: Final = {
+_TERMS: Final = {  # by name
     "viscous": _Term(lambda qd, _: qd, "damping"),
     "coulomb": _Term(lambda qd, _: np.sign(qd), "friction"),
     "offset": _Term(lambda qd, _: np.ones_like(qd), signed=True),
     "armature": _Term(lambda _, qdd: qdd),
 }
 JOINT_TERMS: Final = tuple(_TERMS)
-"""Names of the terms."""
+"""Names of the terms that a fit may have."""
 _NORMAL_95 = 1.959963984540054  # standard deviations: 95 % of a normal distribution are within
 _SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of parameters has no effect on the torques
 _BLOCK = 2**23  # numbers of a regressor that are in memory at a time
 _WEIGHT_ROUNDS = 3  # in which the noise of each joint and the parameters are estimated in turn
-_LEAST_NOISE = 1e-7  # least share of what the described parameters leave: exact torques need finite weights
+_LEAST_NOISE = 1e-7  # smallest noise assumed, of what the described parameters leave: weights stay finite
 _HARDLY_KNOWN, _UNKNOWN = 0.5, 2.0  # from these standard deviations on, in parts of what such a body may have
 _WORSE = 1.5  # times the error of the samples fitted to; above, the parameters do not hold for new ones
 _POOR = 0.2  # of a joint's torque: a larger rest that is not random cannot be filtered noise alone
@@ -294,7 +294,7 @@ def fit_masses(
         raise ShapeError("q", f"shape (N, {robot.dof}), N instants", f"shape {values['q'].shape}")
     known = np.logical_and.reduce([np.isfinite(one).all(axis=-1) for one in values.values()])
     base = robot.base_parameters(gravity=gravity)
-    described = np.concatenate((base.values, *(_described(robot, term) for term in terms)))
+    described = np.concatenate((base.values, *(_described_term(robot, term) for term in terms)))
     recording = _Recording(
         robot, base, terms, tuple(np.asarray(gravity, dtype=np.float64).tolist()),
         {name: one[known] for name, one in values.items()}, described,
@@ -419,8 +419,8 @@ class _Recording(NamedTuple):
         return np.concatenate(parts) if parts else np.zeros((0, self.robot.dof))
 
 
-def _described(robot: Mechanism, term: str) -> Float64Array:
-    """Return a joint term of the robot as described, (dof,)."""
+def _described_term(robot: Mechanism, term: str) -> Float64Array:
+    """Return the parameter that each joint of the robot as described has for a term, 0 for "offset"; (dof,)."""
     if term == "armature":  # followers' rotors count with their leaders
         return robot.armature
     field = _TERMS[term].field

@@ -62,7 +62,7 @@ class Starts:
         return np.ascontiguousarray(coordinates[:, chosen].T)
 
     def _share(self, k: int) -> tuple[Float64Array, NDArray[np.float32]]:
-        """Return the coordinates of a share as columns, and the matrix that rows (-2 pose, 1) are multiplied by."""
+        """Return coordinates as columns, and the matrix that gives squared distances from rows (-2 target, 1)."""
         share = self._shares.get(k)
         if share is None:
             drawn = np.random.default_rng((self._seed, k)).uniform(self._low, self._high, (PER_SHARE, len(self._low)))

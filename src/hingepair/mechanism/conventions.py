@@ -104,7 +104,7 @@ def read_state(
 
 
 def integrated(q: Float64Array, v: ArrayLike, base: BodyMotion | None, free: bool) -> State:
-    """Return the State that a change v leads to, in which R1 and a rotation vector, world axes, come first."""
+    """Return the State that a change v leads to; that of a free base comes first: of R1, and a rotation vector."""
     step = vectors("v", v, 6 * free + q.shape[-1]).astype(np.float64)
     if not free:
         return State(q + step, None, None)

@@ -20,7 +20,7 @@ from hingepair.tables.sheets import Sheet, Shown, align_columns, cell_text
 
 PARAMETERS: Final = ("m", "hx", "hy", "hz", "Jxx", "Jxy", "Jyy", "Jxz", "Jyz", "Jzz")
 """The parameters of a body: mass, first moment, and inertia about the reference point; Pinocchio's order."""
-# Of dependent parameters of a body, the first are kept; its mass goes first to the body that carries it.
+# Of dependent parameters of a body, the first are kept, so that masses count with the bodies that carry them.
 _KEPT_FIRST: Final = ("Jxx", "Jxy", "Jxz", "Jyz", "Jzz", "Jyy", "hx", "hy", "hz", "m")
 _DEPENDENT = 1e-7  # of the longest column of its kind (m, h or J); a shorter rest counts as 0
 _STATES = 50  # random states that tell which columns are independent; a joint has ten columns

@@ -24,11 +24,9 @@ from hingepair.tables.units import IN_SI, SI, Columns, Units, UnitsLike
 from hingepair.tables.whole_file import whole_file
 
 RESULT_ROWS_PER_BLOCK: Final = 131072
-"""Rows that are computed and written at a time. A row group of a .parquet file has at most this number of
-rows."""
+"""Rows that are computed and written at a time, and largest row group of a .parquet file."""
 MAX_HELD_INSTANTS: Final = 10_000_000
-"""Largest number of instants of a result that is held in memory; more instants are computed
-block by block, or refused."""
+"""Largest number of instants that are held in memory; more are computed block by block, or refused."""
 
 _CSV_ROWS_PER_WRITE = 8192  # rows of a .csv that are turned into text at a time
 

@@ -19,7 +19,7 @@ from hingepair.rollouts.tracks import MOVING_BASE, Track
 # Of each stage of "rk4": the share of a step until the next stage, that of the stage in the mean, whether it ends a
 # step.
 _SHARES: Final = np.array([[0.5, 1 / 6, 0], [0.5, 1 / 3, 0], [1, 1 / 3, 0], [0, 1 / 6, 1]])
-_HALF_STEPS: Final = np.array([0, 1, 1, 2])  # from the start of the step to each of these stages
+_HALF_STEPS: Final = np.array([0, 1, 1, 2])  # of each stage of "rk4", from the start of the step
 
 
 class Motions:

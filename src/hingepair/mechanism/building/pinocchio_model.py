@@ -160,7 +160,7 @@ def _part_of_joint(
 
 
 def _load(name: str, damping: float, friction: float) -> HingeLoad:
-    """Return a HingeLoad, or an error that names the joint."""
+    """Return damping and dry friction as a HingeLoad; errors name the joint."""
     try:
         return HingeLoad(damping=damping, friction=friction)
     except ArgumentError as error:
