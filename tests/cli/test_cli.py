@@ -546,6 +546,9 @@ def test_a_robot_without_a_joint_is_exported_whole(tmp_path: Path) -> None:
     assert run_command("urdf", file, "--fixed-base").stdout == hp.to_urdf(robot, base="fixed")
     assert run_command("mjcf", file).stdout == hp.to_mjcf(robot)
     assert run_command("mjcf", file, "two").stdout != hp.to_mjcf(robot)
+    bare = hp.to_urdf(hp.load_robot("ur5"), meshes=False)
+    for name in ("ur5", "ur5_robot", "ur_description/ur5_robot"):
+        assert run_command("urdf", name, "--no-meshes").stdout == bare
     assert "hingepair view shows it" in refusal("plot", file)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hingepair.errors import ArgumentError, HingePairError, MissingDependencyError, choices, printable, quoted
-from hingepair.formats.robots import load_robot, robot_names, robot_urdf
+from hingepair.formats.robots import load_robot, robot_urdf
 from hingepair.formats.urdf_reader import from_urdf, hinge_pair
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.caching import lock_free_cached_property
@@ -184,13 +184,13 @@ def names_robot(text: str) -> bool:
         return False
     is_word = Path(text).name == text and not Path(text).suffix
     try:
-        if text in robot_names():
-            return True
-        if is_word:
-            robot_urdf(text)
+        robot_urdf(text)
     except MissingDependencyError as error:
         if is_word:
             raise MissingDependencyError(text, f"a file, or {error.expected} for a robot", "neither") from None
+        return False
     except ArgumentError as error:
-        raise ArgumentError(text, f"a file, or {error.expected}", "neither of them") from None
-    return False
+        if is_word:
+            raise ArgumentError(text, f"a file, or {error.expected}", "neither of them") from None
+        return False
+    return True
