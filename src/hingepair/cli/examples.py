@@ -92,9 +92,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _referenced_files(path: Path) -> list[Path]:
-    """Return a list of the paths that a scene or sweep file refers to: a log, a URDF file, the scene that a sweep
-    varies, and the files that the varied scene refers to.
-    """
+    """Return the files that a scene or sweep refers to: log, URDF, the scene of a sweep, and the files of that."""
     table = _read_toml(path)
     referenced = (
         table.get("motion", {}).get("file"),

@@ -199,7 +199,7 @@ class _Outputs:
             self._check_scene(self.scene)
 
     def _check_scene(self, scene: Path) -> None:
-        # Files that are named are overwritten; a scene is not, since users edit it, nor its log, which is not named.
+        """Raise an ArgumentError if the scene or its log exists: users edit the one, and do not name the other."""
         log = scene.with_suffix(".csv")
         for path in (scene, log):
             if path.exists() or path.is_symlink():

@@ -111,6 +111,7 @@ class RunSummary:
         return sentences
 
     def _heading(self) -> tuple[str, ...]:
+        """Return the headings of the table, the instants in units; an offset of theirs stands in the first cell."""
         units = self._columns.units
         offset, name = units.offset_of_instants(self._scene.start, self._scene.stop)
         texts = [instant_text(units.factor("s") * t - offset) for t in self._t]

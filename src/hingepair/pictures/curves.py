@@ -29,10 +29,9 @@ if TYPE_CHECKING:
 XYZ_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73")
 PATHS: Final = "paths"
 """Name of the curve that holds the paths in space."""
-# Intervals of a curve whose extremes are drawn: more than a panel has columns of pixels, also in print; of a path
-# more, since its shape within an interval is visible.
+# Intervals of a curve whose extremes are drawn: more than a panel has columns of pixels, also in print.
 _TIME_INTERVALS: Final = 2000
-_PATH_INTERVALS: Final = 20_000
+_PATH_INTERVALS: Final = 20_000  # more, since the shape of a path within an interval is visible
 _MAX_DRAWN: Final = 1e100  # pictures square and multiply, which overflows for larger numbers
 
 

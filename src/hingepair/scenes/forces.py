@@ -123,6 +123,7 @@ class SceneForces(Record):
         self.tau, self.loads = tau, loads
 
     def _sheet(self) -> Sheet:
+        """Return what notebooks show."""
         if self.loads:
             rows = _load_rows(self.loads, self.t, self.in_units(None).units)
             return Sheet(f"{self.described}: {len(self.t)} instants", rows, self.notes)
@@ -139,7 +140,7 @@ class SceneForces(Record):
         return self._ranges(vectors, self.in_units(units))
 
     def _ranges(self, arrays: Mapping[str, NDArray[Any]], shown: Columns) -> dict[str, dict[str, float]]:
-        """Return what `ranges` returns of some arrays."""
+        """Return `ranges` of some arrays, in the units of `shown`."""
         arrays = {name: shown.converted(name.strip("|"), array) for name, array in arrays.items()}
         v = np.concatenate([array.reshape(len(self.t), -1) for array in arrays.values()], axis=1)
         finite = np.isfinite(v)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from hingepair.scenes.motions.simulated import DynamicsSetup
     from hingepair.scenes.robot_scene import RobotScene
 
-# Top-level keys of scene files.
+# Top-level keys of scene files, of both kinds and of each.
 _COMMON_TABLES = ("title", "constants", "motion", "dynamics", "time", "outputs")
 _PAIR_TABLES = (*_COMMON_TABLES, "planar", "pair", "tolerances")
 _ROBOT_TABLES = (*_COMMON_TABLES, "mechanism", "joint", "base")

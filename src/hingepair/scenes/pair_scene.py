@@ -343,6 +343,7 @@ class PairScene(Scene):
         return {"psi": self.space.limits or ()}
 
     def _sizes(self, rows: Rows) -> tuple[Float64Array, Any, Any]:
+        """Return |omega1| + |psi'| [rad/s], v1, and a1 if it is known."""
         known = self.motion.source.part(rows, self.motion.level).in_space(self.pair)
         omega = np.broadcast_to(np.asarray(known.body1.omega), (len(known.psi), 3))
         rates = np.linalg.norm(omega, axis=1) + np.abs(known.hinge[1])

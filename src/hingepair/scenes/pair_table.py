@@ -26,7 +26,7 @@ def _read_inertia(table: Table, key: str) -> Any:
 
 
 def _read_shapes(table: Table, key: str) -> list[Shape]:
-    """Return the list of shapes (Box, Cylinder, Sphere) under a key of a body's table, in the order of the file."""
+    """Return the shapes under a key of a body's table, in the order of the file."""
     shape_tables = table.values[key]
     if not isinstance(shape_tables, list) or not all(isinstance(shape, dict) for shape in shape_tables):
         table.fail(key, "a list of { box = [...] }, { cylinder = radius, length = ... }, { sphere = radius }")

@@ -40,7 +40,7 @@ _FRAME_DEFAULTS: Final = ("R", "S", "v", "omega", "a", "alpha")  # what the name
 _COORDINATES: Final = ("q", "qd", "qdd")
 _OF_JOINTS: Final = (*_COORDINATES, "tau")
 _OF_BASE: Final = ("force1", "torque1")  # its load
-_QUANTITIES: Final = (*_OF_FRAMES, *_OF_JOINTS, *_OF_BASE)
+_QUANTITIES: Final = (*_OF_FRAMES, *_OF_JOINTS, *_OF_BASE)  # all
 
 
 def _order(quantity: str) -> int:
@@ -108,6 +108,7 @@ class RobotResult(SceneResult):
         return self.known
 
     def _frame_arrays(self, quantity: str, frame: str) -> dict[str, NDArray[Any]]:
+        """Return a quantity of a frame by its output's name, a quaternion as four columns; empty if not computed."""
         if self.state is None:
             return {}
         if quantity == "quat":
@@ -345,6 +346,7 @@ class RobotScene(Scene):
         return {joint.name: joint.position_limits for joint in joints if joint.unit == "rad"}
 
     def _sizes(self, rows: Rows) -> tuple[Float64Array, Any, Any]:
+        """Return the largest rate of a joint at each instant; there is no body 1."""
         known = self.known(rows, VELOCITY)
         rates = np.max([np.abs(known.column(1, i)) for i in range(len(known.names))], axis=0, initial=0.0)
         return np.broadcast_to(rates, (known.count,)), None, None

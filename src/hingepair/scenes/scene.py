@@ -431,6 +431,7 @@ class Scene(Shown, abc.ABC):
         return f"Scene({str(self.path)!r}, {self.title!r}, samples={self.samples}, t={self.span})"
 
     def _sheet(self) -> Sheet:
+        """Return what notebooks show."""
         what, *more = self._motion_rows()
         rows = [
             what,

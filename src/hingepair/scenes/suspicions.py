@@ -32,7 +32,7 @@ _KIND_BY_KEY: Final[Mapping[str, str]] = {
 }
 """Quantities of the keys of a scene, wherever they stand."""
 _NAMED_KINDS: Final[Mapping[str, str]] = {"locked": _ANGLES, "points1": _LENGTHS, "points2": _LENGTHS}
-"""Quantities in tables whose keys are names of the user's."""
+"""Quantity of all numbers in a table whose keys are the user's, by the table's name."""
 _FUNCTION_KINDS: Final[Mapping[str, str]] = {_ANGLES: "turning", _RATES: "rate"}
 """Quantity of samples of a function, by the quantity of its numbers."""
 
@@ -52,6 +52,7 @@ def file_suspicions(values: Mapping[str, Any], limits: Mapping[str, Sequence[flo
 
 
 def _table_suspicions(values: Mapping[str, Any], hinges: Iterable[str]) -> Iterator[str]:
+    """Yield a sentence for each key with doubtful numbers, but one alone for all lengths."""
     lengths: dict[str, list[float]] = {}
     for kind, name, numbers in _judged_numbers("", values, {**_KIND_BY_KEY, **dict.fromkeys(hinges, _ANGLES)}):
         doubts = suspicions(kind, name, numbers, radians=DEGREES_IN_SCENES)
@@ -70,7 +71,7 @@ def _table_suspicions(values: Mapping[str, Any], hinges: Iterable[str]) -> Itera
 def _judged_numbers(
     path: str, values: Mapping[str, Any], kinds: Mapping[str, str]
 ) -> Iterator[tuple[str, str, list[float]]]:
-    """Yield (quantity, key with its tables, numbers) for each key of `kinds` in nested tables."""
+    """Yield (quantity, path + key with its tables, numbers) for each key of `kinds` in nested tables."""
     for key, value in values.items():
         name = f"{path}{key}"
         parts = value if isinstance(value, list) else [value]

@@ -120,7 +120,7 @@ def search(
     >>> found.ok, round(found.values["pair.body2.mass"], 2)  # kg
     (True, 95.85)
     """
-    scipy = require("scipy.optimize", "search")
+    optimize = require("scipy.optimize", "search")
     conditions = [read_condition(text) for text in ([until] if isinstance(until, str) else until)]
     if minimize is not None and maximize is not None:
         raise ArgumentError("maximize", "None beside minimize", quoted(maximize))
@@ -132,11 +132,11 @@ def search(
     misses = [lambda x, k=k, one=one: one.miss(variants.results(x)[k]) for k, one in enumerate(conditions)]
     if aim is not None:
         sign = 1.0 if maximize is None else -1.0
-        x = _smallest(scipy, variants, lambda x: sign * variants.results(x)[-1], misses)
+        x = _smallest(optimize, variants, lambda x: sign * variants.results(x)[-1], misses)
     elif len(variants.keys) == 1 and len(conditions) == 1 and conditions[0].sign == "=":
-        x = _root(scipy, variants, misses[0])
+        x = _root(optimize, variants, misses[0])
     else:
-        x = _least_misses(scipy, variants, conditions)
+        x = _least_misses(optimize, variants, conditions)
     results = dict(zip(names, variants.results(x), strict=True))
     first = dict(zip(names, variants.results(variants.start), strict=True))
     held = all(
@@ -229,17 +229,14 @@ class _Variants:
         return tuple(found)
 
     def results(self, x: Float64Array) -> list[float]:
-        """Return the results at numbers x, each computed once; NaN where the scene cannot be computed with them.
-
-        Raises:
-            ArgumentError: it cannot be computed with the first numbers.
-        """
+        """Return the results at numbers x, each computed once."""
         key = np.asarray(x, np.float64).tobytes()
         if key not in self.known:
             self.known[key] = self._computed(np.asarray(x, np.float64))
         return self.known[key]
 
     def _computed(self, x: Float64Array) -> list[float]:
+        """Compute the results at numbers x; NaN where that fails, but an error with the first numbers."""
         try:
             t, arrays = self.computer.compute(x)
         except ArgumentError:
@@ -313,7 +310,7 @@ def _ends(key: str, ends: Range, start: float) -> tuple[float, float]:
     return low, high
 
 
-def _root(scipy: Any, variants: _Variants, miss: Any) -> Float64Array:
+def _root(optimize: Any, variants: _Variants, miss: Any) -> Float64Array:
     """Return the number at which `miss` is 0, nearest to the start; the best one that was seen if there is none."""
     low, high, start = float(variants.low[0]), float(variants.high[0]), float(variants.start[0])
     if math.isfinite(high - low):
@@ -340,7 +337,7 @@ def _root(scipy: Any, variants: _Variants, miss: Any) -> Float64Array:
         for other in neighbours:
             ends = None if other is None else _bracket(missed, x, other)
             if ends is not None:
-                return np.array([scipy.brentq(missed, *sorted(ends), xtol=1e-14, rtol=1e-13)])
+                return np.array([optimize.brentq(missed, *sorted(ends), xtol=1e-14, rtol=1e-13)])
     return np.array([min((x for x in seen if math.isfinite(seen[x])), key=lambda x: abs(seen[x]))])
 
 
@@ -360,19 +357,21 @@ def _bracket(missed: Callable[[float], float], x: float, y: float) -> tuple[floa
     return (at, to) if missed(at) * missed(to) <= 0 else None
 
 
-def _least_misses(scipy: Any, variants: _Variants, conditions: Sequence[Condition]) -> Float64Array:
+def _least_misses(optimize: Any, variants: _Variants, conditions: Sequence[Condition]) -> Float64Array:
     """Return the numbers with the least squares of what the conditions miss, each relative to that at the start."""
     scales = np.array([abs(one.miss(got)) or 1.0 for one, got in _with_results(conditions, variants, variants.start)])
     size = np.where(variants.start == 0, 1.0, np.abs(variants.start))
 
     def solved(start: Float64Array, conditions: Sequence[Condition]) -> Float64Array:
+        """Return the numbers with the least squares that a search from `start` within the ranges finds."""
+
         def residuals(x: Float64Array) -> Float64Array:
             found = np.array([one.miss(got) for one, got in _with_results(conditions, variants, x)]) / scales
             return np.where(np.isfinite(found), found, 1e6)
 
         inside = np.clip(start, variants.low + 1e-9 * size, variants.high - 1e-9 * size)
         bounds, least = (variants.low, variants.high), 1e-12
-        found = scipy.least_squares(
+        found = optimize.least_squares(
             residuals, inside, bounds=bounds, x_scale=size, diff_step=1e-5, xtol=least, ftol=least, gtol=least
         )
         return np.asarray(found.x, np.float64)
@@ -392,10 +391,8 @@ def _with_results(
     return zip(conditions, variants.results(x), strict=False)
 
 
-def _smallest(scipy: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) -> Float64Array:
-    """Return the numbers at which `aim` is smallest: the best of a scan of the ranges, then a local search. What the
-    conditions miss counts a thousandfold.
-    """
+def _smallest(optimize: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) -> Float64Array:
+    """Return the numbers at which `aim` is smallest: the best of a scan of the ranges, then a local search."""
     if not variants.has_ranges:
         raise ArgumentError("vary", 'ranges, as in {"dynamics.damping": (0.1, 10)}, beside minimize', "none")
     width = variants.high - variants.low
@@ -403,9 +400,10 @@ def _smallest(scipy: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) 
     scales = [abs(miss(variants.start)) or 1.0 for miss in misses]
 
     def penalised_aim(x: Float64Array) -> float:
+        """Return the aim at x, moved into the ranges, with the penalty for what the conditions miss."""
         x = np.clip(x, variants.low, variants.high)
         missed = sum((miss(x) / scale) ** 2 for miss, scale in zip(misses, scales, strict=True))
-        total = float(aim(x) + 1e3 * max(abs(first), 1e-9) * missed)
+        total = float(aim(x) + 1e3 * max(abs(first), 1e-9) * missed)  # a miss counts a thousandfold
         return total if math.isfinite(total) else math.inf
 
     count = len(width)
@@ -421,7 +419,7 @@ def _smallest(scipy: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) 
     for k in range(count):  # a corner at an end would leave the simplex flat
         if simplex[k + 1, k] == best[k]:
             simplex[k + 1, k] = best[k] - 0.05 * width[k]
-    found = scipy.minimize(
+    found = optimize.minimize(
         penalised_aim,
         best,
         method="Nelder-Mead",

@@ -59,9 +59,7 @@ class FunctionsOfTime:
         return tuple(zip(*columns, strict=True))
 
     def stacked(self, t: Float64Array, order: int) -> list[Float64Array]:
-        """Return the list [values, first derivatives, ...] up to `order` at t. Each is an array of shape (N,) for one
-        function and (N, k) for k functions.
-        """
+        """Return [values, first derivatives, ...] up to `order` at t: arrays (N,) of one function, else (N, k)."""
         rows = self.derivatives(t, order)
         return [
             np.stack(np.broadcast_arrays(*row, t)[:-1], axis=-1).reshape(*t.shape, *self.value_shape) for row in rows

@@ -119,9 +119,7 @@ class JointFunctions:
     level: int = ACCELERATION
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return (q[, qd[, qdd]]), the joint coordinates and the derivatives up to `order`, at the instants with the
-        indices `rows`. Each entry is a tuple with one array or float for each joint.
-        """
+        """Return (q[, qd[, qdd]]) up to `order` at the instants `rows`, an array or float for each joint."""
         moved = self.functions.derivatives(self.t[rows], order) if self.functions.names else ((),) * (order + 1)
         derivatives = []
         for k, values in enumerate(moved):
@@ -144,9 +142,7 @@ class JointSamples:
         return len(self.derivatives) - 1
 
     def part(self, rows: Rows, order: int) -> Derivatives:
-        """Return (q[, qd[, qdd]]), the joint coordinates and the derivatives up to `order`, at the instants with the
-        indices `rows`. Each entry is a tuple with one array or float for each joint.
-        """
+        """Return (q[, qd[, qdd]]) up to `order` at the instants `rows`, an array or float for each joint."""
         return tuple(
             tuple(value[rows] if isinstance(value, np.ndarray) else value for value in values)
             for values in self.derivatives[: order + 1]

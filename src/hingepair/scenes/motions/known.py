@@ -36,8 +36,8 @@ HINGE_NAMES = ("psi", "psid", "psidd")
 """Names of the hinge angle [rad] and its derivatives [rad/s, rad/s^2]."""
 _GIVEN = tuple(zip(("R1", "v1", "a1"), ("S1", "omega1", "alpha1"), HINGE_NAMES, strict=True))
 """By the order of the derivative, names of body 1's position and attitude and of the hinge angle."""
-_POSES = ("R1", "S1", "R2", "S2")
-_ANGULAR_VELOCITIES = ("omega1", "omega2")
+_POSES = ("R1", "S1", "R2", "S2")  # outputs of both bodies
+_ANGULAR_VELOCITIES = ("omega1", "omega2")  # likewise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,9 +109,7 @@ class MotionByCoordinates:
         return report
 
     def constant_names(self) -> frozenset[str]:
-        """Return a frozenset of the names of the coordinates, and of groups of coordinates such as phi, that do not
-        change. Only values stored as floats count as constant.
-        """
+        """Return the names of the coordinates, and of groups such as phi, that are floats and so do not change."""
         derivative_by_part = dict(zip(SPATIAL_PARTS, self.derivatives, strict=False))
         values = dict(zip(self._names, self.derivatives[0], strict=True))
         for part, take, (name,) in SPATIAL_SPLIT_STEPS if self.sequence else PLANAR_SPLIT_STEPS:
@@ -263,9 +261,7 @@ class MotionByBody1:
 
 
 def quaternion_columns(S: NDArray[Any], digit: str = "") -> dict[str, Float64Array]:
-    """Return the unit quaternions (qw >= 0) of rotation matrices S, shape (N, 3, 3), as a dict of four columns (N,)
-    named qx, qy, qz, qw. Each name is followed by the string `digit`, which is the number of the body or empty.
-    """
+    """Return the quaternions (qw >= 0) of rotation matrices (N, 3, 3) as columns qx, qy, qz, qw + `digit`, (N,)."""
     w, x, y, z = matrix_to_quaternion(np.asarray(S, dtype=np.float64)).T
     return {f"q{letter}{digit}": column for letter, column in zip("xyzw", (x, y, z, w), strict=True)}
 

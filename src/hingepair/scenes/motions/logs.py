@@ -99,9 +99,7 @@ class LogLayout(NamedTuple):
         return self.units.get(column) or self.units.get(array) or unit_of(array)
 
     def columns_of(self, name: str) -> tuple[str, ...]:
-        """Return a tuple of the names of the columns that form the array `name`. If no array has this name, it is the
-        name of a column, and the tuple contains only this name.
-        """
+        """Return the names of the columns that form an array; of another name, which is a column's, itself."""
         return self.arrays.get(name, (name,))
 
 
@@ -192,9 +190,7 @@ def log_path(table: Table, folder: Path) -> Path | ColumnTable:
 
 
 def read_ignored_columns(table: Table) -> frozenset[str]:
-    """Return the frozenset of the column names under the key `ignore` of the Table [motion]. Columns of these names
-    are not read. Without the key, the set is empty.
-    """
+    """Return the names of columns under the key `ignore` of [motion], which are not read; none without the key."""
     names = table.values.get("ignore", [])
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         table.fail("ignore", 'a list of names of columns, such as ["temperature"]')

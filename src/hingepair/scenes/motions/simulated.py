@@ -157,7 +157,7 @@ DYNAMICS_KEYS: Final = tuple(_dynamics_key_readers(3))
 """Keys that the table [dynamics] of a pair in space may have."""
 
 
-_BESIDE_GIVEN_PSI: Final = (
+_BESIDE_GIVEN_PSI: Final = (  # keys of [dynamics] that a given psi leaves
     *("stiffness", "rest", "damping", "friction", "friction_rate"),
     *("stops", "stop_stiffness", "stop_damping", "gravity"),
 )

@@ -69,14 +69,13 @@ def _read_wrenches(table: Table) -> dict[str, tuple[Any, Any]]:
     return found
 
 
-# Keys and their readers: of [dynamics] for the start of the base, of all of it, and of [dynamics.JOINT].
-_START_KEYS: Final[dict[str, Key]] = {
+_START_KEYS: Final[dict[str, Key]] = {  # of [dynamics], for the start of the base, and their readers
     "R1_0": numbers_key(3),
     "S1_0": Table.rotation,
     "v1_0": numbers_key(3),
     "omega1_0": numbers_key(3),
 }
-_KEYS: Final[dict[str, Key]] = {
+_KEYS: Final[dict[str, Key]] = {  # all of [dynamics] but the joints
     **_START_KEYS,
     "base": lambda table, key: table.choice(key, _BASES),
     "joint_loads": Table.flag,
@@ -88,7 +87,7 @@ _KEYS: Final[dict[str, Key]] = {
     "tol": Table.number,
     "max_steps": Table.number,
 }
-_JOINT_KEYS: Final[dict[str, Key]] = {
+_JOINT_KEYS: Final[dict[str, Key]] = {  # of [dynamics.JOINT]
     "q_0": Table.number,
     "qd_0": Table.number,
     "tau": partial(read_hinge_torque, names=_NAMES),
