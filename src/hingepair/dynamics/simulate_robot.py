@@ -214,7 +214,7 @@ def simulate_robot(
             raise ArgumentError(name, f"0: a base that is {kind} is not moved by forces", quoted(load))
     all_loads = robot_loads(robot, tau, loads, wrenches, on_base, gravity)
     moves = _driven(robot, driven, loads or {}, instants)
-    q, qd = (_start(name, value, robot) for name, value in (("q0", q0), ("qd0", 0.0 if qd0 is None else qd0)))
+    q, qd = (_read_start(name, value, robot) for name, value in (("q0", q0), ("qd0", 0.0 if qd0 is None else qd0)))
     for k, move in moves.items():
         first = move.at(instants[:1])
         q[k], qd[k] = first["psi"][0], first["psid"][0]
@@ -298,7 +298,7 @@ def _driven(
     return moves
 
 
-def _start(name: str, value: Any, robot: Mechanism) -> Array:
+def _read_start(name: str, value: Any, robot: Mechanism) -> Array:
     """Return the coordinates or rates at the first instant, an array of its own."""
     if isinstance(value, float | int) and not value:
         return np.zeros(robot.dof)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, FitError, ShapeError, quoted
 from hingepair.identification.consistency import body_units, consistent_parameters
-from hingepair.measured.findings import RANDOM, Check, Finding, exceeded, verdict
+from hingepair.measured.findings import RANDOM_CORRELATION, Check, Finding, exceeded, verdict
 from hingepair.measured.least_squares import neighbour_correlation, sandwich
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
 from hingepair.mechanism.mechanism import Mechanism
@@ -590,7 +590,7 @@ def _not_random(recording: _Recording, left: Float64Array) -> NDArray[np.bool_]:
     order of q, qd or qdd of the joint, since samples may be of independent states; shape (dof,).
     """
     thin = slice(None, None, -(-len(left) // _JUDGED_SAMPLES))
-    random = max(RANDOM, 5 / np.sqrt(len(left[thin])))
+    random = max(RANDOM_CORRELATION, 5 / np.sqrt(len(left[thin])))
     motion = [recording.values[name][: len(left)][thin] for name in ("q", "qd", "qdd")]
     largest = [
         max(
@@ -611,7 +611,7 @@ def _misfits(recording: _Recording, left: Float64Array, rms_test: Float64Array, 
     correlated = _not_random(recording, left) & inexact
     q = recording.values["q"][: len(left)]
     q = (q - q.mean(axis=0))[:, np.ptp(q, axis=0) > 0]
-    if inexact.any() and q.size and neighbour_correlation(q.T) < RANDOM:
+    if inexact.any() and q.size and neighbour_correlation(q.T) < RANDOM_CORRELATION:
         text = (
             "Neighbouring samples are of unrelated positions, so that their order does not tell noise from what the "
             "parameters lack: compare `noise` with that of the sensors."

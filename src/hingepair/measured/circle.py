@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hingepair.errors import FitError
 from hingepair.measured.findings import (
     MAX_PLAY,
-    RANDOM,
+    RANDOM_CORRELATION,
     RELIABLE_AXIS,
     RELIABLE_POINT,
     Check,
@@ -34,7 +34,7 @@ from hingepair.measured.least_squares import (
     solve_semidefinite,
 )
 from hingepair.measured.likelihood import FIRST_PASS, MAX_OFFSET_STD, MIN_OFFSET_GAIN, PosesAt
-from hingepair.measured.relative_poses import JUDGES, RelativePoses
+from hingepair.measured.relative_poses import FEW_SAMPLES, RelativePoses
 from hingepair.measured.robust import OUTLIER, Loss, cauchy, loss_weights, median_variance
 from hingepair.numeric.arrays import Float64Array
 from hingepair.rotations.matrices import rotation_exp
@@ -235,7 +235,7 @@ def fit_circle(
     findings += _circle_findings(circle, residuals, weights, covariance, gauge)
     findings += [] if come_to_rest else [Finding("The steps of the fit did not come to rest.")]
     findings.sort(key=lambda finding: finding.harmless)
-    if max(neighbour_correlation(part) for part in residuals.T) <= RANDOM:
+    if max(neighbour_correlation(part) for part in residuals.T) <= RANDOM_CORRELATION:
         good = some.p.T[(weights > 0) & ~is_outlier]
         findings = _arc_findings(good, float(np.sqrt(circle_covariance[5, 5])) / circle.radius) or findings
     findings += split_findings(random, covariance, "of body 1 adds to that of the places")
@@ -301,7 +301,7 @@ def _bias(circle: Circle, poses: RelativePoses, place: float, attitude: float) -
     """Return the bias (estimate less truth) of the six parameters by noise, of the variances `place` [m^2] of
     positions and `attitude` [rad^2] of body 1: a step from exact samples, each coordinate off once up and once down.
     """
-    thin = poses.thinned(JUDGES)
+    thin = poses.thinned(FEW_SAMPLES)
     relative = np.sqrt(1 / thin.weights)[:, None]
     psi = circle.angles(thin.p.T)[:, None]
     x, y = circle.zero_direction, np.cross(circle.n, circle.zero_direction)
@@ -390,7 +390,7 @@ def _circle_of_random_triples(p: Float64Array, num_triples: int = 300) -> Circle
     bb, cc = (np.einsum("ni,ni->n", v, v)[:, None] for v in (ab, ac))
     centres = a + np.cross(normal, bb * ac - cc * ab) / (-2 * area**2)[:, None]
     axes, radii = normal / area[:, None], np.linalg.norm(a - centres, axis=1)
-    judges = p[:: -(-p.shape[0] // JUDGES)]
+    judges = p[:: -(-p.shape[0] // FEW_SAMPLES)]
     off = judges[None] - centres[:, None]
     out = np.einsum("kni,ki->kn", off, axes)
     across = np.sqrt(np.maximum((off * off).sum(axis=-1) - out**2, 0.0)) - radii[:, None]
@@ -423,7 +423,7 @@ def _circle_findings(
         ("is off the circle", "its distance from the axis changes", "The point's distance from the axis changes"),
     )
     for column, size, (off, why, play) in zip(residuals.T, sizes, words, strict=True):
-        if neighbour_correlation(column) <= RANDOM or size <= 0.25 * MAX_PLAY:
+        if neighbour_correlation(column) <= RANDOM_CORRELATION or size <= 0.25 * MAX_PLAY:
             continue
         rms = f"by {size * circle.radius:.2g} m rms"
         if size >= MAX_PLAY:

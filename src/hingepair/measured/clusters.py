@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError, ShapeError
-from hingepair.measured.findings import RANDOM
+from hingepair.measured.findings import RANDOM_CORRELATION
 from hingepair.measured.least_squares import neighbour_correlation
 from hingepair.measured.robust import OUTLIER
 from hingepair.numeric.arrays import Float64Array, read_only, real_array
@@ -303,7 +303,7 @@ def _triangle_sentences(places: Float64Array, is_seen: Float64Array, cluster_siz
     power = np.maximum((off * off).sum(axis=0), 1e-300)
     correlations = np.array([neighbour_correlation(side) for side in off.T])
     rms = np.sqrt(power / whole.shape[0])
-    is_moved = (correlations > RANDOM) & (rms > 0.02 * cluster_size)
+    is_moved = (correlations > RANDOM_CORRELATION) & (rms > 0.02 * cluster_size)
     if not is_moved.any():
         return []
     worst = float(rms[is_moved].max())

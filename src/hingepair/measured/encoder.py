@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.measured.findings import RANDOM, Finding
+from hingepair.measured.findings import RANDOM_CORRELATION, Finding
 from hingepair.measured.hinge import Hinge
 from hingepair.measured.least_squares import neighbour_correlation, score_scatter
 from hingepair.measured.likelihood import (
@@ -109,7 +109,7 @@ def encoder_findings(
         how = f"{abs(delay):.2g} samples" if t is None else f"{1e3 * abs(delay):.3g} ms"
         word = "late" if delay > 0 else "early"
         return [Finding(f"The encoder is read {how} {word}: {size}."), *findings]
-    if neighbour_correlation(turn) > RANDOM and rms > max(0.03 * scatter, 1e-9):
+    if neighbour_correlation(turn) > RANDOM_CORRELATION and rms > max(0.03 * scatter, 1e-9):
         text = f"The encoder is off the hinge angle, and not at random: {size}."
         findings.append(Finding(text, harmless=rms < 0.1 * scatter))
     return findings

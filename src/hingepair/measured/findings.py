@@ -23,7 +23,7 @@ from hingepair.rotations.matrices import (
 )
 from hingepair.tables.sheets import percent
 
-RANDOM = 0.5  # correlation of neighbouring residuals; above, they are not noise
+RANDOM_CORRELATION = 0.5  # of neighbouring residuals; above, they are not noise
 RELIABLE_AXIS = np.radians(2.0)  # [rad]: an axis that is known less well is not to be relied on
 RELIABLE_POINT = 0.1  # likewise of the hinge point, in parts of the levers
 MAX_PLAY = 0.02  # rms play that is not random, in parts of the levers, or of a circle's radius; above, it is no hinge
@@ -154,7 +154,7 @@ def find_outliers(residuals: HingeResiduals, poses: RelativePoses) -> NDArray[np
     is_outlier = np.asarray(squares > OUTLIER * max(median_variance(squares, 5), 1e-300))
     if (
         not is_outlier.any()
-        or max(residuals.neighbour_correlations) > RANDOM
+        or max(residuals.neighbour_correlations) > RANDOM_CORRELATION
         or _residuals_are_rounding(residuals, poses, is_outlier)
     ):
         return np.zeros_like(is_outlier)
@@ -189,7 +189,7 @@ def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: flo
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
     degrees = f"{np.degrees(tilt):.2g} deg rms"
-    is_systematic = residuals.neighbour_correlations[0] > RANDOM
+    is_systematic = residuals.neighbour_correlations[0] > RANDOM_CORRELATION
     if tilt < 0.03 * turning or tilt < 1e-9:
         return []
     if not is_systematic and tilt < 0.2:
@@ -238,7 +238,7 @@ def _point_findings(poses: RelativePoses, noise: Noise, residuals: HingeResidual
     across, along = (x + y) / 2, z
     attitude = noise.attitude / 2 * float(weights @ (poses.p**2).sum(axis=0)) / 3
     size = float(np.sqrt(2 * across + along))
-    is_systematic = residuals.neighbour_correlations[1] > RANDOM
+    is_systematic = residuals.neighbour_correlations[1] > RANDOM_CORRELATION
     if size < max(1e-9 * poses.size, 0.005 * reach) or not (is_systematic or size > 0.1 * reach):
         return []
     if along > 9 * across:

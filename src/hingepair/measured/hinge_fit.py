@@ -185,7 +185,7 @@ class HingeFit(OverInstants, Shown):
         Raises:
             MissingDependencyError: Matplotlib is not installed.
         """
-        figure, shown = new_figure(8, 6), Columns(_fine(units))
+        figure, shown = new_figure(8, 6), Columns(_fine_units(units))
         names = ("psi", "gap") if np.isnan(self.rms_angle) else ("psi", "gap", "tilt")
         instants = np.arange(float(self.psi.size)) if self.t is None else shown.converted("t", self.t)
         places = figure.subplots(len(names), sharex=True)
@@ -219,7 +219,7 @@ class HingeFit(OverInstants, Shown):
 
     def _residual_text(self, units: str | None = None) -> str:
         """Return what is left of the samples, gap and tilt rms, as text."""
-        shown = _fine(units)
+        shown = _fine_units(units)
         gap = f"left: {shown.factor('m') * self.rms_position:.3g} {shown.unit('m')}"
         if np.isnan(self.rms_angle):
             return f"{gap} rms"
@@ -234,7 +234,7 @@ class HingeFit(OverInstants, Shown):
         Args:
             units: units in place of m for u1 and u2, mm for what is left, and deg for angles, such as "mm, rad".
         """
-        lengths, shown = Units.of(units), _fine(units)
+        lengths, shown = Units.of(units), _fine_units(units)
         angle, per_rad = shown.unit("rad"), shown.factor("rad")
         lines = [f"hinge of {self.samples} samples ({self.psi.size - self.samples} missing), loss {self.loss}"]
         for name, unit in (("u1", lengths.unit("m")), ("u2", lengths.unit("m")), ("n", "")):
@@ -311,7 +311,7 @@ class HingeFit(OverInstants, Shown):
         return json.dumps(report, indent=2, allow_nan=False)
 
 
-def _fine(units: str | None) -> Units:
+def _fine_units(units: str | None) -> Units:
     """Return units of angles and of small lengths: deg and mm unless others are named."""
     return Units.of(units).over(Units("deg, mm"))
 

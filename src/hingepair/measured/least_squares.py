@@ -11,7 +11,7 @@ from hingepair.numeric.arrays import Float64Array
 
 State = TypeVar("State")
 
-_SUMS = 40  # of neighbouring scores that a covariance is taken from, at least
+_MIN_SUMS = 40  # of neighbouring scores, from which a covariance is taken
 
 
 class Equations(NamedTuple):
@@ -127,8 +127,8 @@ def neighbours_to_sum(scores: Float64Array) -> tuple[int, int]:
     """
     count, lag = scores.shape[1], 1
     uncorrelated = max(0.1, 3 / np.sqrt(count))
-    while 4 * lag * _SUMS <= count and neighbour_correlation(scores, lag) > uncorrelated:
+    while 4 * lag * _MIN_SUMS <= count and neighbour_correlation(scores, lag) > uncorrelated:
         lag *= 2
-    together = 1 if lag == 1 else min(4 * lag, count // _SUMS)
-    unresolved = 4 * lag * _SUMS > count and neighbour_correlation(scores, lag) > uncorrelated
+    together = 1 if lag == 1 else min(4 * lag, count // _MIN_SUMS)
+    unresolved = 4 * lag * _MIN_SUMS > count and neighbour_correlation(scores, lag) > uncorrelated
     return together, lag if unresolved else 0

@@ -17,7 +17,7 @@ from hingepair.measured.hinge import Hinge
 from hingepair.numeric.arrays import Float64Array, FloatArray
 from hingepair.rotations.matrices import rotation_vector
 
-JUDGES = 300  # samples that tell which of several candidates is best
+FEW_SAMPLES = 300  # for what is computed for many candidates, at most
 _BLOCK = 4096  # samples that are computed at a time
 
 
@@ -92,7 +92,7 @@ def robust_closed_form_hinge(poses: RelativePoses) -> Hinge:
     of all samples and the hinges of random pairs (fixed seed): the screw that takes one relative pose to the other.
     Up to half of the samples may be outliers.
     """
-    judges = poses.thinned(JUDGES)
+    judges = poses.thinned(FEW_SAMPLES)
     first, second = np.random.default_rng(0).choice(poses.samples, (2, 200))
     n, m, u1, u2 = (
         np.concatenate(vectors)[:, :, None]

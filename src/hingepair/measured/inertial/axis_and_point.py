@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, FitError
-from hingepair.measured.findings import RANDOM, RELIABLE_POINT, Check, Finding, exceeded, verdict
+from hingepair.measured.findings import RANDOM_CORRELATION, RELIABLE_POINT, Check, Finding, exceeded, verdict
 from hingepair.measured.hinge import frame, sign_of, tilt_axis
 from hingepair.measured.inertial.records import (
     axis_arguments,
@@ -272,7 +272,7 @@ class Lag(NamedTuple):
     rms: float  # of the residuals [rad/s]
 
 
-class _At(NamedTuple):
+class _LagState(NamedTuple):
     """A lag in rows, and the unknowns (4, 3) that go with it."""
 
     lag: float
@@ -442,7 +442,8 @@ def solve_axes(omega1: Float64Array, omega2: Float64Array, bias: float, start: F
     covariance, unseen = _covariance(np.zeros(4), residuals, own, noise, 10.0, own_prior)
     rms_rate = size / np.sqrt(2 * w1.shape[0])
     is_systematic = bool(
-        np.sqrt(np.mean(residuals**2)) > _SYSTEMATIC_RATE * rms_rate and neighbour_correlation(residuals) > RANDOM
+        np.sqrt(np.mean(residuals**2)) > _SYSTEMATIC_RATE * rms_rate
+        and neighbour_correlation(residuals) > RANDOM_CORRELATION
     )
     lag = _fit_lag(omega1, omega2, unknowns, rates.prior, is_systematic)
     return Axes(unknowns, covariance, unseen, bias_std, residuals, rms_rate, is_systematic, max(correlations), lag)
@@ -484,7 +485,7 @@ def _lag_from(
     rows = np.arange(0, omega1.shape[0], stride)
     blind = Lag(start, np.inf, unknowns, np.inf)
 
-    def seen(at: _At) -> tuple[Float64Array, Float64Array, Float64Array]:
+    def seen(at: _LagState) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return residuals, derivatives by the unknowns, and derivatives by the lag."""
         place = rows + int(np.rint(at.lag))
         inside = (place >= 0) & (place < omega2.shape[0])
@@ -500,19 +501,20 @@ def _lag_from(
         )
         return residuals, derivatives, by_lag
 
-    def equations(at: _At) -> Equations:
+    def equations(at: _LagState) -> Equations:
         residuals, derivatives, by_lag = seen(at)
         J = np.column_stack((derivatives, by_lag))
         return Equations(J.T @ J, J.T @ residuals)
 
-    def move(at: _At, step: Float64Array) -> tuple[_At, Float64Array]:
+    def move(at: _LagState, step: Float64Array) -> tuple[_LagState, Float64Array]:
         # Shorten it to 0.3 rad and three rows.
         step = step * min(1.0, 0.3 / max(np.abs(step[:4]).max(), 1e-300), 3.0 / max(abs(step[-1]), 1e-300))
-        return _At(at.lag + float(step[-1]), _Rates(omega1, omega2, prior).moved(at.x, step[:-1])), step
+        return _LagState(at.lag + float(step[-1]), _Rates(omega1, omega2, prior).moved(at.x, step[:-1])), step
 
-    if omega2.shape[0] < 12 or seen(_At(start, unknowns))[0].size < 4 * MIN_PIECE:
+    first = _LagState(start, unknowns)
+    if omega2.shape[0] < 12 or seen(first)[0].size < 4 * MIN_PIECE:
         return blind
-    at, _ = least_squares(_At(start, unknowns), equations, move, lambda step, *_: abs(float(step[-1])) < 1e-6, 12)
+    at, _ = least_squares(first, equations, move, lambda step, *_: abs(float(step[-1])) < 1e-6, 12)
     residuals, derivatives, by_lag = seen(at)
     if residuals.size < 4 * MIN_PIECE:
         return blind
@@ -646,7 +648,7 @@ def _point_findings(std: float, u: Float64Array, residuals: Float64Array, forces
     how = f"is known to {std:.2g} m only" if np.isfinite(std) else "is not shown"
     rms = float(np.sqrt(np.mean(residuals**2)))
     apart = np.subtract(*np.linalg.norm(forces, axis=-1))
-    is_random = neighbour_correlation(residuals) <= RANDOM
+    is_random = neighbour_correlation(residuals) <= RANDOM_CORRELATION
     return exceeded(
         Check(
             std,
