@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from hingepair.plans.plan import make_plan
 from hingepair.tables.sheets import Sheet, align_columns, instant_text, json_text, left_out_remark
 
 # The headings of the printed table.
-_RESIDUAL_TABLE_HEADINGS = (
+_HEADINGS = (
     *("residual", "", "rms", "largest", "worst", "unit", "tolerance", "worst/tolerance", "at sample", "at t"),
     *("compared", ""),
 )
@@ -179,9 +179,7 @@ class Residuals(Results):
         return psi
 
     def __str__(self) -> str:
-        table = align_columns(
-            [_RESIDUAL_TABLE_HEADINGS, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10}
-        )
+        table = align_columns([_HEADINGS, *(row._cells() for row in self.rows)], {2, 3, 4, 6, 7, 8, 9, 10})
         title = f"{self.name}: two motions against the constraints, u = {self.u:.3g}"
         angle = {"tilt": " (the angle, tilt_angle)"}
         bases = [f"tolerance of {row.residual}{angle.get(row.residual, '')}: {row.basis}" for row in self.rows]
@@ -192,7 +190,7 @@ class Residuals(Results):
 
     def _sheet(self) -> Sheet:
         """Return the printed table."""
-        return Sheet(self.name, (_RESIDUAL_TABLE_HEADINGS, *(row._cells() for row in self.rows)), (self.verdict,))
+        return Sheet(self.name, (_HEADINGS, *(row._cells() for row in self.rows)), (self.verdict,))
 
     def to_json(self) -> str:
         """Return the report without the arrays as a JSON text. Numbers that are not finite become null."""
@@ -201,14 +199,13 @@ class Residuals(Results):
         return json_text({**facts, "skipped": self.skipped, "u": self.u, "rows": rows})
 
 
-RESIDUAL_ROUNDOFFS = 32
-"""Size up to which round-off explains a residual, in units of u * scale: of motion that the library computed, 6 was
-the largest seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm
-sqrt(3) times that.
-"""
+# Size up to which round-off explains a residual, in units of u * scale: of motion that the library computed, 6 was
+# the largest seen; of motion that another program did, each component may be 16 off (as against Pinocchio), the norm
+# sqrt(3) times that.
+_ROUNDOFFS = 32
 
 
-class ResidualKind(NamedTuple):
+class _Kind(NamedTuple):
     """Properties of a kind of residual."""
 
     label: str  # label of the equation, with a prime for each time derivative
@@ -218,25 +215,22 @@ class ResidualKind(NamedTuple):
     size: str  # name of the array whose norm is the size of the residual
 
 
-RESIDUAL_KIND_BY_NAME = {
-    "gap": ResidualKind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", "gap"),
-    "tilt": ResidualKind("E2", "rad", (), "1", "tilt_angle"),
-    "gap_rate": ResidualKind("E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
-    "tilt_rate": ResidualKind("E2'", "rad/s", ("omega",), "W1 + W2", "tilt_rate"),
-    "gap_acceleration": ResidualKind(
+# The residuals that are compared with tolerances; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the components
+# of both bodies.
+_KINDS = {
+    "gap": _Kind("E1", "m", (), "max abs(R) + abs(u1) + abs(u2)", "gap"),
+    "tilt": _Kind("E2", "rad", (), "1", "tilt_angle"),
+    "gap_rate": _Kind("E1'", "m/s", ("v", "omega"), "max abs(v) + W1 abs(u1) + W2 abs(u2)", "gap_rate"),
+    "tilt_rate": _Kind("E2'", "rad/s", ("omega",), "W1 + W2", "tilt_rate"),
+    "gap_acceleration": _Kind(
         "E1''",
         "m/s^2",
         ("v", "omega", "a", "alpha"),
         "max abs(a) + (A1 + W1^2) abs(u1) + (A2 + W2^2) abs(u2)",
         "gap_acceleration",
     ),
-    "tilt_acceleration": ResidualKind(
-        "E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"
-    ),
+    "tilt_acceleration": _Kind("E2''", "rad/s^2", ("omega", "alpha"), "A1 + A2 + (W1 + W2)^2", "tilt_acceleration"),
 }
-"""The residuals that are compared with tolerances; W_i = abs(omega_i), A_i = abs(alpha_i), max abs over the
-components of both bodies.
-"""
 
 
 class LazyResiduals(Results):
@@ -318,23 +312,19 @@ def lazy_residuals(
     if t is not None and not any(math.isnan(size) for size in shape):
         t = _broadcast_instants(t, shape)
     blocks = {key: array.to_delayed(optimize_graph=False) for key, array in arrays.items() if key in _COMPARED}
-    kinds = [kind for kind in RESIDUAL_KIND_BY_NAME if _SIZE_PREFIX + kind in blocks]
-    basis_by_kind = {kind: _tolerance_basis(kind, _check_tolerances(tolerances)) for kind in kinds}
-    grid = blocks[_SIZE_PREFIX + kinds[0]].shape
+    kinds = [kind for kind in _KINDS if _SIZE + kind in blocks]
+    given = tuple(_check_tolerances(tolerances))
+    grid = blocks[_SIZE + kinds[0]].shape
     summaries = []
     for index in np.ndindex(grid):
-        delayed_arrays = {
-            kind: (blocks[_SIZE_PREFIX + kind][index], blocks[_TOLERANCE_PREFIX + kind][index]) for kind in kinds
-        }
-        summaries.append(delayed(_summarize_chunk, pure=True)(delayed_arrays, basis_by_kind))
+        compared = {kind: (blocks[_SIZE + kind][index], blocks[_TOLERANCE + kind][index]) for kind in kinds}
+        summaries.append(delayed(_summarize, pure=True)(compared, given))
     summary = delayed(_merge_summaries, pure=True)(summaries, grid)
     report_arrays = {key: array for key, array in arrays.items() if key not in _COMPARED}
-    return LazyResiduals(
-        report_arrays, shape, name, t, _largest_unit_roundoff(_dtypes_of_motions(body1, body2)), summary
-    )
+    return LazyResiduals(report_arrays, shape, name, t, _largest_roundoff(_dtypes(body1, body2)), summary)
 
 
-class _ResidualSummary(NamedTuple):
+class _Summary(NamedTuple):
     """Summary of the residuals at some samples."""
 
     # comparison of each residual with its tolerance, without instants. The index of the worst sample counts from the
@@ -344,24 +334,17 @@ class _ResidualSummary(NamedTuple):
     skipped: int  # number of samples at which at least one residual is not finite
 
 
-def _summarize_chunk(
-    sizes_and_tolerances: Mapping[str, tuple[Float64Array, Float64Array]], basis_by_kind: Mapping[str, str]
-) -> _ResidualSummary:
-    """Summarize the residuals of one chunk, from (sizes, tolerances) and the origin of the tolerance by kind."""
-    comparison_by_kind = {}
-    for kind, (sizes, tolerance) in sizes_and_tolerances.items():
-        comparison_by_kind[kind] = _compare_sizes(np.asarray(sizes), np.asarray(tolerance), basis_by_kind[kind])
-    return _summarize(comparison_by_kind)
+def _summarize(compared: Mapping[str, tuple[Any, Any]], given: Collection[str]) -> _Summary:
+    """Return the summary of sizes and tolerances by kind; those of the kinds in `given` are the user's."""
+    rows, finite = [], np.True_
+    for kind, one in compared.items():
+        sizes, tolerance = map(np.asarray, one)
+        rows.append(_worst_sample_check(kind, sizes, tolerance, _basis(kind, given)))
+        finite = finite & (sizes != -np.inf)
+    return _Summary(tuple(rows), finite.shape, int((~finite).sum()))
 
 
-def _summarize(comparison_by_kind: Mapping[str, _ResidualComparison]) -> _ResidualSummary:
-    """Return the _ResidualSummary of all samples from the comparisons of the residuals with their tolerances."""
-    is_finite = [comparison.is_finite for comparison in comparison_by_kind.values()]
-    rows = tuple(_worst_sample_check(kind, comparison) for kind, comparison in comparison_by_kind.items())
-    return _ResidualSummary(rows, is_finite[0].shape, int((~np.logical_and.reduce(is_finite)).sum()))
-
-
-def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[int, ...]) -> _ResidualSummary:
+def _merge_summaries(summaries: Sequence[_Summary], grid_shape: tuple[int, ...]) -> _Summary:
     """Merge the summaries of all chunks, which come in C order of a grid."""
     by_index = dict(zip(np.ndindex(grid_shape), summaries, strict=True))
     starts = []  # along each axis, the indices of the first samples of the chunks
@@ -375,7 +358,7 @@ def _merge_summaries(summaries: Sequence[_ResidualSummary], grid_shape: tuple[in
         _merge_checks([_shift_worst_sample(one.rows[k], first) for one, first in pairs])
         for k in range(len(summaries[0].rows))
     )
-    return _ResidualSummary(rows, tuple(ends[-1] for ends in starts), sum(one.skipped for one in summaries))
+    return _Summary(rows, tuple(ends[-1] for ends in starts), sum(one.skipped for one in summaries))
 
 
 def _shift_worst_sample(check: ResidualCheck, chunk_start: tuple[int, ...]) -> ResidualCheck:
@@ -408,7 +391,7 @@ def _report_from_parts(name: str, t: Any, u: float, values: Mapping[str, Any]) -
     return _make_report(name, t, u, values["summary"], arrays)
 
 
-def _make_report(name: str, t: Any, u: float, summary: _ResidualSummary, arrays: Mapping[str, Any]) -> Residuals:
+def _make_report(name: str, t: Any, u: float, summary: _Summary, arrays: Mapping[str, Any]) -> Residuals:
     """Return the Residuals of a summary and arrays; each row gets the instant of its worst sample."""
     instants = None if t is None else _broadcast_instants(t, summary.shape)
     rows = tuple(row._replace(worst_time=_instant_of(instants, row.worst_sample)) for row in summary.rows)
@@ -433,10 +416,10 @@ def _instant_of(t: NDArray[Any] | None, sample: tuple[int, ...] | None) -> float
     return str(t[sample]) if t.dtype.kind in "mM" else t[sample].item()
 
 
-_SIZE_PREFIX = "size of "  # before the name of the residual
-_TOLERANCE_PREFIX = "tolerance of "  # before the name of the residual
+_SIZE = "size of "  # before the name of the residual
+_TOLERANCE = "tolerance of "  # before the name of the residual
 # Names of the arrays of sizes and tolerances, which reports do not show.
-_COMPARED = {prefix + kind for prefix in (_SIZE_PREFIX, _TOLERANCE_PREFIX) for kind in RESIDUAL_KIND_BY_NAME}
+_COMPARED = {prefix + kind for prefix in (_SIZE, _TOLERANCE) for kind in _KINDS}
 
 
 def residual_arrays(
@@ -445,101 +428,59 @@ def residual_arrays(
     """Compute the arrays of a report: those of `Residuals`, `ratio`, the largest residual / tolerance of each sample,
     and the size and tolerance of each residual, (...,); sizes are -inf where the motion is not finite.
     """
-    computed = _compute_residuals(pair, body1, body2, tolerances)
-    ratio = np.full(computed.shape, -np.inf)
-    arrays_to_compare = {}
-    for kind, comparison in computed.comparison_by_kind.items():
-        ratio = np.maximum(ratio, comparison.ratio)
-        arrays_to_compare[_SIZE_PREFIX + kind] = comparison.sizes
-        arrays_to_compare[_TOLERANCE_PREFIX + kind] = comparison.tolerance
-    return {**computed.arrays, "ratio": np.where(ratio == -np.inf, np.nan, ratio), **arrays_to_compare}
-
-
-class _ResidualComparison(NamedTuple):
-    """Comparison of a residual with its tolerance at every sample; arrays (...,)."""
-
-    sizes: Float64Array  # sizes of the residual; inf where a size overflows
-    tolerance: Float64Array  # tolerances of the residual
-    ratio: Float64Array  # sizes / tolerance
-    is_finite: NDArray[np.bool_]  # whether the motion is finite
-    basis: str  # text on the origin of the tolerance
-
-
-class _ResidualComputation(NamedTuple):
-    """All residuals of two motions."""
-
-    arrays: dict[str, NDArray[Any]]  # residuals, hinge angle and its derivatives by name
-    # comparison of each residual with its tolerance, by the name of the residual
-    comparison_by_kind: dict[str, _ResidualComparison]
-    shape: tuple[int, ...]  # leading shape of the samples
-    u: float  # unit roundoff of the least precise array given
+    arrays, compared, _ = _compute_residuals(pair, body1, body2, tolerances)
+    ratio = functools.reduce(np.maximum, [_ratio(*one) for one in compared.values()])
+    sizes = {_SIZE + kind: size for kind, (size, _) in compared.items()}
+    allowed = {_TOLERANCE + kind: tolerance for kind, (_, tolerance) in compared.items()}
+    return {**arrays, "ratio": np.where(ratio == -np.inf, np.nan, ratio), **sizes, **allowed}
 
 
 def _compute_residuals(
     pair: Constants, body1: BodyMotion, body2: BodyMotion, tolerances: Mapping[str, float] | None
-) -> _ResidualComputation:
-    """Compute all residuals for which two motions suffice, and compare them with tolerances."""
+) -> tuple[dict[str, NDArray[Any]], dict[str, tuple[Float64Array, Float64Array]], float]:
+    """Compute all residuals for which two motions suffice: the arrays of a report; by kind the sizes, -inf where the
+    motion is not finite, and their tolerances; and the unit roundoff of the least precise array given.
+    """
     motions = _read_both_motions(body1, body2)
-    tolerance_by_kind = _check_tolerances(tolerances)
-    for kind in tolerance_by_kind:
+    given = _check_tolerances(tolerances)
+    for kind in given:
         _check_rates_present(kind, motions)
     shapes = {"body1": body1.shape, "body2": body2.shape}
     shape = broadcast_shape({**shapes, "pair": pair.shape})
     pair = with_hinge_frames(pair)
     arrays = _computable_arrays(pair, motions, shapes)
-    u = _largest_unit_roundoff(array.dtype for array in motions.values())
-    scales = _residual_scales(pair, motions, [kind for kind in RESIDUAL_KIND_BY_NAME if kind in arrays])
+    u = _largest_roundoff(array.dtype for array in motions.values())
     attitudes = np.isfinite(motions["S1"]).all(axis=(-2, -1)) & np.isfinite(motions["S2"]).all(axis=(-2, -1))
-    comparison_by_kind = {}
-    for kind, scale in scales.items():
-        size = arrays[RESIDUAL_KIND_BY_NAME[kind].size]
-        is_finite = np.broadcast_to(attitudes & np.isfinite(scale), shape)
+    compared = {}
+    for kind, scale in _residual_scales(pair, motions, [kind for kind in _KINDS if kind in arrays]).items():
+        size = arrays[_KINDS[kind].size]
         size = size if size.ndim == len(shape) else norm(size)
-        comparison_by_kind[kind] = _compare_residual(kind, size, scale, is_finite, u, tolerance_by_kind)
-    return _ResidualComputation(arrays, comparison_by_kind, shape, u)
-
-
-def _compare_residual(
-    kind: str,
-    size: Float64Array,
-    scale: Float64Array,
-    is_finite: NDArray[np.bool_],
-    u: float,
-    tolerance_by_kind: Mapping[str, float],
-) -> _ResidualComparison:
-    """Compare the sizes of a kind of residual with a given tolerance, or a multiple of u * scale."""
-    with np.errstate(all="ignore"):
-        if kind in tolerance_by_kind:
-            tolerance = np.broadcast_to(tolerance_by_kind[kind], size.shape)
-        else:
-            tolerance = RESIDUAL_ROUNDOFFS * np.maximum(
-                np.broadcast_to(scale, size.shape) * u, np.finfo(np.float64).tiny
-            )
+        is_finite = np.broadcast_to(attitudes & np.isfinite(scale), shape)
         sizes = np.where(is_finite, np.where(np.isfinite(size), size, np.inf), -np.inf)
-    return _compare_sizes(sizes, tolerance, _tolerance_basis(kind, tolerance_by_kind))
+        with np.errstate(all="ignore"):
+            rounding = _ROUNDOFFS * np.maximum(scale * u, np.finfo(np.float64).tiny)
+        compared[kind] = sizes, np.broadcast_to(given.get(kind, rounding), shape)
+    return arrays, compared, u
 
 
-def _tolerance_basis(kind: str, tolerance_by_kind: Mapping[str, float]) -> str:
-    """Return where the tolerance of a kind of residual comes from: "given", or a formula."""
-    formula = f"{RESIDUAL_ROUNDOFFS} u * ({RESIDUAL_KIND_BY_NAME[kind].scale})"
-    return "given" if kind in tolerance_by_kind else formula
-
-
-def _compare_sizes(sizes: Float64Array, tolerance: Float64Array, basis: str) -> _ResidualComparison:
-    """Compare sizes, -inf where the motion is not finite, with tolerances."""
-    is_finite = sizes != -np.inf
+def _ratio(sizes: Float64Array, tolerance: Float64Array) -> Float64Array:
+    """Return sizes in parts of their tolerances; -inf where the motion is not finite."""
     with np.errstate(all="ignore"):
-        ratio = np.where(is_finite, sizes / tolerance, -np.inf)
-    return _ResidualComparison(sizes, tolerance, ratio, is_finite, basis)
+        return np.where(sizes == -np.inf, -np.inf, sizes / tolerance)
 
 
-def _largest_unit_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
+def _basis(kind: str, given: Collection[str]) -> str:
+    """Return where the tolerance of a kind of residual comes from: "given", or a formula."""
+    return "given" if kind in given else f"{_ROUNDOFFS} u * ({_KINDS[kind].scale})"
+
+
+def _largest_roundoff(dtypes: Iterable[np.dtype[Any]]) -> float:
     """Return the unit roundoff of the least precise of the dtypes, the largest one; integers count as float64."""
     return max(unit_roundoff(dtype if dtype.kind == "f" else np.float64) for dtype in dtypes)
 
 
-def _dtypes_of_motions(*bodies: BodyMotion) -> list[np.dtype[Any]]:
-    """Return a list of the dtypes of all arrays of the BodyMotions that are passed as arguments."""
+def _dtypes(*bodies: BodyMotion) -> list[np.dtype[Any]]:
+    """Return the dtypes of all arrays of motions."""
     arrays = (getattr(body, letter) for body in bodies for letter in MOTION_SHAPES)
     return [array.dtype for array in arrays if array is not None]
 
@@ -574,8 +515,8 @@ def residuals(
     t: ArrayLike | None,
 ) -> Residuals:
     """Compute what `HingePair.residuals` returns."""
-    arrays, comparison_by_kind, _, u = _compute_residuals(pair, body1, body2, tolerances)
-    return _make_report(name, t, u, _summarize(comparison_by_kind), arrays)
+    arrays, compared, u = _compute_residuals(pair, body1, body2, tolerances)
+    return _make_report(name, t, u, _summarize(compared, tuple(tolerances or ())), arrays)
 
 
 def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
@@ -589,37 +530,23 @@ def _broadcast_instants(t: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
         raise ShapeError("t", expected, f"shape {array.shape}") from None
 
 
-def _worst_sample_check(kind: str, comparison: _ResidualComparison) -> ResidualCheck:
+def _worst_sample_check(kind: str, sizes: Float64Array, tolerance: Float64Array, basis: str) -> ResidualCheck:
     """Return the check of a residual, with its worst sample, but without the instant."""
-    label, unit, *_ = RESIDUAL_KIND_BY_NAME[kind]
-    sizes, tolerance, ratio, is_finite, basis = comparison
-    if not is_finite.any():
+    label, unit, *_ = _KINDS[kind]
+    is_finite, ratio = sizes != -np.inf, _ratio(sizes, tolerance)
+    samples = int(is_finite.sum())
+    if not samples:
         return ResidualCheck(kind, label, unit, 0.0, 0.0, 0.0, math.nan, 0.0, None, None, 0, basis)
-    worst = np.unravel_index(int(np.argmax(ratio)), sizes.shape)
-    where = tuple(int(i) for i in worst)
+    where = tuple(int(i) for i in np.unravel_index(int(np.argmax(ratio)), sizes.shape))
     highest = float(sizes.max())
     relative = np.where(is_finite, sizes, 0.0) / (highest if 0 < highest < np.inf else 1.0)  # squares stay in range
-    rms = (
-        highest if highest == np.inf else highest * math.sqrt(float(np.square(relative).sum()) / int(is_finite.sum()))
-    )
-    return ResidualCheck(
-        kind,
-        label,
-        unit,
-        highest,
-        rms,
-        float(sizes[worst]),
-        float(tolerance[worst]),
-        float(ratio[worst]),
-        where,
-        None,
-        int(is_finite.sum()),
-        basis,
-    )
+    rms = highest if highest == np.inf else highest * math.sqrt(float(np.square(relative).sum()) / samples)
+    worst = float(sizes[where]), float(tolerance[where]), float(ratio[where])
+    return ResidualCheck(kind, label, unit, highest, rms, *worst, where, None, samples, basis)
 
 
 def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: list[str]) -> dict[str, Float64Array]:
-    """Return the scales of rounding errors by kind, the formulas of `RESIDUAL_KIND_BY_NAME`."""
+    """Return the scales of rounding errors by kind, the formulas of `_KINDS`."""
     lever1, lever2 = norm(pair.arrays["u1"]), norm(pair.arrays["u2"])
 
     def largest_of_both(letter: str) -> Float64Array:
@@ -645,7 +572,7 @@ def _residual_scales(pair: Constants, motions: dict[str, NDArray[Any]], kinds: l
 
 def _check_rates_present(kind: str, motions: Mapping[str, NDArray[Any]]) -> None:
     """Refuse a tolerance for a residual whose velocities or accelerations the motions do not have."""
-    letters = RESIDUAL_KIND_BY_NAME[kind].letters
+    letters = _KINDS[kind].letters
     missing = [f"body{i}.{letter}" for i in (1, 2) for letter in letters if f"{letter}{i}" not in motions]
     if missing:
         expected = f"motions with {' and '.join(letters)}, since {kind} needs them"
@@ -660,12 +587,10 @@ def _check_tolerances(tolerances: Mapping[str, float] | None) -> dict[str, float
         raise ArgumentError("tolerances", "a dict of numbers by residual, such as {'gap': 1e-3}", quoted(tolerances))
     tolerance_by_kind = {}
     for key, value in tolerances.items():
-        if key not in RESIDUAL_KIND_BY_NAME:
-            raise ArgumentError("tolerances", choices(tuple(RESIDUAL_KIND_BY_NAME)), repr(key))
+        if key not in _KINDS:
+            raise ArgumentError("tolerances", choices(tuple(_KINDS)), repr(key))
         number = finite_number(f"tolerances[{key!r}]", value)
         if number <= 0:
-            raise ArgumentError(
-                f"tolerances[{key!r}]", f"a positive number [{RESIDUAL_KIND_BY_NAME[key].unit}]", value
-            )
+            raise ArgumentError(f"tolerances[{key!r}]", f"a positive number [{_KINDS[key].unit}]", value)
         tolerance_by_kind[key] = number
     return tolerance_by_kind
