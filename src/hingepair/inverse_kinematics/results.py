@@ -19,13 +19,23 @@ _ERRORS = {  # texts of attributes
 _STEPS = "Number of steps that were taken; (...,)."
 
 
-def _with_verdict(text: str, ok: NDArray[np.bool_]) -> str:
-    """Return the text of a result with how many targets are reached."""
-    verdict = str(bool(ok)) if np.ndim(ok) == 0 else f"{int(np.sum(ok))} of {np.size(ok)}"
-    return f"{text[:-1]}, ok={verdict})"
+class _Solutions(Results):
+    """Coordinates, and how far they are from their targets."""
+
+    __slots__ = ()
+
+    q: FloatArray
+    ok: NDArray[np.bool_]
+    position_error: FloatArray | None
+    angle_error: FloatArray | None
+    steps: NDArray[np.int64]
+
+    def __repr__(self) -> str:
+        verdict = str(bool(self.ok)) if np.ndim(self.ok) == 0 else f"{int(np.sum(self.ok))} of {np.size(self.ok)}"
+        return f"{super().__repr__()[:-1]}, ok={verdict})"
 
 
-class InverseKinematics(Results):
+class InverseKinematics(_Solutions):
     """Coordinates at which frames of a robot have the wanted poses, or come as close as was found. Only hingepair
     calls the constructor.
 
@@ -40,18 +50,10 @@ class InverseKinematics(Results):
         "starts": "Number of starts that were tried; (...,).",
     }
 
-    q: FloatArray
-    ok: NDArray[np.bool_]
-    position_error: FloatArray | None
-    angle_error: FloatArray | None
-    steps: NDArray[np.int64]
     starts: NDArray[np.int64]
 
-    def __repr__(self) -> str:
-        return _with_verdict(super().__repr__(), self.ok)
 
-
-class InverseKinematicsPath(Results):
+class InverseKinematicsPath(_Solutions):
     """Coordinates along a path of targets, sample after sample. Only hingepair calls the constructor."""
 
     __slots__ = {
@@ -61,12 +63,4 @@ class InverseKinematicsPath(Results):
         "steps": _STEPS,
     }
 
-    q: FloatArray
-    ok: NDArray[np.bool_]
-    position_error: FloatArray | None
-    angle_error: FloatArray | None
     jumps: NDArray[np.bool_]
-    steps: NDArray[np.int64]
-
-    def __repr__(self) -> str:
-        return _with_verdict(super().__repr__(), self.ok)

@@ -29,10 +29,10 @@ def _by_place(arrays: Mapping[str, FloatArray], places: Sequence[str]) -> dict[s
     }
 
 
-class FrameState(Results):
-    """Motion of one frame at every sample, world axes; None where an output was not computed."""
+class _FrameMotion(Results):
+    """Outputs of frames."""
 
-    __slots__ = attribute_texts(FRAME_OUTPUTS)
+    __slots__ = ()
 
     R: FloatArray
     S: FloatArray
@@ -43,7 +43,13 @@ class FrameState(Results):
     alpha: FloatArray
 
 
-class MechanismState(Results):
+class FrameState(_FrameMotion):
+    """Motion of one frame at every sample, world axes; None where an output was not computed."""
+
+    __slots__ = attribute_texts(FRAME_OUTPUTS)
+
+
+class MechanismState(_FrameMotion):
     """Motion of some frames of a robot at every sample, world axes; None where an output was not computed.
     `state["hand"]` is the FrameState of one frame. Only hingepair calls the constructor.
 
@@ -57,14 +63,6 @@ class MechanismState(Results):
     _robot_frames: ClassVar[tuple[str, ...]] = ()
     """Names of all frames of the robot, computed or not."""
     _further: ClassVar[tuple[str, ...]] = ()
-
-    R: FloatArray
-    S: FloatArray
-    d: FloatArray
-    v: FloatArray
-    omega: FloatArray
-    a: FloatArray
-    alpha: FloatArray
 
     def __getitem__(self, name: str) -> Any:
         """Return the FrameState of a frame by its name."""

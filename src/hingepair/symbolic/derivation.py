@@ -8,9 +8,7 @@ product, since a product of products is more readable than a product of sums.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
 import sympy
@@ -26,7 +24,7 @@ from hingepair.plans.arguments import check_outputs
 from hingepair.plans.plan import PLANAR_MOTION_KIND, SPATIAL_MOTION_KIND, MotionKind, make_plan
 from hingepair.plans.points import INPUT, point_outputs, result_of, unit_among
 from hingepair.symbolic.abbreviations import abbreviated
-from hingepair.symbolic.exact_constants import MAX_ROOT_DENOMINATOR, exact
+from hingepair.symbolic.exact_constants import exact, exact_entry
 from hingepair.symbolic.exact_expressions import derivatives, time_symbol
 from hingepair.symbolic.kinks import Expr, real_symbol
 from hingepair.symbolic.printers import (
@@ -286,13 +284,8 @@ def exact_axis(n: tuple[float, ...]) -> tuple[Expr, ...]:
     """Return a unit axis as roots of simple fractions if they equal its components within rounding, otherwise as the
     numbers that the shortest decimals show.
     """
-    squares = [Fraction(c * c).limit_denominator(MAX_ROOT_DENOMINATOR) for c in n]
-    roots = tuple(
-        sympy.sign(exact(c)) * sympy.sqrt(sympy.Rational(square)) for c, square in zip(n, squares, strict=True)
-    )
-    # Two units in the last place, since 0.3 counts as 3/10.
-    matches = all(abs(float(root) - c) <= 2 * math.ulp(c) for root, c in zip(roots, n, strict=True))
-    return roots if matches and sum(squares) == 1 else tuple(map(exact, n))
+    roots = tuple(map(exact_entry, n))
+    return roots if sum(root**2 for root in roots) == 1 else tuple(map(exact, n))
 
 
 def _angle_trig(phi: tuple[Expr, ...]) -> tuple[Expr, ...]:

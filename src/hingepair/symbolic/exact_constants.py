@@ -13,8 +13,7 @@ from hingepair.equations import spatial as eq
 from hingepair.symbolic.constants import shown_fraction
 from hingepair.symbolic.kinks import Expr
 
-MAX_ROOT_DENOMINATOR: Final = 1_000
-"""Largest denominator of the fraction whose square root an entry of a rotation or a unit vector is recognised as."""
+_MAX_DENOMINATOR: Final = 1_000  # of a fraction whose square root an entry is recognised as
 _ROUNDING: Final = 4 * 2.0**-53  # tolerance: of an entry 0 or 1, of a root relative to its size, of an angle [rad]
 
 
@@ -34,7 +33,7 @@ def exact_entry(value: float) -> Expr:
     nearest = float(round(value))
     if abs(value - nearest) <= _ROUNDING:
         return sympy.Integer(int(nearest))
-    square = Fraction(value * value).limit_denominator(MAX_ROOT_DENOMINATOR)
+    square = Fraction(value * value).limit_denominator(_MAX_DENOMINATOR)
     root = sympy.sign(exact(value)) * sympy.sqrt(sympy.Rational(square))
     return root if abs(float(root) - value) <= _ROUNDING * abs(value) else exact(value)
 
