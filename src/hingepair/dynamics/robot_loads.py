@@ -16,7 +16,7 @@ from hingepair.mechanism.tree import Mimic
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.numeric.arrays import finite_number, is_zero, one_constant
 from hingepair.pair.hinge_load import HingeLoad, HingeTorque, check_callable, is_plain_hinge_load
-from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
+from hingepair.plans.arguments import Coordinates
 from hingepair.rollouts.tracks import Feedback
 
 RobotLoadArgument: TypeAlias = ArrayLike | Callable[[Array, RobotMotionAtInstants], ArrayLike]
@@ -96,11 +96,11 @@ def _efforts(tau: Any, robot: Mechanism) -> Any:
         return tau
     if isinstance(tau, float | int):
         return np.full(robot.dof, finite_number("tau", tau))
-    value, shape = read_coordinates("tau", tau, CoordinateNames(robot.names, noun="joints"))
-    if shape:
+    efforts = robot.tree.rows("tau", tau)
+    if efforts.ndim > 1:
         expected = f"{robot.dof} efforts that stay, a callable of (t, now), or a Feedback"
-        raise ShapeError("tau", expected, f"shape {(*shape, robot.dof)}")
-    return np.asarray(np.stack(value) if isinstance(value, tuple) else value, np.float64)
+        raise ShapeError("tau", expected, f"shape {efforts.shape}")
+    return efforts
 
 
 def loads_by_joint(robot: Mechanism, loads: Any) -> tuple[HingeLoad, ...]:

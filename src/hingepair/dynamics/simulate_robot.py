@@ -32,7 +32,7 @@ from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.hinge_load import HingeTorque
 from hingepair.pair.results import Result
 from hingepair.pair.states import Energy, Momentum
-from hingepair.plans.arguments import Coordinates, read_coordinates
+from hingepair.plans.arguments import Coordinates
 from hingepair.tables.instants import instants_of
 from hingepair.tables.suspicions import suspicions
 
@@ -302,10 +302,9 @@ def _read_start(name: str, value: Any, robot: Mechanism) -> Array:
     """Return the coordinates or rates at the first instant, an array of its own."""
     if isinstance(value, float | int) and not value:
         return np.zeros(robot.dof)
-    read, shape = read_coordinates(name, value, robot.tree.coordinate_names)
-    if shape:
-        raise ArgumentError(name, f"one start, shape ({robot.dof},)", f"shape {(*shape, robot.dof)}")
-    array = np.array(np.stack(read) if isinstance(read, tuple) else read, np.float64)
+    array = robot.tree.rows(name, value).copy()
+    if array.ndim > 1:
+        raise ArgumentError(name, f"one start, shape ({robot.dof},)", f"shape {array.shape}")
     for joint, x in zip(robot.names, array.tolist(), strict=True):
         finite_number(f"{name}[{joint!r}]", x)
     return array

@@ -17,7 +17,6 @@ from hingepair.errors import ArgumentError, ShapeError
 from hingepair.mechanism.tree import Tree
 from hingepair.numeric.arrays import Float64Array, vectors
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.arguments import Coordinates, read_coordinates
 from hingepair.rotations.matrices import matrix_to_quaternion, quaternion_to_matrix, rotation_exp, rotation_log
 
 
@@ -38,12 +37,6 @@ class Convention(NamedTuple):
 
 PINOCCHIO: Final = Convention(scalar_first=False, local_velocity=True)
 MUJOCO: Final = Convention(scalar_first=True, local_velocity=False)
-
-
-def read_rows(name: str, value: Coordinates, tree: Tree) -> Float64Array:
-    """Return coordinates in any form as an array (..., dof)."""
-    read, _ = read_coordinates(name, value, tree.coordinate_names)
-    return np.asarray(np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read, np.float64)
 
 
 def continuous_columns(tree: Tree) -> list[int]:

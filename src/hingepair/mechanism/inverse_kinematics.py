@@ -30,7 +30,6 @@ from hingepair.numeric.arrays import (
     vectors,
 )
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.arguments import CoordinateNames, read_coordinates
 from hingepair.rotations.matrices import check_rotation
 
 _MAX_SOLVERS: Final = 32  # that a robot keeps; one more replaces all
@@ -154,16 +153,15 @@ def read_query(
         for number, name in enumerate(_frame_names(tree, frame, {"R": R, "S": S, "direction": direction}))
     }
     shapes = {label: shape for target in frames.values() for label, shape in target.shapes().items()}
-    names = tree.coordinate_names
     near = posture = None
     if q0 is not None:
-        near = _read_posture("q0", q0, names, path)
+        near = _read_posture("q0", q0, tree, path)
         shapes["q0"] = near.shape[:-1]
     box = _read_limits(limits, tree)
     if isinstance(prefer, str):
         check_choice("prefer", prefer, ("middle",))
     elif prefer is not None:
-        posture = _read_posture("prefer", prefer, names, False)
+        posture = _read_posture("prefer", prefer, tree, False)
         shapes["prefer"] = posture.shape[:-1]
     if base_motion is not None:
         if not isinstance(base_motion, BodyMotion) or base_motion.S is None:
@@ -294,11 +292,9 @@ def _axes_about(z: Float64Array) -> Float64Array:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def _read_posture(name: str, value: Any, names: CoordinateNames, path: bool) -> Float64Array:
-    """Return finite coordinates (..., dof), or (..., 1, dof) for a `path`, at whose samples they are the same."""
-    read, _ = read_coordinates(name, value, names)
-    array = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
-    array = np.asarray(array, np.float64)
+def _read_posture(name: str, value: Any, tree: Tree, path: bool) -> Float64Array:
+    """Return finite coordinates (..., dof), with an axis of one sample if there is one for each path."""
+    array = tree.rows(name, value)
     if not np.isfinite(array).all():
         raise ArgumentError(name, "finite numbers", "NaN or infinity")
     return array[..., None, :] if path else array

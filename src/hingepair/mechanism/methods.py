@@ -1057,7 +1057,7 @@ class MechanismMethods(Frozen, Shown):
         """
         free = self.base == "free"
         conventions.check_base(base_motion, free)
-        return conventions.integrated(conventions.read_rows("q", q, self.tree), v, base_motion, free)
+        return conventions.integrated(self.tree.rows("q", q), v, base_motion, free)
 
     def difference(
         self,
@@ -1072,7 +1072,7 @@ class MechanismMethods(Frozen, Shown):
         free = self.base == "free"
         conventions.check_base(base_motion0, free, "base_motion0")
         conventions.check_base(base_motion1, free, "base_motion1")
-        rows = conventions.read_rows("q0", q0, self.tree), conventions.read_rows("q1", q1, self.tree)
+        rows = self.tree.rows("q0", q0), self.tree.rows("q1", q1)
         return conventions.difference(*rows, base_motion0, base_motion1, free)
 
     def _written(
@@ -1084,10 +1084,10 @@ class MechanismMethods(Frozen, Shown):
         turning: list[int],
     ) -> tuple[Float64Array, Float64Array | None]:
         """Return q and, if qd is given, v as a package writes them, cosine and sine in the columns `turning` of q."""
-        free, tree = self.base == "free", self.tree
+        free = self.base == "free"
         conventions.check_base(base_motion, free)
-        rates = None if qd is None else conventions.read_rows("qd", qd, tree)
-        written = conventions.written_q(convention, conventions.read_rows("q", q, tree), base_motion, free, turning)
+        rates = None if qd is None else self.tree.rows("qd", qd)
+        written = conventions.written_q(convention, self.tree.rows("q", q), base_motion, free, turning)
         if rates is None:
             return written, None
         return written, conventions.written_v(convention, rates, base_motion, free)

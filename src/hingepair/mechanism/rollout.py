@@ -15,7 +15,7 @@ from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputati
 from hingepair.numeric.array_libraries import is_foreign, library_of
 from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
 from hingepair.pair.body_motion import BodyMotion
-from hingepair.plans.arguments import Coordinates, check_out, read_coordinates
+from hingepair.plans.arguments import Coordinates, check_out
 from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep
 from hingepair.plans.trees import request_loop
 from hingepair.rollouts.gradients import gradients
@@ -164,11 +164,8 @@ def rolled_out(
     form, request, dof = computation.form, computation.request, computation.form.dof
     if not dof or not request_loop(form, request).traced:
         raise ArgumentError("robot", "joints that move, and not too many for one program", f"{dof}")
-    starts = {}
-    for name, value in (("q", q0), ("qd", qd0)):
-        read, _ = read_coordinates(f"{name}0", value, computation.coordinates)
-        row = np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read
-        starts[name] = np.asarray(row, np.float64)
+    tree = computation.constants.tree
+    starts = {"q": tree.rows("q0", q0), "qd": tree.rows("qd0", qd0)}
     known = {**RESTING_BASE, "constants": computation.known["constants"], "gravity": gravity}
     known["h"] = finite_number("dt", dt)
     if known["h"] <= 0:

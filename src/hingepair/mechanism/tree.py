@@ -30,10 +30,10 @@ from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
 from hingepair.mechanism.joints import KINDS, JointKind
 from hingepair.mechanism.samples import Samples
 from hingepair.mechanism.shapes import BodyDrawing
-from hingepair.numeric.arrays import Frozen, read_only
+from hingepair.numeric.arrays import Float64Array, Frozen, read_only
 from hingepair.pair.hinge_load import HingeLoad
 from hingepair.pair.hinge_pair import HingePair
-from hingepair.plans.arguments import CoordinateNames
+from hingepair.plans.arguments import CoordinateNames, Coordinates, read_coordinates
 
 BASE_KINDS = ("fixed", "free")
 """Accepted values of the argument `base`."""
@@ -192,6 +192,13 @@ class Tree(Frozen):
         """Names of the joints with a coordinate, and of those that follow them, for arguments and messages."""
         leaders = {one.name: self.joints[one.mimic.leader - 1].name for one in self.joints if one.mimic is not None}
         return CoordinateNames(tuple(one.name for one in self.coordinates), noun="joints", leaders=leaders)
+
+    def rows(self, name: str, value: Coordinates) -> Float64Array:
+        """Return coordinates, or their derivatives or efforts, in any form as an array (..., dof)."""
+        read, _ = read_coordinates(name, value, self.coordinate_names)
+        return np.asarray(
+            np.stack(np.broadcast_arrays(*read), axis=-1) if isinstance(read, tuple) else read, np.float64
+        )
 
     @property
     def frame_names(self) -> tuple[str, ...]:
