@@ -68,8 +68,8 @@ def _core_count() -> int:
 
 
 def kernel_pays(operations: int, samples: int) -> bool:
-    """Return whether one call would take so much longer by NumPy than by a kernel that the backend "auto" compiles
-    one, whatever calls came before.
+    """Return whether the backend "auto" compiles a kernel for a call: whether NumPy would take much longer for this
+    one.
 
     Args:
         operations: operations of one sample.

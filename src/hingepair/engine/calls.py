@@ -415,7 +415,7 @@ class Call:
         return self.foreign_result(joined, shape, library)
 
     def foreign_result(self, arrays: Mapping[str, Any], shape: ArrayShape, library: Library) -> Any:
-        """Return the result of arrays of another library; JAX is told how to take the class apart."""
+        """Return the result that holds arrays of another library; for JAX, its class is registered as a pytree."""
         if library.name == "jax" and self.result is not None:
             result: Any = self.result
             _register_for_jax(result)

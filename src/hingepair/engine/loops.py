@@ -330,6 +330,7 @@ class Program:
         return Kernel(self.loop.name, self._scan_ir, form=self._form("scan", self.fuses))
 
     def _scan_ir(self) -> str:
+        """Return the LLVM module, as text, of a scan of this program."""
         traced, sources = self._traced, iter(self.pattern)
         groups = ((name, [*itertools.islice(sources, math.prod(tail))]) for name, tail in self.loop.inputs)
         arrays = [name for name, group in groups if isinstance(group[0], tuple)]

@@ -55,6 +55,7 @@ def compile_for_floats(name: str, source: str) -> Callable[..., tuple[Any, ...]]
     fast, safe = _compile_function(name, source, _FLOAT_FUNCTIONS), compile_for_arrays(name, source)
 
     def floats_function(*numbers: float) -> tuple[Any, ...]:
+        """Return the results for Python floats."""
         try:
             return fast(*numbers)
         except (ValueError, ZeroDivisionError, OverflowError):

@@ -62,7 +62,7 @@ class Scan:
         stages: int = 1,
         workers: int = 1,
     ) -> None:
-        """Repeat the program in all stages of all steps.
+        """Run the program for all samples in all stages of all steps; replace the state, and write recorded outputs.
 
         Args:
             arrays: the state, (samples, *one sample), which is replaced by the last; further inputs, and outputs that
@@ -89,6 +89,7 @@ class Scan:
         size = -(-most // LANES) * LANES
 
         def run(starts: range) -> None:
+            """Run the chunks of samples that begin at `starts`."""
             own = table.copy()
             for start in starts:
                 own[:, 0] = table[:, 0] + start * table[:, 1]

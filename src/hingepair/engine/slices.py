@@ -79,6 +79,7 @@ def run_slices(
         return
 
     def run(own: Sequence[Block]) -> None:
+        """Call the ufunc for these blocks."""
         for block in own:
             ufunc(
                 *(_part(one, rank, block) for one, rank in zip(inputs, input_ranks, strict=True)),

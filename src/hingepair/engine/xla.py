@@ -29,7 +29,7 @@ _ARGUMENTS, _RESULTS, _ATTRIBUTES = 72, 112, 160  # in a call frame: tables of a
 _DATA, _RANK, _DIMENSIONS = 24, 32, 40  # in a buffer
 _NUMBERS = 16  # in an array among the attributes
 _METADATA = 24  # in an extension of the kind that asks for nothing but metadata
-_ASKS_FOR_METADATA = 1
+_ASKS_FOR_METADATA = 1  # kind of such an extension
 _MAJOR, _MINOR, _TRAITS = 24, 28, 32  # in metadata
 
 _LARGE_PAGE = 2**21  # bytes
@@ -52,6 +52,7 @@ def xla_function(call: Call, char: str) -> Callable[..., tuple[Any, ...]] | None
     tails = [one.sample_shape for one in layout.outputs]
 
     def function(*arrays: Any) -> tuple[Any, ...]:
+        """Let XLA call the handler."""
         lead = arrays[0].shape[: arrays[0].ndim - len(layout.inputs[0].sample_shape)]
         shapes = [struct((*lead, *tail), arrays[0].dtype) for tail in tails]
         attributes = {} if constants is None else {"constants": constants}

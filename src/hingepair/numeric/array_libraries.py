@@ -28,7 +28,7 @@ class Library(NamedTuple):
     device: Any  # on which results are computed; None if the library decides
 
     def array(self, value: Any) -> ForeignArray:
-        """Return a number or a NumPy array as an array of this library; arrays of others as they are."""
+        """Return a number or a NumPy array as an array of this library; an array of another one as it is."""
         if is_foreign(value):
             return value
         return self.namespace.asarray(value, dtype=self.dtype, device=self.device)

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 
 from hingepair.numeric.arrays import Component
+from hingepair.numeric.blocks import VERSINE_SWITCH
 
 UNIT_ROUNDOFF: Final = 2.0**-53  # largest relative error u of a rounding to double precision
 # Most units of its last place that a sine or cosine is off: 0.52 of NumPy and C (float32: 1.48), 1.47 if compiled.
@@ -128,7 +129,7 @@ class Bounded:
         """Return 1 - cosine of this angle: s^2 / (1 + c) where its cosine c is above 0.7, else 1 - c."""
         s, c = self.sine(), self.cosine()
         near, far = s * s / (1 + c), 1 - c
-        value = np.where(c.value > 0.7, near.value, far.value)
+        value = np.where(c.value > VERSINE_SWITCH, near.value, far.value)
         # Either way is taken where the cosine is about 0.7.
         either = np.where(c.value > 0.75, near.bound, np.maximum(near.bound, far.bound))
         return type(self)(value, np.where(c.value > 0.65, either, far.bound))

@@ -250,6 +250,7 @@ class Computation:
         derivative: Derivative | None = None,
         further: tuple[str, ...] = (),
     ) -> Call:
+        """Return the call of the outputs or of a derivative; `further` are its weights or changes."""
         return self.call((*given, *further), "auto", gravity, derivative=derivative)
 
     def count_operations(

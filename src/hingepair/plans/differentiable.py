@@ -75,6 +75,7 @@ class Differentiable:
 
 
 def _components(arrays: Arrays, tails: Iterable[ArrayShape]) -> Iterator[Any]:
+    """Yield each component of each array, of which the shapes of one sample are `tails`."""
     for one, tail in zip(arrays, tails, strict=True):
         flat = one.reshape((*one.shape[: one.ndim - len(tail)], math.prod(tail)))
         for k in range(math.prod(tail)):

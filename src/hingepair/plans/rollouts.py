@@ -182,8 +182,8 @@ class _StepFunctions(Functions):
 
 
 def _functions(step: RolloutStep, values: dict[str, Any]) -> Functions:
-    """Return the outputs of a step. Dry friction depends on what the recursion finds for each joint: derivatives are
-    then taken through the recursion.
+    """Return the outputs of a step to be differentiated. Dry friction depends on what the recursion finds for each
+    joint: derivatives are then taken through the recursion.
     """
     if step.request.joint_loads:
         return Functions(_next(step, values, solve=None))

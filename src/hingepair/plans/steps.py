@@ -277,7 +277,7 @@ JACOBIAN_STEPS = (
     ),
     Step("acceleration_bias", concatenate_vectors, ("a2_bias", "alpha2_bias")),
 )
-"""Steps to Jacobians by the world's axes; the bias is a2 and alpha2 where a1, alpha1 and psi'' are 0."""
+"""Steps to `jacobian`, by v1, omega1 and psi', and to the bias, (a2, alpha2) where a1, alpha1 and psi'' are 0."""
 
 
 @functools.lru_cache(maxsize=64)

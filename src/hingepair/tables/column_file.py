@@ -170,7 +170,7 @@ def csv_column(
 
 
 def _read_csv(path: Path, request: ColumnRequest) -> Columns:
-    """Read columns of a CSV file; the exact one is int64 if its numbers are too large for floats."""
+    """Read columns of a CSV file; the exact one is of dates, or int64 if its numbers are too large for floats."""
     with _open_csv(path) as stream:
         form = _csv_form(stream, request.read_heading)
         names = form.names

@@ -19,7 +19,7 @@ from hingepair.numeric.finite_differences import check_instants
 
 _NANOSECONDS = 10**17  # integers from here on are nanoseconds since 1970 (1973 and later)
 _MAX_SECONDS = 1e14  # floats beyond can only be nanoseconds
-_MAX_STEP_SPREAD = 0.3  # of the median step, from 10 to 90 %; more is jitter
+_MAX_STEP_SPREAD = 0.3  # of the median step, from the 10 % to the 90 % quantile; more is jitter
 
 
 class MeasurementWarning(UserWarning):

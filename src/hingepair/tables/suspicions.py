@@ -107,6 +107,7 @@ _INSTANT_RANGES = tuple(
     )
 )
 _DEGREES = "degrees become radians by {convert_largest}."  # end of sentences
+# How values are judged, by what they are.
 _QUANTITIES: Final[Mapping[str, _Quantity]] = {
     # Sensors of motion take at least a sample a second and at most a million.
     "instants": _Quantity(_median_step, _INSTANT_RANGES),

@@ -24,7 +24,7 @@ MAX_UNIFORM_VECTORS: Final = 256  # inputs shared by all samples that the frame 
 _UNSPLIT: Final = 1000  # most operations of a program that is one LLVM function, so that few values pass the frame
 _SPLIT: Final = 300  # operations of each function of a longer program: LLVM spills few registers then
 _MAX_AGE: Final = 40  # operations after which a value is loaded again, which lowers register pressure
-_INSTRUCTIONS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}  # in LLVM
+_INSTRUCTIONS: Final = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg"}  # of LLVM
 
 
 class ComponentGroup(NamedTuple):
@@ -476,7 +476,9 @@ class Arithmetic:
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Return the lines in parts of about equal length, one for each step, as pairs (lines, no angles)."""
+    """Return the lines in parts of about equal length, one for each step, as pairs (lines, []): they have
+    no angles.
+    """
     count = -(-len(lines) // _SPLIT) if len(lines) > _UNSPLIT else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]
