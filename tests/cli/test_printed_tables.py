@@ -90,6 +90,8 @@ def test_magnitudes_of_forces_are_shown() -> None:
     assert unit == "kN"
     np.testing.assert_allclose(np.array([first, smallest, largest, rms], float), wanted, rtol=1e-4)
     assert not any("|" in name for name in forces.facts()["outputs"])
+    assert "|hinge_force|" in forces._repr_html_()
+    assert str(forces).count("|force1|") == 1
 
 
 def test_the_matrix_is_shown_when_it_is_asked_for() -> None:

@@ -460,3 +460,11 @@ def test_euler_angles_that_cannot_be_used_are_named(changes: dict, sequence: str
 def test_a_sequence_without_euler_angles_is_refused() -> None:
     with pytest.raises(hp.ArgumentError, match="sequence: expected None, since no attitude is in Euler angles"):
         hp.read_recording(both(), sequence="ZYX")
+
+
+def test_files_of_markers_are_told_what_makes_poses_of_them() -> None:
+    markers = {"Time (Seconds)": MADE.t} | {f"M{k}_{c}": MADE.t for k in range(3) for c in "XYZ"}
+    with pytest.raises(hp.ArgumentError, match=r"expected columns of poses \(nearest: t\), columns="):
+        hp.read_recording(markers)
+    with pytest.raises(hp.ArgumentError, match=r"hp\.fit_cluster makes poses of positions of markers"):
+        hp.read_recording(markers, columns={"t": "Time (Seconds)"})

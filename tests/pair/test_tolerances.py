@@ -289,3 +289,10 @@ def test_pairs_that_differ_from_sample_to_sample_are_refused():
         hp.sample_pairs(many, u1_std=1)
     with pytest.raises(hp.ShapeError, match="pair: expected one pair"):
         many.propagate_covariance(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.0, u1_std=1)
+
+
+def test_covariances_are_shown_in_a_line():
+    pair, body1, psi = with_points(313)
+    found = pair.propagate_covariance(body1, psi, u1_std=1e-3)
+    assert repr(found) == "PoseCovariance(shape=(5,): R2, R2_std, attitude, attitude_std, 'mark', 'handle')"
+    assert repr(found["handle"]) == "PointCovariance(handle, shape=(5,): R, R_std, jacobian, geometry)"

@@ -77,3 +77,24 @@ def test_a_column_twice_is_refused_whatever_its_unit(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(PAIR.format("log.csv"), encoding="utf-8")
     with pytest.raises(hp.SceneError, match="psi: expected a column once"):
         hp.load_scene(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize("rates", [0, 1, 2])
+def test_a_log_of_psi_alone_is_that_of_a_body_1_at_rest(tmp_path, rates):
+    t = np.arange(30) / 10
+    columns = {"t": t, "psi": np.sin(t), "psid": np.cos(t), "psidd": -np.sin(t)}
+    names = list(columns)[: 2 + rates]
+    rows = np.stack([columns[name] for name in names], axis=-1)
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(names), comments="")
+    scene = "[pair]\nu1 = [0, 0, 1]\nu2 = [1, 0, 0]\nn = [0, 1, 0]\n[motion]\n"
+    (tmp_path / "logged.toml").write_text(scene + "file = 'log.csv'\n")
+    (tmp_path / "given.toml").write_text(scene + "psi = 'sin(t)'\n[time]\nstart = 0\nstop = 2.9\nsamples = 30\n")
+    logged, given = (hp.load_scene(tmp_path / f"{name}.toml") for name in ("logged", "given"))
+    assert logged.motion.level == rates
+    outputs = ("R2", "v2", "a2")[: 1 + rates]
+    found, expected = (scene.evaluate(outputs).requested_arrays() for scene in (logged, given))
+    for one, other in zip(found.values(), expected.values(), strict=True):
+        assert np.abs(one - other).max() < 16 * 2.0**-53
+    assert "body 1 rests at the origin, since the log has psi alone" in logged.motion.notes
+    assert given.motion.how == "body 1 rests at the origin"
+    assert not given.evaluate(("R1", "omega1", "a1")).R1.any()

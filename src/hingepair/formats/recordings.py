@@ -223,7 +223,8 @@ def _read_recording(
 
 def no_body_error(body: str, sources: Sequence[object]) -> ArgumentError:
     """Return the error on recordings without body "1" or "2"."""
-    expected = f"columns of body {body}: R{body}_x, ... or x{body}, ... (without {body} in a file of its own)"
+    expected = f"columns of body {body}: R{body}_x, ... or x{body}, ... (without {body} in a file of its own); "
+    expected += "hp.fit_cluster makes poses of positions of markers"
     return ArgumentError(", ".join(map(str, sources)), expected, "none")
 
 
@@ -444,7 +445,7 @@ def _meant_column(name: str, known_names: Sequence[str]) -> tuple[str, str]:
     """Return the known column that an unknown one probably stands for, and the unit in its name: t and ms for
     time_ms; "" where there is none.
     """
-    lower = name.lower()
+    lower = re.sub(r"\s*[(\[]\w+[)\]]$", "", name.lower())  # "Time (Seconds)"
     stem, _, unit = lower.rpartition("_")
     for text, its_unit in ((lower, ""), (stem, unit)):
         position = _POSITION_ALIAS.fullmatch(text)

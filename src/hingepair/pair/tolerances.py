@@ -88,7 +88,7 @@ def _contributions(jacobian: Any, geometry: Any, point: str = "") -> dict[str, A
     return variances
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
 class PointCovariance(Frozen):
     """Covariance of the position of a point that tolerances of the pair's geometry and of the point cause, to first
     order, at every sample; read-only arrays, or arrays of the caller's library.
@@ -106,6 +106,9 @@ class PointCovariance(Frozen):
     jacobian: Float64Array
     geometry: Float64Array
 
+    def __repr__(self) -> str:
+        return f"PointCovariance({self.name}, shape={tuple(self.R.shape[:-2])}: R, R_std, jacobian, geometry)"
+
     @property
     def R_std(self) -> Float64Array:
         """Standard deviations of the components of the position [m]; shape (..., 3)."""
@@ -119,7 +122,7 @@ class PointCovariance(Frozen):
         return _contributions(self.jacobian, self.geometry, self.name)
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False, kw_only=True)
 class PoseCovariance(Frozen):
     """Covariance of the pose of body 2 that tolerances of the pair's geometry cause, to first order, at every sample;
     read-only arrays, or arrays of the caller's library.
@@ -138,6 +141,10 @@ class PoseCovariance(Frozen):
     jacobian: Float64Array
     geometry: Float64Array
     points: tuple[PointCovariance, ...] | None = None
+
+    def __repr__(self) -> str:
+        names = ("R2", "R2_std", "attitude", "attitude_std", *(repr(point.name) for point in self.points or ()))
+        return f"PoseCovariance(shape={tuple(self.covariance.shape[:-2])}: {', '.join(names)})"
 
     def __getitem__(self, point: str) -> PointCovariance:
         return {own.name: own for own in self.points or ()}[point]

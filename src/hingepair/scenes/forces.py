@@ -27,7 +27,7 @@ from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
 from hingepair.scenes.motions.motion import Motion, PairMotion, massive, non_finite_sentences
 from hingepair.scenes.motions.noise import LogNoise, finite_rms, motion_with_errors, noise_rows
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
-from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts
+from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
 from hingepair.tables.units import Columns, Units, UnitsLike
 
 _NOISY = 0.01  # noise of a torque or force to its rms; above, a note recommends smoothing
@@ -122,12 +122,13 @@ class SceneForces(Record):
         self.gravity, self.notes, self.noise = gravity, notes, noise or {}
         self.tau, self.loads = tau, loads
 
+    def __str__(self) -> str:
+        lines = [line for rows in self.tables() for line in ("", *ruled_table(rows, 2))]
+        return "\n".join((f"{self.described}: {len(self.t)} instants", *lines, "", *self.notes)).rstrip()
+
     def _sheet(self) -> Sheet:
         """Return what notebooks show."""
-        if self.loads:
-            rows = _load_rows(self.loads, self.t, self.in_units(None).units)
-            return Sheet(f"{self.described}: {len(self.t)} instants", rows, self.notes)
-        return super()._sheet()._replace(notes=self.notes)
+        return Sheet(f"{self.described}: {len(self.t)} instants", self.tables()[0], self.notes)
 
     def ranges(self, units: UnitsLike = None) -> dict[str, dict[str, float]]:
         """Return, by component, the first, smallest, largest and rms value, the instant of the largest size, and the

@@ -272,7 +272,11 @@ def _read_given_motion(tables: Table, motion: Table, folder: Path, pair: HingePa
     from hingepair.scenes.motions.logs import read_log
 
     if planar:
-        motion.fail("file", "no such key in a planar scene, whose motion is expressions")
+        motion.fail(
+            "file",
+            "no such key beside planar = true: without it, u1 and u2 have three numbers, n = [0, 0, 1], and a log in "
+            "the plane needs no z, phi_x and phi_y",
+        )
     if "time" in tables.values:
         tables.fail("time", "no such table, since the column t of motion.file has the instants")
     return read_log(motion, folder)

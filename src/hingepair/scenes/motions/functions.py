@@ -126,9 +126,13 @@ def read_expression_motion(motion: Table, time: Table, planar: bool) -> PairMoti
     if "omega1" in motion.values or "psi_dot" in motion.values:
         return _read_rate_motion(motion, read_instants_array(time), planar)
     names = PLANAR_COORDINATE_NAMES if planar else SPATIAL_COORDINATE_NAMES
+    rests = "psi" in motion.values and motion.values.keys().isdisjoint(names[:-1])
+    if rests:
+        motion = replace(motion, values=dict.fromkeys(names[:-1], 0) | motion.values)
     functions, sequence = read_coordinate_functions(motion, names, () if planar else ("file", "omega1"))
     t = read_instants(time)
     how = euler_axes_phrase(sequence) if sequence else "in the plane z = 0"
+    how = "body 1 rests at the origin" if rests else how
     given = MotionByFunctions(t, functions, sequence)
     origin = "coordinates as expressions in t"
     return PairMotion(t=t, source=given, origin=origin, how=how, functions=(functions,))
