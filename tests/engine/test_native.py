@@ -1,11 +1,14 @@
-"""Kernels are made in the main interpreter alone."""
+"""Kernels are made in the main interpreter alone, without pauses for unreachable objects."""
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 
 import pytest
+
+from hingepair.engine.llvm.native import Kernel
 
 PROGRAM = """
 import os, sys
@@ -35,3 +38,16 @@ def test_a_sub_interpreter_is_refused():
         pytest.skip(f"NumPy does not run there: {done.stderr[-200:]}")
     expected = "backend: expected 'numpy' in a sub-interpreter, where no kernel can be called, got a kernel of 'f'"
     assert done.stdout.strip() == f"{expected} False"
+
+
+def test_no_objects_are_collected_while_code_is_written():
+    seen = []
+
+    def ir():
+        seen.append(gc.isenabled())
+        raise ValueError
+
+    with pytest.raises(ValueError):  # noqa: PT011 (the one above)
+        Kernel("nothing", ir)
+    assert seen == [False]
+    assert gc.isenabled()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import gc
 import importlib.util
 import itertools
 import os
@@ -109,11 +110,11 @@ def _compile_module(
     """
     with compiler_lock:  # LLVM's optimiser is not run: the trace has been folded already
         processor = host_processor()
-        text = "" if form else ir()
+        text = "" if form else _written(ir)
         key = object_cache.cache_key(_OBJECT_KIND, _llvmlite_build(), *processor, form, text)
         code = object_cache.read_object(key)
         if code is None and form:
-            text = ir()
+            text = _written(ir)
         try:
             if code is None:
                 code = _compile(text)
@@ -128,6 +129,19 @@ def _compile_module(
             raise
         except Exception as error:
             raise CompilationError(name, f"{type(error).__name__}: {error}") from error
+
+
+def _written(ir: Callable[[], str]) -> str:
+    """Return an LLVM module as text. Python does not look for unreachable objects meanwhile: a trace has hundreds of
+    thousands of objects, none of them unreachable, and a process may have millions.
+    """
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        return ir()
+    finally:
+        if collects:
+            gc.enable()
 
 
 def _compile(ir: str) -> bytes:
