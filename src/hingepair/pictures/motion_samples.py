@@ -124,7 +124,7 @@ def _recorded_samples(motion: RecordedMotion, rows: Rows, outputs: tuple[str, ..
 
 
 def _recorded_motion(source: object) -> RecordedMotion:
-    """Return the motion of a trajectory; of a pair, in 6 s, that through its limits and back, or through a turn."""
+    """Return the motion of a trajectory, or of a pair, in 6 s from limit to limit and back or through a turn."""
     if isinstance(source, Trajectory):
         recorded = source.recorded()  # refuses many motions
         return source.t, source.pair, BodyMotion(R=source.R1, S=source.S1), source.psi, recorded

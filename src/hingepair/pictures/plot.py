@@ -166,7 +166,7 @@ def plot(
 def _plot_given(
     robot: Mechanism, units: str | None, *, q: Any, t: Any, base_motion: BodyMotion | None, **others: Any
 ) -> Figure:
-    """Draw the motion of a robot that is given as arrays."""
+    """Return the figure of the motion of a robot that is given as arrays; refuse it without q."""
     if q is None:
         raise ArgumentError("q", "coordinates of the robot, as in hp.plot(robot, q=q)", None)
     motion = read_robot_motion(robot, q, t, base_motion, rate=1.0, **others)
@@ -208,9 +208,7 @@ def _collect_motion(source: MotionSource, outputs: tuple[str, ...] | None) -> tu
 
 
 def _loads(source: MotionSource, outputs: tuple[str, ...] | None) -> tuple[Array, dict[str, Array]]:
-    """Return instants, and the torques and forces of the hinge that a figure shows, by name; a motion without masses
-    or accelerations has none.
-    """
+    """Return instants, and of a pair with masses the forces among `outputs`, by default those of the hinge."""
     if isinstance(source, PairScene):
         names = [name for name in outputs or () if name in PAIR_FORCES]
         known = source.pair.body2 is not None and source.motion.level == ACCELERATION

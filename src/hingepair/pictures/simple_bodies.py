@@ -108,7 +108,7 @@ def axes_along(axis: Any) -> Float64Array:
 
 
 def _rod_ends(tree: Tree, body_number: int, size: float) -> list[Float64Array]:
-    """Return the ends [m] of the rods of a body that carries no joints: the tips on it, or else behind its mass."""
+    """Return the ends [m] of the rods of a body that carries no joints: its tips, or behind its centre of mass."""
     tips = [np.asarray(tree.links[tip].R) for tip in tree.tips if tree.links[tip].body == body_number]
     far = [tip for tip in tips if math.hypot(*tip) > _SHORTEST * size]
     if far:

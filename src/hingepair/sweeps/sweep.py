@@ -192,7 +192,7 @@ def _read_whole_number(table: Table, key: str, minimum: int) -> int | None:
 
 
 def _read_units(table: Table) -> str:
-    """Return the units that a Table names; an empty text if it names none."""
+    """Return the units that a Table names, checked; an empty text if it names none."""
     if "units" not in table.values:
         return ""
     text = table.text("units")
@@ -374,7 +374,7 @@ def _error_of_chunk(error: Any, chunk_text: str) -> Exception:
 def compute_chunk(
     task: SweepTask, chunk_index: int, first_variant: int, numbers: Float64Array
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of one chunk of a sweep, computed, with a row for each variant.
+    """Compute one chunk of a sweep, and return its columns, with a row for each variant.
 
     Args:
         task: what to compute for each variant.

@@ -81,7 +81,7 @@ class Motion(abc.ABC):
         return float(np.max([error() for error in self.errors.values()] or unknown, initial=0.0))
 
     def with_error(self, how: str) -> str:
-        """Return the phrase `how` the motion was computed, with its estimated error if it has any."""
+        """Return `how` the motion was computed, with its estimated error if it has any."""
         if not self.errors:
             return how
         estimates = ", ".join(f"{error():.1g} {unit}" for unit, error in self.errors.items())
