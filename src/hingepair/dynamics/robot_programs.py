@@ -21,7 +21,7 @@ _BASE_INPUTS = ("S1", "omega1", "a1", "alpha1")  # inputs of programs of a base 
 
 
 class RobotPrograms:
-    """Programs of a robot whose base is held or moves as given, or, with `has_momenta`, is free or pinned.
+    """Compiled equations of a robot whose base is held or moves as given or, with `has_momenta`, is free or pinned.
 
     Args:
         robot: the robot.

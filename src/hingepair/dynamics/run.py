@@ -32,7 +32,7 @@ from hingepair.tables.suspicions import suspicions
 
 _EVALUATIONS = 509 * 17  # of callables over the whole motion, at least
 _FINER = 1e-3  # tolerance of the second run, which tells the errors, in parts of that of the first
-_MORE_EVALUATIONS = 4.3  # in the second run, by a factor with which its instants do not fall on those of the first
+_MORE_EVALUATIONS = 4.3  # times as many in the second run, whose instants then do not fall on those of the first
 
 
 class SimulationError(HingePairError, RuntimeError):
@@ -99,7 +99,7 @@ def read_options(tol: object, breaks: ArrayLike, until: UserEvent | None, max_st
 
 
 def run_motion(motion: RobotMotion, t: Array, options: RunOptions) -> Run:
-    """Simulate a motion at the instants t.
+    """Simulate a motion at the instants t, up to that at which `until` ends it.
 
     Raises:
         SimulationError: it cannot be continued.

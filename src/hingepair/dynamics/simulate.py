@@ -410,7 +410,7 @@ def _given_start(
 
 
 def initial_state(base: str | GivenBase, body1: object, is_planar: bool, psi: float, psid: float) -> InitialState:
-    """Return the checked start; of a base that moves as given, body 1 rests at the origin in it.
+    """Return the checked start, in which a body 1 that moves as given rests at the origin.
 
     Raises:
         ArgumentError: body1 cannot be used.

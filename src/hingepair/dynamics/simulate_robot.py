@@ -299,7 +299,7 @@ def _driven(
 
 
 def _read_start(name: str, value: Any, robot: Mechanism) -> Array:
-    """Return the coordinates or rates at the first instant, an array of its own."""
+    """Return the checked coordinates or rates at the first instant, a new array (dof,)."""
     if isinstance(value, float | int) and not value:
         return np.zeros(robot.dof)
     array = robot.tree.rows(name, value).copy()

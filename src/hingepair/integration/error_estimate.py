@@ -45,7 +45,7 @@ class StepErrors(NamedTuple):
 
     @property
     def sizes(self) -> Array:
-        """Sizes of the errors [rad], 0 where rounding explains them."""
+        """Sizes of the errors [rad], 0 where rounding explains them, but not below `undetected`."""
         return np.maximum(_above_noise(row_norms(self.errors), self.noise), self.undetected)
 
     def select(self, which: NDArray[Any]) -> StepErrors:

@@ -339,7 +339,7 @@ def _check_finite(request: _Request, first: tuple[int, ...] | None = None) -> No
 
 
 def _solve_motions(request: _Request, first: tuple[int, ...] | None = None) -> list[Solution]:
-    """Check and solve the motions of a request; return a `Solution` of each in C order."""
+    """Check and solve the motions of a request; return a `Solution` of each in C order, or refuse the tolerance."""
     _check_finite(request, first)
     options, motions, is_planar = request.options, request.motions, request.is_planar
     rates: list[Any] = [request.signals[name] for name in ("omega1", "psid")]

@@ -200,9 +200,9 @@ class RobotScales:
         return [(body + 5, (abs(turns), abs(shifts)))]
 
     def _distance_bounds(self) -> Float64Array:
-        """Return bounds on the distance [m] from each body to those that it carries, (N, bodies, bodies)."""
+        """Set `_carries`; return bounds on the distances [m] from bodies to those carried, (N, bodies, bodies)."""
         bodies = len(self._lengths)
-        self._carries: NDArray[Any] = np.eye(bodies, dtype=bool)
+        self._carries: NDArray[Any] = np.eye(bodies, dtype=bool)  # [i, k]: body i carries k
         bounds = np.zeros((len(self._lengths[0]), bodies, bodies))
         for k, joint in enumerate(self._tree.joints, 1):
             above = self._carries[:, joint.parent]

@@ -32,8 +32,8 @@ def samples_of(value: Any, shape: tuple[int, ...], rank: int) -> Float64Array:
 def finite_samples(
     values: Mapping[str, Any], shape: tuple[int, ...], ranks: Mapping[str, int]
 ) -> tuple[dict[str, Float64Array], NDArray[np.bool_]]:
-    """Return (arrays, finite): `samples_of` each value, NaN in all of them where one is not finite, and where none is
-    so. `ranks` has the number of axes of a sample where it is not 1.
+    """Return (arrays, finite): `samples_of` each value, NaN in all of them where one is not finite, and at which
+    samples all are. `ranks` has the number of axes of a sample where it is not 1.
     """
     arrays = {name: samples_of(value, shape, ranks.get(name, 1)) for name, value in values.items()}
     finite = np.logical_and.reduce(

@@ -23,7 +23,7 @@ _U = unit_roundoff(np.float64)  # in which differences are counted
 
 
 class _Rule(NamedTuple):
-    """q = ratio * (q of the leader) + offset."""
+    """The rule of a joint that follows another: q = ratio * (q of the leader) + offset."""
 
     leader: str
     ratio: float

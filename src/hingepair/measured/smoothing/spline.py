@@ -67,7 +67,7 @@ class SmoothedColumns(NamedTuple):
 
 
 class SmoothingModel(NamedTuple):
-    """Assumptions of a smoothing."""
+    """Bandwidth of a smoothing, and the correlation of the noise that it assumes."""
 
     bandwidth: float  # [Hz]
     correlation: float  # of the noise of samples one usual step apart
