@@ -39,8 +39,8 @@ class Axis(NamedTuple):
         return self.turn(torque[2]) + self.shift(force[2]) if self.turns else self.shift(force[2])
 
 
-HINGE: Final = Axis(1.0, 0.0)
-SLIDER: Final = Axis(0.0, 1.0)
+HINGE: Final = Axis(1.0, 0.0)  # turns by q
+SLIDER: Final = Axis(0.0, 1.0)  # shifts by q
 
 
 def _times(factor: float, x: Scalar) -> Scalar:

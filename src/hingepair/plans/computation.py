@@ -111,7 +111,7 @@ class Computation:
         prepared: bool = False,
         derivative: Derivative | None = None,
     ) -> Call:
-        """Return the call for arguments of these names.
+        """Return the cached call of the outputs, or of a derivative, for arguments of these names.
 
         Args:
             given: names of the arguments, in order.

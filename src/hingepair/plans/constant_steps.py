@@ -98,7 +98,7 @@ SPATIAL_CONSTANT_STEPS: Final = (
     *(Step(f"{name}_in_2", _in_body2, ("home", name)) for name in ("e1", "e2", "n")),
     *_TREE_STEPS,
 )
-"""Steps of a pair in space. `least_axis` is the coordinate axis of body 1 that n has the largest angle to."""
+"""Steps to the constants of a pair in space. `least_axis` is the axis x, y or z of body 1 that is farthest from n."""
 
 
 def _moments_in_space(first_moments: Any) -> tuple[Any, ...]:
@@ -123,4 +123,4 @@ PLANAR_CONSTANT_STEPS: Final = (
         for result, function, arguments in (LEVER_CONSTANT_STEPS[0], *_TREE_STEPS)
     ),
 )
-"""Steps of a planar pair, whose levers its programs compute."""
+"""Steps to the constants of a planar pair, whose levers its programs compute."""

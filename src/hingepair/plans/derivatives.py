@@ -296,7 +296,7 @@ def _of_inertia(P: Sequence[Operand], a: int, b: int, place: int) -> list[tuple[
 
 
 def _sum(changes: Iterable[tuple[Operand, Change]]) -> list[tuple[Operand, Operand]]:
-    """Return the weighted sum of changes."""
+    """Return the sum of pairs (weight, change) as one change."""
     sums: dict[int, tuple[Operand, Operand]] = {}
     for weight, change in changes:
         for x, rate in change:

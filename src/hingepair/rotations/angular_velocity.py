@@ -138,12 +138,12 @@ def angular_velocity_from_samples(
     if attitude.ndim < 3 or attitude.shape[-3] != time.size:
         raise ArgumentError("S", f"shape (..., {time.size}, 3, 3), a rotation for each t", f"shape {attitude.shape}")
     check_rotation("S", attitude)
-    found = _rotation_vector_derivatives(time, attitude.astype(np.float64, copy=False), order, 1 + with_alpha)
+    found = _angular_rates(time, attitude.astype(np.float64, copy=False), order, 1 + with_alpha)
     omega, *alpha = (array.astype(dtype, copy=False) for array in found)
     return (omega, alpha[0]) if alpha else omega
 
 
-def _rotation_vector_derivatives(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
+def _angular_rates(t: Float64Array, S: Float64Array, order: int, count: int) -> list[Float64Array]:
     """Return [omega], or [omega, alpha] if `count` is 2, world axes, (..., N, 3), of the samples S at instants t."""
     derivatives = [np.zeros(S.shape[:-1]) for _ in range(count)]
     last = t.size - 1

@@ -15,11 +15,11 @@ from hingepair.errors import ArgumentError
 from hingepair.numeric.arrays import check_choice
 
 # The twelve intrinsic Euler sequences, in capitals.
-_INTRINSIC_SEQUENCE_NAMES = tuple(
+_INTRINSIC = tuple(
     "".join(letters) for letters in itertools.product("XYZ", repeat=3) if letters[0] != letters[1] != letters[2]
 )
 # Capitals for intrinsic sequences, small letters for extrinsic ones.
-SEQUENCE_NAMES = (*_INTRINSIC_SEQUENCE_NAMES, *(name.lower() for name in _INTRINSIC_SEQUENCE_NAMES))
+SEQUENCE_NAMES = (*_INTRINSIC, *(name.lower() for name in _INTRINSIC))
 
 
 class EulerSequence(NamedTuple):

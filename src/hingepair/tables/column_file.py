@@ -38,7 +38,7 @@ _NPY_HEADER: Final = re.compile(
 
 # A date of ISO 8601: day, time, and sign, hours and minutes of a zone.
 _DATE: Final = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)\s*(?:Z|([+-])(\d\d):?(\d\d)?)?")
-_DATE_FORMS: Final = (
+_DATE_FORMS: Final = (  # for messages
     "a date such as 2026-11-23T10:00:00.25+01:00 (ISO 8601) or 23.11.2026 10:00:00,25 (DD.MM.YYYY HH:MM:SS)"
 )
 

@@ -25,7 +25,7 @@ def column_names(arrays: Mapping[str, NDArray[Any]], heading: Callable[[str], st
 
 
 def _endings(sample_shape: tuple[int, ...]) -> list[str]:
-    """Return the ends of the names of components: "_x" for vectors, "_xy" for matrices, "" for numbers."""
+    """Return the ends of names of components: "_x" of vectors, "_xy" of matrices, "_0_1" of larger ones, else ""."""
     if any(size > 3 for size in sample_shape):
         return ["".join(f"_{i}" for i in index) for index in np.ndindex(sample_shape)]
     letters = ["".join("xyz"[i] for i in index) for index in np.ndindex(sample_shape)]

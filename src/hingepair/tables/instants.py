@@ -33,7 +33,7 @@ def warn_of_measurements(sentences: Iterable[str], stacklevel: int = 3) -> None:
 
 
 def _stamps(name: str, t: ArrayLike) -> NDArray[Any]:
-    """Return instants as an array: those of pandas with a time zone in UTC, months and years as seconds."""
+    """Return instants as an array: of pandas with a time zone in UTC, datetime64 of months or years in seconds."""
     stamps = t if isinstance(t, np.ndarray) else np.asarray(t)
     if stamps.dtype.kind == "O" and getattr(getattr(t, "dtype", None), "tz", None) is not None:
         stamps = t.to_numpy("datetime64[ns]")  # type: ignore[union-attr]

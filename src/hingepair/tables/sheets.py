@@ -131,7 +131,7 @@ def percent(share: float) -> str:
 
 
 def number_texts(names: Sequence[str], rows: Sequence[Sequence[float]], digits: int = 6) -> list[list[str]]:
-    """Return numbers of components as text.
+    """Return numbers of components as text, with 0 for those that are rounding errors beside the others.
 
     A number is shown as 0 if it is below half a unit of the last digit of the largest in its row, or of the size of
     rounding errors beside the largest of its vector: the digits of such numbers differ from processor to processor.
@@ -187,7 +187,7 @@ _MAX_CELL = 9  # numbers of a cell; of more only the count or the shape is shown
 
 
 class Sheet(NamedTuple):
-    """A table of strings."""
+    """A table of strings, as notebooks show it."""
 
     title: str
     rows: Sequence[Sequence[str]]  # of cells; the first is the heading

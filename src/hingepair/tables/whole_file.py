@@ -62,7 +62,7 @@ def check_writable(target: str | os.PathLike[str], input_paths: Iterable[str | o
 
 @contextlib.contextmanager
 def _os_errors_named(target: str | os.PathLike[str]) -> Iterator[None]:
-    """Make an OSError of the block one about `path`."""
+    """Raise an ArgumentError about `path` in the place of an OSError of the block."""
     try:
         yield
     except OSError as error:
@@ -120,6 +120,7 @@ def _file_status(path: str | os.PathLike[str]) -> os.stat_result | None:
 
 
 def _is_standard_output(status: os.stat_result) -> bool:
+    """Return whether this is the file that standard output writes to."""
     try:
         return os.path.samestat(status, os.fstat(sys.stdout.fileno()))
     except (OSError, ValueError, AttributeError):  # closed, or a caller's
