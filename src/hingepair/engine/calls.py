@@ -48,7 +48,7 @@ class _Compiled(NamedTuple):
 
 
 class _Read(NamedTuple):
-    """Arguments that are one array each."""
+    """Arguments that are one array each, and what a call by a kernel needs to know of them."""
 
     arrays: list[NDArray[Any]]
     shape: ArrayShape  # of the samples

@@ -150,7 +150,7 @@ def _operand_text(operand: Operand, sources: dict[int, tuple[str, int]]) -> tupl
 
 
 def _expression(value: TracedValue, sources: dict[int, tuple[str, int]]) -> tuple[str, int]:
-    """Return source and precedence of the operation of a traced value."""
+    """Return source and precedence of the operation of a traced value; `sources` are those of its operands by id."""
     parts = [_operand_text(one, sources) for one in value.operands]
     precedence = _PRECEDENCES.get(value.operation)
     if precedence is not None:

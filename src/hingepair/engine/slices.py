@@ -207,7 +207,7 @@ class _Workers:
         self._count = 0
 
     def start(self, count: int) -> None:
-        """Start threads until there are so many, or as many as processors if that is more."""
+        """Start threads until `count` exist, or as many as processors if that is more."""
         while self._count < max(count, os.cpu_count() or 1):
             self._count += 1
             start_new_thread(self._work, ())

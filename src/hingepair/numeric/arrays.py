@@ -56,8 +56,8 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def is_square_list(value: object, count: int) -> bool:
-    """Return whether a list or tuple holds `count` NumPy arrays of `count` numbers: it may mean samples or
-    components.
+    """Return whether a list or tuple holds `count` NumPy arrays of `count` numbers: samples or components, one cannot
+    tell.
     """
     return (
         isinstance(value, list | tuple)

@@ -154,7 +154,7 @@ def _make_persisted_result(
     make_result: Callable[..., Any],
     **options: Any,
 ) -> Any:
-    """Return a result of persisted blocks, of which Dask's rebuilders make arrays."""
+    """Return a result of persisted blocks, which Dask's rebuilders make arrays."""
     from dask.core import flatten
 
     arrays = []

@@ -123,11 +123,11 @@ class FunctionBuilder:
         ]
 
     def pointer_at(self, start: str, offset: str | int) -> str:
-        """Return the pointer so many bytes after another."""
+        """Return the pointer `offset` bytes after another."""
         return start if offset in {0, "0"} else self.put(f"getelementptr i8, ptr {start}, i64 {offset}")
 
     def load_word(self, start: str, offset: int, kind: str = "i64") -> str:
-        """Return the 64-bit integer, or the pointer (kind "ptr"), so many bytes after an address."""
+        """Return the 64-bit integer, or the pointer (kind "ptr"), `offset` bytes after an address."""
         return self.put(f"load {kind}, ptr {self.pointer_at(start, offset)}, align 8")
 
     def multiply(self, x: str, y: str | int) -> str:

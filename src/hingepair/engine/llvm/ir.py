@@ -228,7 +228,7 @@ class InputReader:
         self.kernel.call_shared("lanes", f"ptr {to}, i64 {self.stride}, i64 {samples_left}")
 
     def read(self, i: str, samples_left: str) -> None:
-        """Load and prefetch the eight samples that begin at i, of which so many exist."""
+        """Load and prefetch the eight samples from i on, or the `samples_left` that exist."""
         f = self.f
         if not self.group.varies:
             return

@@ -158,7 +158,7 @@ class _Rows:
         return address
 
     def read(self, address: str, samples_left: str) -> None:
-        """Read the eight samples that begin at an address, of which so many exist."""
+        """Read the eight samples from an address on, or the `samples_left` that exist."""
         f, count = self.scan.f, len(self.slots)
         row = f.put(f"inttoptr i64 {address} to ptr")
         differ = f.put(f"icmp ne i64 {self.stride}, 0")
@@ -170,7 +170,7 @@ class _Rows:
             self.scan.call_shared("gather", f"ptr {to}", f"ptr {self.table}, i64 {count}", source)
 
     def write(self, address: str, samples_left: str) -> None:
-        """Write the eight samples that begin at an address, of which so many exist."""
+        """Write the eight samples from an address on, or the `samples_left` that exist."""
         f, count = self.scan.f, len(self.slots)
         row = f.put(f"inttoptr i64 {address} to ptr")
         with f.when_else(self._whole(samples_left)) as otherwise:
