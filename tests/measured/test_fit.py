@@ -669,3 +669,19 @@ def test_no_mistake_is_named_where_there_is_none(name: str) -> None:
     kind, _ = OTHERS[name]
     found = hp.fit(*bodies(recording(2000, **{"metres": 1e-3, "radians": 2e-3} | kind)))
     assert "looks" not in " ".join(found.findings)
+
+
+def test_a_recording_in_the_plane_does_not_tell_the_noise_of_its_angles():
+    rng, t = np.random.default_rng(6), np.arange(300) / 10
+    phi, psi = 0.6 * np.sin(0.2 * t), 0.4 * np.sin(0.35 * t)
+    second = hp.PlanarPair((-2.5, 0), (4, 0.1)).forward_kinematics((t, 0.1 * t, phi, psi))
+    places = (np.stack((t, 0.1 * t), axis=-1), second.R2)
+    columns = {
+        f"{c}{k}": R[:, i] + 0.01 * rng.normal(size=300) for k, R in enumerate(places, 1) for i, c in enumerate("xy")
+    }
+    columns |= {f"phi_z{k}": a + 0.002 * rng.normal(size=300) for k, a in enumerate((phi, second.phi2), 1)}
+    recording = hp.read_recording({"t": t, **columns})
+    fit = hp.fit(recording.body1, recording.body2)
+    assert fit.ok
+    assert np.abs(fit.pair.u2 - (4, 0.1, 0)).max() < 5 * fit.std["u2"].max()
+    assert any("the attitudes do not tell their noise" in sentence for sentence in fit.findings)

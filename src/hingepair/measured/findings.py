@@ -114,6 +114,12 @@ def judge_hinge(
     axis_std, point_std = float(np.sqrt((std["n"] ** 2).sum() / 2)), max(std["u1"].max(), std["u2"].max())
     lag = 0 if _residuals_are_rounding(residuals, poses, np.ones_like(is_outlier)) else residuals.unresolved_lag
     findings += _point_findings(poses, noise, residuals, reach)
+    if float(residuals.tilt.max()) < 1e-12 < np.abs(residuals.gap).max() / poses.size:
+        text = (
+            "The bodies turn about the axis alone, as in recordings in the plane: the attitudes do not tell their "
+            "noise, and the standard deviation of psi is too small."
+        )
+        findings.append(Finding(text, harmless=True))
     findings += exceeded(
         Check(
             axis_std,
