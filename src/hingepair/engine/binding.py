@@ -119,9 +119,7 @@ def bind_constant(name: str, shape: ArrayShape, value: Any) -> Any:
 
 
 def component_views(array: NDArray[Any], shape: ArrayShape) -> Iterator[NDArray[Any]]:
-    """Yield views of an array whose last axis holds the components of one sample: one view if the strides allow that,
-    else several.
-    """
+    """Yield views of an array with the components of one sample along the last axis: one if the strides allow."""
     if not shape:
         yield array[..., None]
     elif len(shape) == 1:

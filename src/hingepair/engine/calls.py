@@ -133,9 +133,7 @@ class Call:
         return self._program(False)[0]
 
     def _program(self, shared: bool) -> tuple[Program, list[float]]:
-        """Return the program for arguments that all vary, and its constant numbers; a `shared` one folds none of
-        them.
-        """
+        """Return the program for arguments that all vary, and its constant numbers, of which `shared` folds none."""
         places = {name: k for k, name in enumerate(self._used)}
         pattern: list[ComponentSource] = []
         constants: list[float] = []
@@ -261,9 +259,7 @@ class Call:
     # ---- arguments that are one array each
 
     def _any_rows(self, *arguments: Any, out: Out = None, workers: int = 1) -> Any:
-        """Return the results for arguments that are single arrays, lists or numbers; None if `run` has to look at
-        them.
-        """
+        """Return the results for single arrays, lists or numbers; None if `run` has to look at the arguments."""
         read = self._read(arguments) if self._has_rows else None
         if read is None or (out is not None and not (type(out) is dict and out.keys() <= {*self.outputs})):
             return None

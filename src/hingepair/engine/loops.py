@@ -163,9 +163,7 @@ class Loop:
         run_in_threads(run, [blocks[k::workers] for k in range(workers)])
 
     def _compute(self, pattern: InputPattern, constant_count: int, *numbers: Any) -> list[Any]:
-        """Return the components of all outputs, by the function itself, from the numbers of constants, then of
-        arrays.
-        """
+        """Return the components of all outputs by the function itself, from the numbers of constants, then arrays."""
         constants, arrays = iter(numbers[:constant_count]), numbers[constant_count:]
         counts = Counter(source[0] for source in {one for one in pattern if isinstance(one, tuple)})
         starts = [0, *itertools.accumulate(counts[k] for k in range(len(counts)))]
@@ -342,9 +340,7 @@ class Program:
         )
 
     def _form(self, *parts: object) -> str:
-        """Return a text that determines, without a trace, what these parts of the program are; empty
-        without a form.
-        """
+        """Return a text that determines, without a trace, what these parts of the program are; "" without a form."""
         loop = self.loop
         sources = object_cache.source_digest() if loop.form is not None else None
         return "" if sources is None else repr((sources, loop.form, loop.inputs, loop.outputs, self.pattern, *parts))

@@ -121,9 +121,7 @@ class Trace:
         return TracedValue(self, "input", (), varies, name)
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
-        """Return the value of an operation on traced values and numbers; the order of a sum or a product does not
-        matter.
-        """
+        """Return the value of an operation on traced values and numbers, the same for both orders of + and *."""
         key = (operation, *operands)
         value = self._recorded.get(key)
         if value is None and operation in {"+", "*"}:
@@ -251,9 +249,7 @@ def _apply_binary(operation: str, function: Callable[[Any, Any], Any], a: Any, b
 
 
 def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    """Return `then` if a < b, else `otherwise`, also where one is NaN; numbers, arrays or traced values, or tuples of
-    them.
-    """
+    """Return `then` if a < b, else, NaN included, `otherwise`: numbers, arrays, traced values, or tuples of them."""
     if isinstance(then, tuple):
         return tuple(where_less(a, b, x, y) for x, y in zip(then, otherwise, strict=True))
     for operand in (a, b):

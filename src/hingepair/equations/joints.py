@@ -31,9 +31,7 @@ class Axis(NamedTuple):
         return _times(self.shifts, x)
 
     def effort(self, force: Vector, torque: Vector) -> Scalar:
-        """Return e_z . (c t + e f), the effort along the coordinate of a force f and a torque t in joint
-        axes (T3).
-        """
+        """Return e_z . (c t + e f), the effort along q of a force f and a torque t in joint axes (T3)."""
         if not self.shifts:
             return self.turn(torque[2])
         return self.turn(torque[2]) + self.shift(force[2]) if self.turns else self.shift(force[2])

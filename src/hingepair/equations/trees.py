@@ -517,9 +517,7 @@ def _bodies(base: Base, links: Sequence[Link]) -> list[Any]:
 
 
 class Matter(NamedTuple):
-    """Mass, first moment h and second moment N of one body or several, in a body's axes and about its reference
-    point.
-    """
+    """Mass, first moment h, second moment N of one or several bodies, about a body's reference point in its axes."""
 
     mass: Scalar
     first: Vector

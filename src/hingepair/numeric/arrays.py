@@ -56,9 +56,7 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def is_square_list(value: object, count: int) -> bool:
-    """Return whether a list or tuple holds `count` NumPy arrays of `count` numbers: samples or components, one cannot
-    tell.
-    """
+    """Return whether a list or tuple holds `count` NumPy arrays of `count` numbers: samples, or components."""
     return (
         isinstance(value, list | tuple)
         and len(value) == count
@@ -177,9 +175,7 @@ class Frozen:
 
 
 def _frozen(frozen_class: type, attributes: dict[str, Any]) -> Any:
-    """Return a copied or unpickled instance without a call of its constructor; its arrays are made read-only in
-    place.
-    """
+    """Return a copied or unpickled instance without a call of its constructor; makes its arrays read-only."""
     value: Any = object.__new__(frozen_class)
     for attribute in attributes.values():
         if isinstance(attribute, np.ndarray):
@@ -293,9 +289,7 @@ def check_choice(name: str, value: object, allowed_names: Iterable[str]) -> None
 
 
 def finite_number(name: str, value: object) -> float:
-    """Return a number of Python or NumPy as a finite float; refuse all else, bool too. `name` is that of the
-    argument.
-    """
+    """Return a number of Python or NumPy as a finite float; refuse all else, bool too, under the name `name`."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ArgumentError(name, "a finite number", quoted(value))
     try:

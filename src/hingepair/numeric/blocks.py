@@ -30,9 +30,7 @@ def components_of(array: NDArray[Any], rank: int = 1) -> Components:
 
 
 def numbers(array: NDArray[Any], rank: int = 1) -> Components:
-    """Return the components of a single vector or matrix as Python floats, and those of several as
-    `components_of`.
-    """
+    """Return the components of one vector or matrix as Python floats, of several as `components_of` does."""
     return tuple(array.ravel().tolist()) if array.ndim == rank else components_of(array, rank)
 
 
@@ -79,9 +77,7 @@ def fill_blocks(
     dtype: np.dtype[Any],
     blocks: Iterable[Block],
 ) -> None:
-    """Evaluate a function of components for each block of samples, and write its results into `targets`, without
-    warnings of NumPy.
-    """
+    """Write the results of a function of components, block by block, into `targets`, without warnings of NumPy."""
     with np.errstate(all="ignore"):
         for block in blocks:
             results = function(*(load(component, block, dtype) for component in inputs))
@@ -100,18 +96,14 @@ def tabulate_one(
 
 
 def sine(x: Component) -> Component:
-    """Return the sine of a float, an array of any library, or an object with such a method; NaN where x is
-    infinite.
-    """
+    """Return the sine of a float, of an array of any library, or by an object's own method; NaN of infinity."""
     if type(x) is float:
         return math.sin(x) if math.isfinite(x) else math.nan
     return np.sin(x) if isinstance(x, np.ndarray | np.generic) else _apply_by_name(x, "sine")
 
 
 def cosine(x: Component) -> Component:
-    """Return the cosine of a float, an array of any library, or an object with such a method; NaN where x is
-    infinite.
-    """
+    """Return the cosine of a float, of an array of any library, or by an object's own method; NaN of infinity."""
     if type(x) is float:
         return math.cos(x) if math.isfinite(x) else math.nan
     return np.cos(x) if isinstance(x, np.ndarray | np.generic) else _apply_by_name(x, "cosine")

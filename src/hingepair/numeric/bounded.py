@@ -97,9 +97,7 @@ class Bounded:
         return made
 
     def where_above_0(self, then: float, otherwise: float) -> Self:
-        """Return `then` where this number is above 0, else `otherwise`; the bound is infinite where rounding may
-        decide.
-        """
+        """Return `then` where this number is above 0, else `otherwise`; with an infinite bound where in doubt."""
         unsure = ~(np.abs(self.value) > 2 * self.bound)
         return type(self)(np.where(self.value > 0, then, otherwise), np.where(unsure, np.inf, 0.0))
 

@@ -255,9 +255,7 @@ def _replace_arrays(
     chunked_arguments: list[_ChunkedArgument],
     column_names_of: Callable[[str, Any], Sequence[str]] | None,
 ) -> Any:
-    """Return the template of an argument, in which indices stand for arrays, and append these to
-    `chunked_arguments`.
-    """
+    """Return the template of an argument, with indices for arrays, and append these to `chunked_arguments`."""
     value = unwrap_lazy_xarray(value)
     if isinstance(value, Frozen):
         attributes = {one.name: getattr(value, one.name) for one in fields(value) if one.name in sample_shape}  # type: ignore[arg-type]
@@ -419,9 +417,7 @@ def _unwrap_block(nested_block: Any) -> NDArray[Any]:
 def _make_lazy_arrays(
     task: ChunkTask, chunked_arguments: Sequence[_ChunkedArgument], num_axes: int, result_samples: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the lazy arrays that a task computes; `result_samples` are results of one sample, for shapes and
-    dtypes.
-    """
+    """Return the lazy arrays that a task computes, by name; `result_samples` have their shapes and dtypes."""
     from dask.array import blockwise
     from dask.array.core import unify_chunks
     from dask.layers import ArrayBlockIdDep, ArraySliceDep

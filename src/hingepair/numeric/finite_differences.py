@@ -72,9 +72,7 @@ def stencils(t: Float64Array, order: int) -> Iterator[Stencil]:
 
 
 def _stencil_weights(t: Float64Array, rows: slice, neighbours: NDArray[np.intp], accuracy_order: int) -> Stencil:
-    """Return the `Stencil` of samples and their neighbours; more than accuracy_order + 1 of them are fitted by least
-    squares.
-    """
+    """Return the `Stencil` of samples and neighbours; more than accuracy_order + 1 are fitted by least squares."""
     nodes = t[neighbours] - t[rows, None]
     step = (nodes[:, -1:] - nodes[:, :1]) / (neighbours.shape[1] - 1)
     x = nodes / step

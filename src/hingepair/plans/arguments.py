@@ -46,9 +46,7 @@ class CoordinateNames(NamedTuple):
         return f"the {len(self.names)} {self.noun} {', '.join(few)}{self.follower_note()}"
 
     def follower_note(self, name: str | None = None) -> str:
-        """Return a remark that the joint of this name, or the first such one, has no coordinate; "" if
-        there is none.
-        """
+        """Return a remark that the joint of this name, or the first such one, has no coordinate; "" if none."""
         follower = next(iter(self.leaders), "") if name is None else name
         if follower not in self.leaders:
             return ""

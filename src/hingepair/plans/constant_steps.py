@@ -71,9 +71,7 @@ def _matter2(axes: Matrix, home: Matrix, u2: Vector, *both_bodies: Any) -> Matte
 
 
 def _tree(axes: Matrix, u1: Vector, matter2: Matter, least_pivots: Vector, *both_bodies: Any) -> tuple[Any, ...]:
-    """Return the constant `tree` of `pair.dynamics.tree_numbers`: matter on the hinge's axis counts with
-    body 1 (T9).
-    """
+    """Return `tree` as `pair.dynamics.tree_numbers` does: matter on the hinge's axis counts with body 1 (T9)."""
     *second, along = matter2.second
     on_axis = Matter(matter2.mass, (0.0, 0.0, matter2.first[2]), (0.0, 0.0, 0.0, 0.0, 0.0, along))
     base = with_carried(_matter(0, *both_bodies), Placement(axes, None, u1), on_axis)

@@ -25,9 +25,7 @@ from hingepair.plans.differentiable import Arrays, Differentiable, Functions, Na
 
 
 def jax_function(function: Differentiable) -> Functions:
-    """Return a function of arrays of JAX, in the order of the arguments: kernels compute it, and JAX can transform
-    it.
-    """
+    """Return a function of JAX arrays, in the order of the arguments, which kernels compute and JAX can transform."""
     tails = function.arguments
 
     def spread(lead: ArrayShape, names: Iterable[str], arrays: Arrays) -> list[Any]:

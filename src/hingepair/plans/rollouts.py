@@ -191,9 +191,7 @@ def _functions(step: RolloutStep, values: dict[str, Any]) -> Functions:
 
 
 def _next(step: RolloutStep, v: Mapping[str, Any], *, solve: Solve | None) -> dict[str, Any]:
-    """Return what a step or stage passes on, with accelerations from `solve`, by default those of the articulated
-    bodies.
-    """
+    """Return what a step or stage passes on; accelerations are by `solve`, else by articulated bodies."""
     solve = solve or (lambda values: _solved(step, values))
     following = _semi_implicit(step, v, solve) if step.stages == 1 else _stage(step, v, solve)
     return {f"next_{name}": value for name, value in following.items()}

@@ -44,9 +44,7 @@ class EulerSequence(NamedTuple):
         return (x, y, z) if self.sign > 0 else (-x, -y, -z)
 
     def attitude(self, trig: tuple[Any, ...]) -> eq.Matrix:
-        """Return the rotation matrix S as nine entries (E10); trig = (sin, cos) of the first, second and third
-        canonical angle: six numbers.
-        """
+        """Return the matrix S as nine entries (E10); `trig` is (sin, cos) of each canonical angle, six numbers."""
         S = eq.proper_euler_attitude(trig) if self.proper else eq.tait_bryan_attitude(trig)
         return nine(S[3 * i + j] for i in self.place for j in self.place)
 

@@ -175,9 +175,7 @@ def gap_sentences(name: str, t: Float64Array) -> list[str]:
 
 
 def checked_gaps(gaps: object) -> float:
-    """Return the argument `gaps`, the longest time between samples that is no gap [s]; refuse all but positive
-    numbers.
-    """
+    """Return the argument `gaps`, the longest time that is no gap [s]; refuse all but positive numbers."""
     longest = finite_number("gaps", gaps)
     if longest <= 0:
         raise ArgumentError("gaps", "a positive time [s]", gaps)

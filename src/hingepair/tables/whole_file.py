@@ -89,9 +89,7 @@ def _check_access(target: Path, status: os.stat_result | None) -> None:
 
 @contextlib.contextmanager
 def _temporary_replacement(target: Path, status: os.stat_result | None) -> Iterator[IO[bytes]]:
-    """Yield a file beside the target, which replaces it if the block succeeds, with its mode and, if
-    possible, owner.
-    """
+    """Yield a file beside the target, which replaces it (mode and, if possible, owner kept) if the block succeeds."""
     _check_access(target, status)
     path = target.with_name(f".hingepair-{uuid4().hex}")
     with path.open("xb") as file:

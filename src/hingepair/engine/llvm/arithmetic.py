@@ -131,9 +131,7 @@ class Arithmetic:
         return [one for one in read if isinstance(one, TracedValue)]
 
     def _split_steps(self, prefix: str, lines: Iterable[TracedValue]) -> list[KernelStep]:
-        """Return the steps that compute these values, named by `prefix`; sines come as early as their
-        angles allow.
-        """
+        """Return the steps that compute these values, named by `prefix`; sines come as early as they can."""
         # A product that is fused into all of its sums is not read any more.
         rest = [value for value in lines if value.operation != "input" and id(value) in self._read_values]
         parts: list[tuple[list[TracedValue], list[TracedValue]]] = []
@@ -440,9 +438,7 @@ class Arithmetic:
                 self.store_slot(f, self.slots[id(value)], vector)
 
     def _store_sample_rows(self, output_index: int) -> None:
-        """Store eight samples of a narrow output as rows that follow each other, from an address that the kernel has
-        set.
-        """
+        """Store eight samples of a narrow output as rows, from an address that the kernel has set."""
         f = self._f
         parts = [self.operand(value) for value in self.outputs[output_index].values]
         to = f.load_word("%places", 8 * (self.word_offsets[-1] + output_index), "ptr")
@@ -476,9 +472,7 @@ class Arithmetic:
 
 
 def _split_lines(lines: Sequence[TracedValue]) -> list[tuple[list[TracedValue], list[TracedValue]]]:
-    """Return the lines in parts of about equal length, one for each step, as pairs (lines, []): they have
-    no angles.
-    """
+    """Return the lines in parts of about equal length, one for each step, as pairs (lines, []), without angles."""
     count = -(-len(lines) // _SPLIT) if len(lines) > _UNSPLIT else min(len(lines), 1)
     ends = [len(lines) * k // count for k in range(count + 1)] if count else [0]
     return [(list(lines[a:b]), []) for a, b in itertools.pairwise(ends)]

@@ -121,9 +121,7 @@ class KernelBuilder:
         f.do("ret void")
 
     def begin_kernel(self, row_words: int) -> list[list[str]]:
-        """Load the rows of the table, of so many words each, make the frame, and store its constants. Return the
-        rows.
-        """
+        """Load and return the rows of the table, of so many words each; make the frame, and store its constants."""
         f, arithmetic = self.f, self.arithmetic
         rows = [
             [f.load_word("%table", 8 * (g * row_words + k)) for k in range(row_words)]
@@ -244,9 +242,7 @@ class InputReader:
                 self.store_lane_offsets(samples_left)
 
     def read_uniform(self) -> None:
-        """Load an input that is equal for all samples: each needed component as a vector, or as a number if there are
-        many.
-        """
+        """Load what is needed of an input equal for all samples: as vectors, or as numbers if there are many."""
         if self.scalars:
             to = self.kernel.arithmetic.slot_address(self.f, self.scalar_slot)
             which = f"ptr {self.kernel.add_table(self.scalars)}, i64 {len(self.scalars)}"

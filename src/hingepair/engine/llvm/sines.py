@@ -139,9 +139,7 @@ def _reduced_sines(f: FunctionBuilder, x: str) -> tuple[str, str, str]:
 
 
 def _large_angles() -> str:
-    """Return the function `far`, which computes the terms of large angles, of inf and of NaN by the C library, and
-    stores them behind the angles.
-    """
+    """Return the function `far`, which stores terms of large angles, inf and NaN, by the C library, behind them."""
     f = FunctionBuilder("internal void @far(ptr %angles) noinline cold")
     with f.loop(str(LANES)) as k:
         place = f.pointer_at("%angles", f.multiply(k, 8))
