@@ -166,9 +166,7 @@ def mujoco_job(states: States) -> Job:
             text = to_mjcf(system)
     else:
         text = to_urdf(system, meshes=False)
-    model = mj.MjModel.from_xml_string(text)
-    model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT  # limits would exert forces beyond them
-    model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
+    model = mujoco_model(text)
     data = mj.MjData(model)
     if states.model.nq > states.model.nv:
         rows = _mujoco_rows(rows, w_are_forces=workload == FORWARD)
@@ -210,6 +208,16 @@ def mujoco_job(states: States) -> Job:
         return parts
 
     return _fill(motion, rows)
+
+
+def mujoco_model(text: str) -> Any:
+    """Return MuJoCo's model without limits, damping, friction and rotors."""
+    import mujoco as mj
+
+    model = mj.MjModel.from_xml_string(text)
+    model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT  # limits would exert forces beyond them
+    model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
+    return model
 
 
 def _mujoco_rows(rows: Sequence[Array], *, w_are_forces: bool) -> tuple[Array, ...]:

@@ -156,10 +156,8 @@ def mujoco_job(task: Task) -> Job:
     import mujoco as mj
     from mujoco import rollout
 
-    model = mj.MjModel.from_xml_string(to_urdf(task.robot, meshes=False))
+    model = engines.mujoco_model(to_urdf(task.robot, meshes=False))
     model.opt.timestep = DT
-    model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONSTRAINT
-    model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
     data, dof = mj.MjData(model), task.robot.dof
     start = np.hstack([np.zeros((len(task.q0), 1)), task.q0, task.qd0])  # time, positions, velocities
     state = np.empty((*task.tau.shape[:2], start.shape[1]))

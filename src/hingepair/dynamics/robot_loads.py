@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from hingepair.dynamics.loads import GivenLoad, Loads, RobotMotionAtInstants, check_rigid_stops
 from hingepair.errors import ArgumentError, ShapeError, choices, nearest, quoted
+from hingepair.mechanism.computations import read_wrenches
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Mimic
 from hingepair.numeric.arrays import Float64Array as Array
@@ -49,13 +50,13 @@ def robot_loads(
     fall = tuple(one_constant("gravity", gravity, 3).tolist())
     joint_loads = loads_by_joint(robot, loads)
     efforts = GivenLoad("tau", _efforts(tau, robot), robot.dof)
-    _check_wrenches(robot, wrenches)
+    on_links, links = read_wrenches(wrenches, robot.tree.links)
     vectors = {name: GivenLoad(name, _vector(name, load)) for name, load in on_base.items()}
-    wrench_names = {link: (f"force_{link}", f"torque_{link}") for link in wrenches or ()}
-    for link, names in wrench_names.items():
-        for i, name in enumerate(names):
-            label = f"wrenches[{link!r}][{i}]"
-            vectors[name] = GivenLoad(label, _vector(label, (wrenches or {})[link][i]))
+    wrench_names = {link: (f"force_{link}", f"torque_{link}") for link in links}
+    for name, (load, label) in zip(
+        (name for both in wrench_names.values() for name in both), on_links.values(), strict=True
+    ):
+        vectors[name] = GivenLoad(label, _vector(label, load))
     return Loads(
         fall,
         efforts,
@@ -66,17 +67,6 @@ def robot_loads(
         wrench_names,
         need_motion=any(callable(load.value) for load in (efforts, *vectors.values())),
     )
-
-
-def _check_wrenches(robot: Mechanism, wrenches: Any) -> None:
-    """Refuse wrenches on unknown links, and such that are no pairs (force, torque)."""
-    if wrenches is not None and not isinstance(wrenches, Mapping):
-        raise ArgumentError("wrenches", "(force, torque) by the link's name", quoted(wrenches))
-    for link, pair in (wrenches or {}).items():
-        if link not in robot.links:
-            raise ArgumentError("wrenches", choices(robot.links) + nearest(str(link), robot.links), quoted(link))
-        if not isinstance(pair, tuple | list) or len(pair) != 2:
-            raise ArgumentError(f"wrenches[{link!r}]", "a pair (force, torque)", quoted(pair))
 
 
 def _vector(label: str, load: Any) -> Any:
