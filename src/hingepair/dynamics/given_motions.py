@@ -14,8 +14,6 @@ from hingepair.pair.body_motion import BodyMotion, motion_arrays
 from hingepair.pair.hinge_load import call_with_arrays, check_callable
 from hingepair.plans.plan import SPATIAL_MOTION_KIND
 
-BaseCallable: TypeAlias = Callable[[Array], BodyMotion]
-"""Motion of the base at instants (n,) [s]."""
 JointCallable: TypeAlias = Callable[[Array], Any]
 """Coordinate of a joint and its first two derivatives at instants (n,) [s]; (n,) each."""
 

@@ -210,10 +210,9 @@ def compute_arrays(
     values: Mapping[str, Any],
     shapes: Mapping[str, tuple[int, ...]],
     dtype: np.dtype[Any] | None = None,
-    sequence: str | None = None,
 ) -> dict[str, NDArray[Any]]:
     """Compute outputs of a pair in space from checked inputs; return new, writable arrays by output name."""
-    computation = computation_of(SPATIAL_MOTION_KIND, pair, tuple(outputs), sequence)
+    computation = computation_of(SPATIAL_MOTION_KIND, pair, tuple(outputs))
     arguments = Arguments(dict(values), dict(shapes), None, {})
     return writable_arrays(computation.run(arguments, Execution("auto", 1), dtype=dtype))
 

@@ -44,11 +44,11 @@ def finite_samples(
     return arrays, finite
 
 
-def random_and_hard_states(robot: Mechanism, seed: int = 0) -> tuple[Float64Array, Float64Array, Float64Array]:
+def random_and_hard_states(robot: Mechanism) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return q, q' and q'' of random states, and of states at which computations tend to fail, such as hinge angles
     near pi; shape (N, dof) each.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     size = 200, robot.dof  # a humanoid takes some seconds
     hinges = np.array([joint.unit == "rad" for joint in robot.tree.joints if joint.mimic is None], dtype=bool)
     q = [rng.uniform(-np.pi, np.pi, size) * np.where(hinges, 1.0, 0.1)]
