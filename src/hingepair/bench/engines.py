@@ -73,10 +73,9 @@ def join_parts(parts: Sequence[Any], count: int) -> Array:
     return np.concatenate([np.asarray(part, dtype=float).reshape(count, -1) for part in parts], axis=-1)
 
 
-def _fill(compute: Callable[..., Any], rows: Sequence[Array]) -> Job:
-    """Return a job that computes one state after the other and copies the results into arrays.
-
-    Those of a single state are only read out.
+def _loop_over(compute: Callable[..., Any], rows: Sequence[Array]) -> Job:
+    """Return a job that calls `compute` with the inputs of one state after the other, a row of each of `rows`, and
+    copies the results into arrays; those of a single state are only read out.
     """
     first = [row[0] for row in rows]
     if len(rows[0]) == 1:
@@ -136,7 +135,7 @@ def pinocchio_job(states: States) -> Job:
         ACCELERATION_SLOPES: acceleration_slopes,
         GRADIENT: lambda *state: tuple(part.sum(axis=0) for part in torque_slopes(*state)),
     }
-    return _fill(compute[states.workload], rows)
+    return _loop_over(compute[states.workload], rows)
 
 
 def pinocchio_batch_job(states: States) -> Job:
@@ -184,7 +183,7 @@ def mujoco_job(states: States) -> Job:
     if has_dynamics:
         inverse = mj.mj_inverse, data.qacc, data.qfrc_inverse
         forward = mj.mj_forward, data.qfrc_applied, data.qacc
-        return _fill(solve(*(inverse if workload == INVERSE else forward)), rows)
+        return _loop_over(solve(*(inverse if workload == INVERSE else forward)), rows)
     body2, kind = model.body("body2").id, mj.mjtObj.mjOBJ_XBODY
     targets = (data.qpos, data.qvel, data.qacc)
     pose = data.xpos[body2], data.xmat[body2].reshape(3, 3)
@@ -207,7 +206,7 @@ def mujoco_job(states: States) -> Job:
             parts = *parts, change[3:, 0], change[:3, 0]
         return parts
 
-    return _fill(motion, rows)
+    return _loop_over(motion, rows)
 
 
 def mujoco_model(text: str) -> Any:

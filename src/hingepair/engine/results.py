@@ -166,7 +166,7 @@ def writable_arrays(results: Results) -> dict[str, FloatArray]:
 def _results_of(
     result_class: type[Results], arrays: Mapping[str, Any], shape: tuple[int, ...], replacements: Mapping[str, Any]
 ) -> Results:
-    """Return results of a class with arrays, some of which are replaced."""
+    """Return results of a class with arrays, of which Dask has computed those in `replacements`."""
     return result_class({**arrays, **replacements}, shape)
 
 

@@ -31,7 +31,7 @@ _SEQUENTIAL = 64  # elements up to which Python floats are faster than kernels
 
 
 class Steps(NamedTuple):
-    """Steps of integration between consecutive times."""
+    """Times between which steps of integration go, and which of them are instants asked for."""
 
     t: Array  # shape (steps + 1,)
     instant_indices: NDArray[np.intp] | None = None  # which of the times are the instants asked for; None: all

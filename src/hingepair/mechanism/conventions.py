@@ -61,7 +61,7 @@ def written_q(
 
 
 def written_v(convention: Convention, qd: Float64Array, base: BodyMotion | None, free: bool) -> Float64Array:
-    """Return v as a package writes it, that of a free base first."""
+    """Return v as a package writes it; of a free base first v1, then omega1 in the axes of the base."""
     if not free:
         return qd
     S, v, omega = _attitude(base), _part(base, "v"), _part(base, "omega")

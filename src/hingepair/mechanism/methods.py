@@ -1067,7 +1067,8 @@ class MechanismMethods(Frozen, Shown):
         base_motion1: BodyMotion | None = None,
     ) -> Float64Array:
         """Return the change for which `integrate` leads from q0 to q1, and a free base from `base_motion0` to
-        `base_motion1`; shape (..., dof), with a free base (..., 6 + dof).
+        `base_motion1`; shape (..., dof), with a free base (..., 6 + dof), first the changes of R1 and, as a rotation
+        vector, of S1, in world axes.
         """
         free = self.base == "free"
         conventions.check_base(base_motion0, free, "base_motion0")

@@ -373,7 +373,7 @@ class Accelerations(Functions):
         self._shares, self._doubt = [1.0 / pivot for pivot in pivots], computation.singular_doubt
 
     def jacobian(self, names: Iterable[str], changes: Sequence[Change]) -> dict[str, list[list[Operand]]]:
-        """Return the Jacobians of the named results: a row for each component, a column for each change."""
+        """Return the Jacobians as `Functions` does, of the accelerations by solving with the mass matrix (T11)."""
         held = [[*change, *self._held] for change in changes]
         rows = itertools.chain(*self._lack.jacobian(self._lack.results, held).values())
         columns = [self._solve(column) for column in zip(*rows, strict=True)]
@@ -381,13 +381,13 @@ class Accelerations(Functions):
         return super().jacobian([name for name in names if name not in solved], changes) | solved
 
     def pushforward(self, names: Iterable[str], change: Change) -> dict[str, list[Operand]]:
-        """Return the rates of change of the components of the named results."""
+        """Return the rates of change as `Functions` does, those of the accelerations by T11."""
         rates = itertools.chain(*self._lack.pushforward(self._lack.results, [*change, *self._held]).values())
         solved = self._by_name(self._names, self._solve([*rates]))
         return super().pushforward([name for name in names if name not in solved], change) | solved
 
     def pullback(self, weights: Parts, inputs: Sequence[Operand]) -> list[Operand]:
-        """Return the derivatives by inputs of the sum of the results' components times the weights."""
+        """Return the derivatives as `Functions` does, those of the accelerations by T11."""
         column = [x for name in self._names for x in weights.get(name, (0.0,) * len(self.results[name]))]
         loads = iter(self._solve(column))
         solved = {name: [*itertools.islice(loads, len(part))] for name, part in self._lack.results.items()}

@@ -130,7 +130,7 @@ def backward_loop(step: RolloutStep, wrt: tuple[str, ...], held: tuple[str, ...]
     gradients = derivative_loop(plain, derivative, functools.partial(_functions, step))
 
     def function(v: Mapping[str, Any]) -> dict[str, Any]:
-        """Take the derivatives back by one step or stage."""
+        """Take the adjoints of the state back by a step or stage, and add the derivatives by `wrt` to their sums."""
         weights = {f"weight_next_{name}": v[f"adjoint_{name}"] for name in changes}
         for name in step.state:
             weights[f"weight_next_{name}"] = _ahead(v[f"adjoint_{name}"], v[f"weight_{name}"], v["ends"])

@@ -254,7 +254,7 @@ def numbers_key(*shape: int) -> Key:
 
 
 def read_tables(path: str | os.PathLike[str]) -> Table:
-    """Read a TOML file, and return its contents as one Table without constants."""
+    """Read a TOML file, and return its contents as one Table, whose [constants] are not evaluated yet."""
     import tomllib
 
     try:

@@ -392,7 +392,7 @@ def _with_results(
 
 
 def _smallest(optimize: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) -> Float64Array:
-    """Return the numbers at which `aim` is smallest: the best of a scan of the ranges, then a local search."""
+    """Return the numbers at which `aim`, with a penalty for `misses`, is smallest: a scan, then a local search."""
     if not variants.has_ranges:
         raise ArgumentError("vary", 'ranges, as in {"dynamics.damping": (0.1, 10)}, beside minimize', "none")
     width = variants.high - variants.low

@@ -15,11 +15,11 @@ from typing import Any, Final, NamedTuple
 from hingepair.equations import spatial as eq
 
 MAX_BITS: Final = 4_096
-"""Largest number of bits of the numerator and of the denominator of an exact number."""
+"""Largest number of bits of the numerator and of the denominator of an exact number; a longer one is refused."""
 MAX_EXPONENT: Final = 1_000
-"""Largest size of the exponent of a power, and of the exponent of ten in a decimal number."""
+"""Largest size of the exponent of a power, and of the exponent of ten in a decimal number; others are refused."""
 MAX_ROOT: Final = 10_000
-"""Largest denominator of an exponent: t**0.1234 has 5000."""
+"""Largest denominator of an exponent: t**0.1234 has 5000. Others are refused."""
 
 _BITS: Final = 256  # to which numbers that are not exact are rounded
 _CANCELLED: Final = Fraction(1, 2**200)  # a sum this small relative to its largest term is 0

@@ -329,7 +329,7 @@ def _has_symbols(expr: Expr) -> bool:
 
 
 def _short_constant(constant: Expr) -> Expr:
-    """Return a constant as it is if it is short, 0 if its terms cancel, else the decimal of its float."""
+    """Return a constant as it is if it is short, 0 if its terms cancel, else its float as a Rational."""
     if constant.is_Rational or len(to_text(constant)) <= _MAX_CHARACTERS:
         return constant
     value = constant_value(constant)

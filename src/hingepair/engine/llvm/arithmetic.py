@@ -370,7 +370,7 @@ class Arithmetic:
         return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
 
     def _write_comparison(self, condition: Operand) -> str:
-        """Return the result of a comparison a < b, which a function makes once."""
+        """Append a comparison a < b unless this function has it already, and return the name of its result."""
         name, _ = self._names.get(id(condition), ("", 0))
         if not name and isinstance(condition, TracedValue):
             both = ", ".join(self.operand(one) for one in condition.operands)

@@ -27,7 +27,7 @@ _COS_REST: Final = (  # (cos r - 1 + r^2/2) / r^4 with one of 1.3e-18
 _TABLE: Final = (*_HALF_PI, *_SIN_REST, *_COS_REST, _TWO_OVER_PI, _ROUNDER, 0.5, 1.0, _REDUCIBLE)  # in memory
 
 SINE_FUNCTIONS: Final = {"sines": "ptr noalias %frame, ptr noalias %slots, i64 %count, ptr noalias %to"}
-"""Parameters, by name, of the functions that kernels call."""
+"""Parameters, by name, of the functions that kernels call for sine, cosine and 1 - cosine."""
 
 # What the functions call.
 _DECLARATIONS: Final = f"""
