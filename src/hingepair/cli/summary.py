@@ -139,7 +139,7 @@ class RunSummary:
         return rows
 
     def _hidden_arrays(self) -> list[str]:
-        """Return the arrays of which no component is shown."""
+        """Return the arrays that the table leaves out: matrices, if not asked for, and those of coincident frames."""
         coincident = tuple(f"_{frame}" for frame in self.coincident_frames)
         matrices = self._matrices if self._hides_matrices else []
         return [*matrices, *(name for name in self._components if name.endswith(coincident))]

@@ -126,7 +126,7 @@ def _check_jumps(name: str, motion: Callable[[Array], dict[str, Array]], t: Arra
     """Refuse a velocity that jumps: the simulation knows its rate, but no impulse."""
 
     def excess(times: Array) -> tuple[Array, Array]:
-        """Return by how much the velocity changes more than its rate says, in each interval, and its sizes."""
+        """Return by how much v changes beyond its rate in each interval, most at a jump, and |v| at each instant."""
         found = motion(times)
         v, a = (found[key].reshape(len(times), -1) for key in (velocity, rate))
         steps = np.diff(times)[:, None]

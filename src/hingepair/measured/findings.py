@@ -189,9 +189,7 @@ def outlier_finding(
 
 
 def _axis_findings(poses: RelativePoses, residuals: HingeResiduals, turning: float) -> list[Finding]:
-    """Return a finding if the axes of the bodies tilt against each other, beside a hinge angle that scatters by
-    `turning` [rad].
-    """
+    """Return a finding if the axes of the bodies tilt against each other; psi turns by `turning` [rad rms]."""
     weights = residuals.weights / residuals.weights.sum()
     tilt = float(np.sqrt(weights @ (residuals.tilt * residuals.tilt)))
     degrees = f"{np.degrees(tilt):.2g} deg rms"

@@ -58,7 +58,7 @@ from hingepair.plans.steps import (
 )
 from hingepair.rotations.sequences import find_sequence
 
-TrigFunctions: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]
+TrigFunctions: TypeAlias = tuple[Callable[..., Any], Callable[..., Any]]  # of phi and of psi: NUMERIC_TRIG, or exact
 
 _VELOCITIES: Final = 7  # v1, omega1 and psi'
 _INNER_SHAPES: Final[dict[str, ArrayShape]] = {  # of constants, and of what steps alone know
@@ -291,7 +291,7 @@ def all_steps(
 
 
 def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return the steps of the motion of both bodies in space."""
+    """Return the steps of the motion of both bodies in space, with these functions for sines and cosines."""
     angle_terms, hinge_terms = trig_functions
     if trig_functions is NUMERIC_TRIG:
         steps = [Step("hinge", hinge_terms, ("psi",)), Step("cosine", hinge_cosine, ("hinge",))]
@@ -323,7 +323,7 @@ def _spatial_steps(sequence: str | None, has_home: bool, trig_functions: TrigFun
 
 
 def _planar_steps(trig_functions: TrigFunctions) -> tuple[Step, ...]:
-    """Return the steps of the motion of both bodies in the plane."""
+    """Return the steps of the motion of both bodies in the plane, with these functions for sines and cosines."""
     if trig_functions == NUMERIC_TRIG:
         return PLANAR_KINEMATICS_STEPS
     angle_terms, hinge_terms = trig_functions
