@@ -77,6 +77,15 @@ def test_pinocchio_finds_the_meshes_of_a_written_robot_where_they_were(folder: P
     assert "mesh" not in hp.to_urdf(arm, meshes=False)
 
 
+def test_meshes_beside_the_urdf_are_found_from_every_folder(folder: Path) -> None:
+    arm = robot(folder, element(STL.replace("package://arm_description/", "")))
+    (found,) = geometries(hp.to_urdf(arm), pin.GeometryType.VISUAL, folder)
+    assert found[0] == (folder / "meshes" / "hull.stl").as_posix()
+    written = folder.parent / "elsewhere.urdf"
+    written.write_text(hp.to_urdf(arm))
+    assert hp.to_urdf(hp.Mechanism.from_urdf(written)) == written.read_text()
+
+
 def mujoco_points(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Return the corners of a geom's mesh at q = 0, world axes."""
     data = mujoco.MjData(model)

@@ -67,6 +67,28 @@ def test_mujoco_moves_the_written_robot():
 
 
 @pytest.mark.parametrize(
+    ("inertial", "refusal"),
+    [
+        ("", "larger than mjMINVAL"),
+        ('<mass value="1"/>', "positive eigenvalues"),
+        ('<mass value="1"/><inertia ixx="1" iyy="1" izz="3" ixy="0" ixz="0" iyz="0"/>', "A \\+ B >= C"),
+        ('<mass value="1"/><inertia ixx="1" iyy="2" izz="3" ixy="0" ixz="0" iyz="0"/>', None),
+    ],
+)
+def test_masses_that_mujoco_refuses_are_warned_of(inertial, refusal):
+    hand = f'<link name="l4"><inertial>{inertial}</inertial></link>'
+    links = LINKS[: LINKS.index('<link name="l4">')] + hand
+    robot = hp.Mechanism.from_urdf(ARM.replace("ROOT", "pedestal").format(links=links))
+    if refusal is None:
+        mujoco.MjModel.from_xml_string(hp.to_mjcf(robot))
+        return
+    with pytest.warns(hp.DynamicsWarning, match=r"MuJoCo refuses this model: .*; these have none: l4 \("):
+        text = hp.to_mjcf(robot)
+    with pytest.raises(ValueError, match=refusal):
+        mujoco.MjModel.from_xml_string(text)
+
+
+@pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"hinge_torque": hp.HingeLoad()}, "hinge_torque: expected None, since a robot has no single hinge"),

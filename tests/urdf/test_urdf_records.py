@@ -204,3 +204,5 @@ def test_macros_are_refused_and_what_they_made_is_read():
         with pytest.raises(URDFError, match=r"URDF: expected a URDF without macros .*, got xacro:in"):
             read_urdf(f'{head}<link name="a"/>{macro}</robot>')
     assert list(read_urdf(f'{head}<link name="a"/></robot>').links) == ["a"]
+    with pytest.raises(URDFError, match="got xacro:arm"):  # a namespace of any name
+        read_urdf('<robot xmlns:xacro="x" name="a"><link name="base"/><xacro:arm parent="base"/></robot>')

@@ -87,7 +87,8 @@ def to_urdf(
     For a `Mechanism`, the text has all links and joints, with masses, limits and mimic rules. If hingepair or
     Pinocchio reads the text, q has the same order as before. Fixed and locked joints are written as fixed joints, and
     the mass, the shapes and the meshes of all links that they join are written to one of these links. Meshes keep
-    the file names and scales of the URDF that was read. Rotor inertias are not written; a `DynamicsWarning` says so.
+    their scales and names such as `package://...`; names relative to the URDF file become absolute. Rotor
+    inertias are not written; a `DynamicsWarning` says so.
 
     Args:
         pair: a `HingePair`, whose limits, torque_limit, rate_limit and mass properties (pair.body1 and pair.body2)
@@ -182,7 +183,8 @@ def to_mjcf(
     collisions in group 3, or in group 1 where a body has nothing else. The latter have the class "collision": set
     its contype and conaffinity to 1, and these bodies collide. Files of meshes are named by their paths below
     `meshdir` of the compiler. MuJoCo loads STL (binary) and OBJ; a `DynamicsWarning` names meshes in other formats,
-    such as DAE, and files that were not found, which are not written.
+    such as DAE, and files that were not found, which are not written. Another one names moving bodies that MuJoCo
+    refuses: without a mass, or with an inertia that no rigid body has.
 
     Args:
         pair: a `Mechanism`; or a `HingePair`, whose limits, torque_limit and mass properties (pair.body1 and

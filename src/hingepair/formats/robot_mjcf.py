@@ -12,7 +12,7 @@ from hingepair.errors import ArgumentError
 from hingepair.formats.mjcf_meshes import MjcfMeshes
 from hingepair.formats.robot_writer import is_here
 from hingepair.formats.shape_writers import unread_sentences
-from hingepair.formats.xml_text import add_element, check_xml_text, document
+from hingepair.formats.xml_text import add_element, check_xml_text, document, first_few
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.mechanism.tree import Frame, Joint, MassProperties, Tree
 from hingepair.numeric.arrays import one_constant
@@ -30,6 +30,7 @@ MJCF_COMPILER: Final = {
     "fusestatic": "false",
 }
 _TYPES: Final = {"hinge": "hinge", "slider": "slide"}  # MuJoCo's, by our kind of joint
+_LEAST_MASS, _LEAST_MOMENT = 1e-15, 1e-14  # kg and kg m^2; less is 0 to MuJoCo
 _FARTHEST = 1e9  # rad or m; written for a missing limit beside a given one
 
 
@@ -56,7 +57,26 @@ def robot_to_mjcf(robot: Mechanism, base: str, gravity: ArrayLike, *, meshes: bo
         if (rule := joint.mimic) is not None:
             leader, curve = tree.joints[rule.leader - 1].name, (rule.offset, rule.multiplier, 0, 0, 0)
             add_element(equality, "joint", joint1=joint.name, joint2=leader, polycoef=curve)
-    return document(root, [*drawn.sentences, *unread_sentences(tree)])
+    return document(root, [*_mass_sentences(tree, bodies, base), *drawn.sentences, *unread_sentences(tree)])
+
+
+def _mass_sentences(tree: Tree, bodies: list[ET.Element], base: str) -> list[str]:
+    """Return a sentence, if any, on the moving bodies that MuJoCo refuses for their masses."""
+    masses = [tree.base, *(joint.body for joint in tree.joints)]
+    moving = list(zip(bodies, masses, strict=True))[base != "free" :]
+    refused = [body.get("name", "") for body, one in moving if not _has_mass(one)]
+    if not refused:
+        return []
+    need = "moving bodies need a mass, and an inertia that a rigid body can have"
+    return [
+        f"{tree.name}: MuJoCo refuses this model: {need}; these have none: {first_few(refused)} (robot.with_payload "
+        "adds both)"
+    ]
+
+
+def _has_mass(masses: MassProperties) -> bool:
+    least, middle, largest = map(float, np.linalg.eigvalsh(masses.inertia))
+    return masses.mass >= _LEAST_MASS and least >= _LEAST_MOMENT and least + middle >= largest
 
 
 def _add_body(

@@ -55,9 +55,10 @@ def _place(shape: Drawn) -> Any:
 def _urdf_geometry(shape: Drawn) -> tuple[str, dict[str, Any], Any]:
     """Return kind, sizes, and roll, pitch and yaw [rad] of a shape or a mesh in URDF."""
     if isinstance(shape, Mesh):
-        check_xml_text("the file of a mesh", shape.file)
+        file = shape.named_anywhere()
+        check_xml_text("the file of a mesh", file)
         scale = {"scale": shape.scale} if shape.scale != (1.0, 1.0, 1.0) else {}
-        return "mesh", {"filename": shape.file, **scale}, matrix_to_euler(shape.pose.rotation, "xyz")
+        return "mesh", {"filename": file, **scale}, matrix_to_euler(shape.pose.rotation, "xyz")
     if isinstance(shape, Box):
         return "box", {"size": shape.size}, matrix_to_euler(shape.axes, "xyz")
     if isinstance(shape, Cylinder):

@@ -29,6 +29,12 @@ class Mesh(NamedTuple):
         """Return the mesh rotated and then shifted by `pose`."""
         return self._replace(pose=pose.placed(self.pose))
 
+    def named_anywhere(self) -> str:
+        """Return a name of the file that holds in every folder: a relative one starts from the folder of the URDF."""
+        if self.folder is None or "://" in self.file:
+            return self.file
+        return Path(os.path.abspath(self.folder / self.file)).as_posix()
+
     def find(self) -> Path | None:
         """Return the path of the file, or None if there is no such file, or one that is no mesh."""
         scheme, colon, name = self.file.rpartition("://")

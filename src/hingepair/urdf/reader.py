@@ -18,7 +18,8 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotR
     An angle of an origin (rpy) within `snap` [rad] of a multiple of pi/2 is read as this multiple. With 0, only an
     angle that is the double nearest to a multiple of pi/2 is.
     """
-    parser = ET.XMLParser(target=_DoctypeRefusingBuilder())
+    builder = _Builder()
+    parser = ET.XMLParser(target=builder)
     try:
         text = _read_text(path_or_text)
         parser.feed(text)
@@ -31,7 +32,8 @@ def read_urdf(path_or_text: str | os.PathLike[str], snap: float = 0.0) -> RobotR
         raise URDFError("URDF", "the element <robot>", f"<{root.tag}>")
     for element in root.iter():
         for name in (element.tag, *element.attrib):
-            if str(name).startswith("{") and "xacro" in name:
+            namespace = str(name)[1:].partition("}")[0] if str(name).startswith("{") else ""
+            if "xacro" in namespace or namespace in builder.macros:
                 expected = "a URDF without macros (the command xacro expands them)"
                 raise URDFError("URDF", expected, f"xacro:{name.partition('}')[2]}")
     rules = PoseRules(snap, _has_quaternions(root.get("version", "1.0")))
@@ -62,8 +64,18 @@ def _joint(element: ET.Element, rules: PoseRules) -> JointRecord:
     return JointRecord(element, element.get("name", ""), element.get("type", ""), parent, child, leader, rules)
 
 
-class _DoctypeRefusingBuilder(ET.TreeBuilder):
-    """Builder of XML trees that refuses a DOCTYPE before any entity that it declares is expanded."""
+class _Builder(ET.TreeBuilder):
+    """Builder of XML trees that keeps the namespaces of macros, and refuses a DOCTYPE before any entity that it
+    declares is expanded.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.macros: set[str] = set()  # namespaces whose prefix is "xacro"
+
+    def start_ns(self, prefix: str, uri: str) -> None:
+        if prefix == "xacro":
+            self.macros.add(uri)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         # Its entities could name files, or grow without bound.
