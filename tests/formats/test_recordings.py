@@ -341,6 +341,8 @@ def test_columns_of_another_program_have_names_and_units(tmp_path: Path) -> None
         hp.read_recording(german, columns=columns | {"x1": "Osten"})
     with pytest.raises(hp.ArgumentError, match=r"x1: expected x1 once, from columns or from a column of this name"):
         hp.read_recording(german.assign(x1=0.0), columns=columns)
+    with pytest.raises(hp.ArgumentError, match=r"columns\.x1: expected one of .* \(nearest: Ost\), got 'Osten'"):
+        hp.read_recording(german.assign(x1=0.0), columns=columns | {"x1": "Osten"})
     with pytest.raises(hp.ArgumentError, match=r"columns\.x1\.unit: expected one of m, mm"):
         hp.read_recording(german, columns=columns | {"x1": {"name": "Ost", "unit": "deg"}})
 
@@ -392,6 +394,21 @@ def test_euler_angles_are_attitudes(digits: tuple[str, str], sequence: str) -> N
     assert np.isnan(found.body1.S[5]).all()
     assert np.abs(np.delete(found.body1.S - MADE.S1, 5, axis=0)).max() < 12 * 2.0**-53
     assert np.abs(found.body2.S - MADE.S2).max() < 12 * 2.0**-53
+
+
+def test_one_of_two_recordings_may_have_columns_of_other_names() -> None:
+    t = np.arange(40) / 10
+    first, second = ({"t": t, "x": k * t, "y": t, "phi_z": 0.1 * k * t} for k in (1, 2))
+    expected = hp.read_recording(first, second)
+    named = {**first, "Kurs [deg]": np.degrees(first["phi_z"])}
+    del named["phi_z"]
+    columns = {"phi_z": {"name": "Kurs [deg]", "unit": "deg"}}
+    for sources, bodies in (((named, second), (0, 1)), ((second, named), (1, 0))):
+        found = hp.read_recording(*sources, columns=columns)
+        for body, k in zip((found.body1, found.body2), bodies, strict=True):
+            assert np.abs(body.S - expected[k].S).max() < 8 * 2.0**-53
+    with pytest.raises(hp.ArgumentError, match=r"columns\.phi_z: expected one of .*, got 'Kurz'"):
+        hp.read_recording(first, second, columns={"phi_z": "Kurz"})
 
 
 def test_headings_are_read_as_in_scenes(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from hingepair.rotations.matrices import project_to_rotation
 from hingepair.rotations.sequences import SEQUENCE_NAMES
 from hingepair.tables.angle_columns import doubts_about_angles, planar_zeros
 from hingepair.tables.column_file import ColumnRequest, Columns, read_columns
-from hingepair.tables.column_sources import in_own_names, read_column_sources
+from hingepair.tables.column_sources import check_once, in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable, column_table
 from hingepair.tables.data_frames import column_names
 from hingepair.tables.instants import checked_gaps, increasing_seconds, warn_of_measurements
@@ -179,10 +179,10 @@ def _read_recording(
     bodies: dict[str, _RecordedBody] = {}
     present_names: list[str] = []
     has_angles = False
+    is_alone = len(paths) == 1
     for place, path in enumerate(paths, start=1):
-        is_alone = len(paths) == 1
         columns, stated = _read_columns(
-            path, columns_by_name, ignored_columns, encoder_column, advice, present_names, is_alone=is_alone
+            path, columns_by_name, ignored_columns, encoder_column, advice, present_names, is_last=place == len(paths)
         )
         digits = [
             digit
@@ -357,11 +357,12 @@ def _read_columns(
     advice: ColumnAdvice,
     present_names: list[str],
     *,
-    is_alone: bool,
+    is_last: bool,
 ) -> tuple[Columns, set[str]]:
     """Return the columns that a recording needs, and the names of those whose unit is stated; the names of all are
     added to `present_names`.
     """
+    earlier_names = {*present_names}
     stated = path.units if isinstance(path, ColumnTable) else {}
     sources = read_column_sources(columns_by_name, _POSE_COLUMNS, unit_of, stated)
     taken = {source.column for source in sources.values()}
@@ -371,15 +372,12 @@ def _read_columns(
     def choose(names: list[str]) -> list[str]:
         """Return those of the file's columns that are to be read."""
         present_names.extend(names)
-        if not sources:
-            return _columns_to_read(names, ignored_columns, encoder_column, advice)
-        for name in sources:
-            if name in names and name not in taken:
-                raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
-        known = {*taken, *_POSE_COLUMNS, encoder_column}  # the file is another's: the rest is not ours to know
-        return _columns_to_read(
-            [name for name in names if name in known], ignored_columns, encoder_column, advice, taken
-        )
+        if sources:  # the file is another's: the rest is not ours to know
+            known = {*taken, *_POSE_COLUMNS, encoder_column}
+            names = [name for name in names if name in known]
+        wanted = _columns_to_read(names, ignored_columns, encoder_column, advice, taken)
+        check_once(wanted, sources)
+        return wanted
 
     stated_names: set[str] = set()  # columns whose heading has their unit
 
@@ -393,8 +391,11 @@ def _read_columns(
     exact = sources["t"].column if "t" in sources else "t"
     try:
         columns = read_columns(path, ColumnRequest(choose, _component_names, exact, read_own_heading))
-        if not is_alone:  # either recording may have a column
-            sources = {name: source for name, source in sources.items() if source.column in columns}
+        sources = {  # either recording may have a column, and the last has those that nothing had before
+            name: source
+            for name, source in sources.items()
+            if source.column in columns or (is_last and source.column not in earlier_names)
+        }
         columns = in_own_names(columns, sources, present_names)
     except ArgumentError as error:
         name = ": ".join(filter(None, (str(path), error.name)))
@@ -425,8 +426,6 @@ def _columns_to_read(
         if name != encoder_column and any(fnmatch.fnmatchcase(name, pattern) for pattern in ignored_columns):
             continue
         if name in known_names:
-            if name in wanted:
-                raise ArgumentError(name, "a column once", "a second one")
             wanted.append(name)
         elif not _IGNORED_COLUMNS.fullmatch(name):
             short = name[:40]

@@ -18,7 +18,7 @@ from hingepair.measured.smoothing.smooth import smooth
 from hingepair.mechanism.mechanism import Mechanism
 from hingepair.numeric.arrays import Float64Array
 from hingepair.tables.column_file import ColumnRequest, read_columns
-from hingepair.tables.column_sources import in_own_names, read_column_sources
+from hingepair.tables.column_sources import check_once, in_own_names, read_column_sources
 from hingepair.tables.units import read_heading
 
 _MOTION = ("q", "qd", "qdd")  # the last two recorded or derived
@@ -50,10 +50,9 @@ def read_robot_recording(
     def choose(names: list[str]) -> list[str]:
         """Return those of the file's columns that are to be read."""
         present.extend(names)
-        for name in sources:
-            if name in names and name not in taken:
-                raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
-        return [name for name in names if name in taken or name in units]
+        wanted = [name for name in names if name in taken or name in units]
+        check_once(wanted, sources)
+        return wanted
 
     def read_own_heading(heading: str) -> tuple[str, float]:
         return (heading, 1.0) if heading in taken else read_heading(heading, unit_of)
@@ -69,7 +68,9 @@ def read_robot_recording(
         needed = bool(derived) if name == "t" else name.partition("_")[0] not in _MOTION[1:]
         if needed and name not in found:
             why = f", or hold the joint by --lock {name.partition('_')[2]}=POSITION" if name != "t" else ""
-            raise ArgumentError(str(path), f"a column {name}{nearest(name, present)}{why}", "none")
+            users = [other for other, source in sources.items() if source.column == name]
+            near, got = ("", f"it as {users[0]}, by columns") if users else (nearest(name, present), "none")
+            raise ArgumentError(str(path), f"a column {name}{near}{why}", got)
     t = found.get("t")
     recorded = {
         name: np.stack([found[f"{name}_{joint}"] for joint in joints], axis=-1)

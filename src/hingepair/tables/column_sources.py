@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -75,6 +75,27 @@ def read_column_sources(
             raise ArgumentError(f"columns.{name}.unit", expected, quoted(unit))
         sources[name] = ColumnSource(column, sign * known[unit.removeprefix("-")])
     return sources
+
+
+def check_once(names: Sequence[str], sources: Mapping[str, ColumnSource]) -> None:
+    """Refuse columns that are to be read, of these `names`, if one comes twice, also under another name.
+
+    Raises:
+        ArgumentError: two columns have one name, or a quantity has a source and a column of its own name.
+
+    >>> check_once(["Time", "t"], {"t": ColumnSource("Time")})
+    Traceback (most recent call last):
+    hingepair.errors.ArgumentError: t: expected t once, from columns or from a column of this name, got both
+    """
+    taken = {source.column for source in sources.values()}
+    found = set()
+    for name in names:
+        if name in found:
+            raise ArgumentError(name, "a column once", "a second one")
+        found.add(name)
+    for name, source in sources.items():
+        if name in found and name not in taken and source.column in found:
+            raise ArgumentError(name, f"{name} once, from columns or from a column of this name", "both")
 
 
 def in_own_names(

@@ -44,7 +44,7 @@ from hingepair.scenes.motions.noise import derivative_noise
 from hingepair.scenes.tables import NamedSource, Table
 from hingepair.tables.angle_columns import PlanarColumns, doubts_about_angles, planar_zeros
 from hingepair.tables.column_file import ColumnRequest, csv_column, read_columns
-from hingepair.tables.column_sources import ColumnSource, in_own_names, read_column_sources
+from hingepair.tables.column_sources import ColumnSource, check_once, in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable
 from hingepair.tables.instants import MeasurementWarning, gap_sentences, instants_of, split_at_gaps
 from hingepair.tables.sheets import percent
@@ -352,8 +352,6 @@ class Log(NamedSource):
             if source.column not in column_names:
                 expected = f"{choices(column_names)}{nearest(source.column, column_names)}"
                 self.refuse(f"motion.columns.{name}", expected, quoted(source.column))
-            if name in column_names and name not in taken and name not in self._ignored:
-                self.refuse(name, f"{name} once, from motion.columns or from a column of this name", "both")
         if sources:  # the file is another's: what it has beside them is not ours to know
             others = [name for name in column_names if name not in {*taken, *known_names}]
             if others:
@@ -364,7 +362,7 @@ class Log(NamedSource):
             expected = f"names of columns of the log in motion.ignore{nearest(name, tuple(column_names))}"
             self.refuse(repr(name[:40]), expected, "no such column")
         read_names = [name for name in column_names if name not in self._ignored]
-        for i, name in enumerate(read_names):
+        for name in read_names:
             if name not in known_names:
                 got = f"an unknown column{nearest(name, known_names)}"
                 if name.partition("_")[0] in self.layout.result_prefixes:
@@ -374,8 +372,7 @@ class Log(NamedSource):
                     '[motion.columns] names the columns of another program, such as t = "Time"'
                 )
                 self.refuse(repr(name[:40]), expected, got)
-            if name in read_names[:i]:
-                self.refuse(name, "a column once", "a second one")
+        check_once(read_names, sources)
         return read_names
 
     def quantity_and_rates(self, names: tuple[str, ...], required: bool = True) -> Part:

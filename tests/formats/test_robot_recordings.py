@@ -1,0 +1,64 @@
+"""Recordings of robots: columns by their own names and by others, each once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hingepair as hp
+from hingepair.formats.robot_recordings import read_robot_recording
+
+ARM = hp.Mechanism([hp.HingePair((0, 0, 1), (-1, 0, 0), (0, 1, 0), name="elbow")])
+NAMES = ("t", "q_elbow", "qd_elbow", "qdd_elbow", "tau_elbow")
+
+
+def recording(folder: Path, *names: str) -> Path:
+    """Return a file whose columns of these names hold 1, 2, 3 and so on, times the row."""
+    rows = np.outer(np.arange(9), 1 + np.arange(len(names)))
+    path = folder / "log.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "columns", "words"),
+    [
+        ("q_elbow [deg]", "q_elbow", {}, "q_elbow: expected a column once"),
+        ("q_elbow", "q_elbow [deg]", {}, "q_elbow: expected a column once"),
+        ("tau_elbow [N mm]", "tau_elbow", {}, "tau_elbow: expected a column once"),
+        ("q_elbow", "q_elbow [deg]", {"qd_elbow": {"name": "q_elbow"}}, "q_elbow: expected a column once"),
+        ("q_elbow", "w", {"q_elbow": {"name": "w", "unit": "deg"}}, "q_elbow once, from columns or .* got both"),
+    ],
+)
+def test_a_column_is_read_once(
+    first: str, second: str, columns: dict[str, dict[str, str]], words: str, tmp_path: Path
+) -> None:
+    others = [name for name in NAMES if name not in {first.split(maxsplit=1)[0], second.split(maxsplit=1)[0]}]
+    with pytest.raises(hp.ArgumentError, match=words):
+        read_robot_recording(recording(tmp_path, *others, first, second), ARM, columns=columns)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ({"tau_elbow": {"name": "nope"}}, r"columns\.tau_elbow: expected one of t, .*, got 'nope'"),
+        ({"qd_elbow": {"name": "q_elbow"}}, r"a column q_elbow, or hold .*, got it as qd_elbow, by columns"),
+    ],
+    ids=["no such column", "used as another"],
+)
+def test_messages_name_the_reason(columns: dict[str, dict[str, str]], words: str, tmp_path: Path) -> None:
+    names = [name for name in NAMES if name not in columns or name.startswith("tau")]
+    with pytest.raises(hp.ArgumentError, match=words):
+        read_robot_recording(recording(tmp_path, *names), ARM, columns=columns)
+
+
+def test_columns_of_other_names_are_those_of_ours(tmp_path: Path) -> None:
+    path = recording(tmp_path, "t", "Winkel", "qd_elbow", "qdd_elbow", "tau_elbow [N mm]")
+    t, found = read_robot_recording(path, ARM, columns={"q_elbow": {"name": "Winkel", "unit": "deg"}})
+    rows = np.arange(9.0)
+    assert np.array_equal(t, rows)
+    np.testing.assert_allclose(found["q"][:, 0], np.radians(2 * rows), rtol=4 * 2.0**-53, atol=0)
+    np.testing.assert_allclose(found["tau"][:, 0], 5e-3 * rows, rtol=4 * 2.0**-53, atol=0)
+    assert np.array_equal(found["qd"][:, 0], 3 * rows)
