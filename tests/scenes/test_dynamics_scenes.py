@@ -210,3 +210,19 @@ def test_a_scene_has_rigid_stops_and_breaks(tmp_path):
     assert found.psi.max() <= 1
     with pytest.raises(hp.SceneError, match=r"stop_damping: expected 0, since stop_restitution"):
         scene_of(tmp_path, PAIR + motion.format(1) + keys + "stop_damping = 2\n").evaluate()
+
+
+def test_notes_tell_the_hardest_impact_at_a_rigid_stop(tmp_path):
+    """The rate falls to half at each bounce; a soft stop has no impact."""
+    text = "[dynamics]\nbase = 'fixed'\npsid_0 = 4\ngravity = [0, 0, 0]\nstops = true\n"
+    scene = scene_of(tmp_path, PAIR + text + "stop_restitution = 0.5\n")
+    (note,) = scene.notes()
+    assert note.startswith(
+        "psi hits a rigid stop at t = 0.075 s (psi' from 4 to -2 rad/s), and less hard 1 more time:"
+    )
+    assert note in scene.forces().notes
+    assert [(x.joint, round(x.before, 9), round(x.after, 9)) for x in scene.motion.simulated.impacts] == [
+        ("psi", 4, -2),
+        ("psi", -2, 1),
+    ]
+    assert scene_of(tmp_path, PAIR + text + "stop_stiffness = 1e5\n").motion.simulated.impacts == ()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.dynamics.collocation import NODE_TIMES, NODES, WEIGHTS
-from hingepair.dynamics.run import Run
+from hingepair.dynamics.run import Run, rate_jumps
 from hingepair.numeric.arrays import Float64Array as Array
 from hingepair.tables.sheets import ruled_table
 
@@ -110,17 +109,10 @@ def _impact_work(run: Run) -> Array:
     """Return the kinetic energy [J] that impacts, jumps of the rates of joints between steps, have added up to each
     instant.
     """
-    motion, steps, t = run.motion, run.steps, run.samples.t
+    motion, t = run.motion, run.samples.t
     work = np.zeros(len(t))
-    columns = slice(motion.q.stop, motion.q.stop + motion.dof)
-    for last_step, next_step in itertools.pairwise((steps[0], *steps)):
+    for last_step, next_step, end_state in rate_jumps(run):
         instant = next_step.polynomial.start
-        end_state = (
-            run.first_state if last_step is next_step else last_step.polynomial.states_at(np.array([instant]))[0]
-        )
-        rates, changed = end_state[columns], next_step.polynomial.state[columns]
-        if (np.abs(changed - rates) <= 1e-12 * (1 + np.abs(rates))).all():
-            continue
         states = np.stack([end_state, next_step.polynomial.state])
         samples = motion.sample_steps(np.full(2, t[0] + instant), states, [last_step, next_step])
         kinetic, _ = motion.energies(samples)

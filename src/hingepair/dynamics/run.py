@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +72,19 @@ class Run(NamedTuple):
     steps: list[StepRecord]
     samples: RobotSamples
     ended: bool  # whether `until` ended it
+
+
+class Impact(NamedTuple):
+    """An impact of a joint at a rigid stop."""
+
+    #: name of the joint; psi of a pair
+    joint: str
+    #: instant [s]
+    t: float
+    #: rate before the impact [rad/s or m/s]
+    before: float
+    #: rate after it [rad/s or m/s]
+    after: float
 
 
 class Extreme(NamedTuple):
@@ -163,6 +176,30 @@ def joint_extremes(run: Run, joint: int) -> tuple[Extreme, Extreme]:
         t = np.hstack([t, samples.t[0] + starts[within] + shares * lengths[within]])
     lowest, highest = int(np.argmin(q)), int(np.argmax(q))
     return Extreme(float(q[lowest]), float(t[lowest])), Extreme(float(q[highest]), float(t[highest]))
+
+
+def rate_jumps(run: Run) -> Iterator[tuple[StepRecord, StepRecord, Array]]:
+    """Yield, where rates of joints jump, the steps before and after, and the state at the end of the former."""
+    columns = slice(run.motion.q.stop, run.motion.q.stop + run.motion.dof)
+    for last, after in itertools.pairwise((*run.steps[:1], *run.steps)):
+        end_state = run.first_state
+        if last is not after:
+            end_state = last.polynomial.states_at(np.array([after.polynomial.start]))[0]
+        rates, changed = end_state[columns], after.polynomial.state[columns]
+        if (np.abs(changed - rates) > 1e-12 * (1 + np.abs(rates))).any():
+            yield last, after, end_state
+
+
+def joint_impacts(run: Run, joint: int, name: str) -> list[Impact]:
+    """Return the impacts of a joint at its rigid stops, in order of time."""
+    column, stops = run.motion.q.start + joint, run.motion.joint_loads[joint].rigid_stops
+    rate, impacts = run.motion.q.stop + joint, []
+    for _, after, end_state in rate_jumps(run) if stops else ():
+        start, state = after.polynomial.start, after.polynomial.state
+        if state[column] in stops and state[rate] != end_state[rate]:
+            t = float(run.samples.t[0] + start)
+            impacts.append(Impact(name, t, float(end_state[rate]), float(state[rate])))
+    return impacts
 
 
 def joint_range(

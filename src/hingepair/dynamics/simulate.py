@@ -18,7 +18,7 @@ from hingepair.dynamics.loads import Loads, check_start
 from hingepair.dynamics.pair_loads import BODY2, BaseArgument, LoadArgument, loads_of_pair, pair_loads
 from hingepair.dynamics.robot_motion import RobotMotion, RobotSamples
 from hingepair.dynamics.robot_programs import RobotPrograms
-from hingepair.dynamics.run import Simulation, joint_range, read_options
+from hingepair.dynamics.run import Impact, Simulation, joint_impacts, joint_range, read_options
 from hingepair.dynamics.simulate_robot import simulate_robot
 from hingepair.errors import ArgumentError, quoted
 from hingepair.integration.trajectory import LazyValue, PlanarTrajectory, Trajectory
@@ -65,6 +65,7 @@ class _SimulatedMotionBase:
     base: str
     psi: Array
     psi_range: tuple[float, float]
+    impacts: tuple[Impact, ...]
     ended_by_event: bool
     _error: LazyValue
     _balance: LazyBalance
@@ -126,6 +127,8 @@ class SimulatedMotion(_SimulatedMotionBase, Trajectory):
         gravity: acceleration of free fall, world axes [m/s^2]; three components.
         base: what holds body 1: "free", "pinned", "fixed", or "prescribed" if `base` was a callable.
         psi_range: smallest and largest psi of the whole motion, between the instants too [rad].
+        impacts: impacts at rigid stops, in order of time, with the fields joint ("psi"), t [s], and the rates before
+            and after [rad/s]. `loads` are without their forces.
         ended_by_event: whether `until` ended the motion before the last instant that was asked for.
     """
 
@@ -323,6 +326,7 @@ def simulate(
         "t": read_only(samples.t),
         "psi": read_only(psi),
         "psi_range": psi_range,
+        "impacts": tuple(joint_impacts(found.run, 0, "psi")),
         "method": "collocation",
         "steps": samples.steps,
         "ended_by_event": found.run.ended,

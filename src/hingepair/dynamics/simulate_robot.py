@@ -18,7 +18,7 @@ from hingepair.dynamics.loads import check_start
 from hingepair.dynamics.robot_loads import EffortArgument, RobotLoadArgument, robot_loads
 from hingepair.dynamics.robot_motion import REST, RobotMotion
 from hingepair.dynamics.robot_programs import RobotPrograms
-from hingepair.dynamics.run import Simulation, joint_range, read_options
+from hingepair.dynamics.run import Impact, Simulation, joint_impacts, joint_range, read_options
 from hingepair.errors import ArgumentError, choices, nearest, quoted
 from hingepair.integration.trajectory import LazyValue
 from hingepair.mechanism.mechanism import Mechanism
@@ -68,6 +68,9 @@ class SimulatedRobotMotion(Frozen, Result):
     base: str
     #: smallest and largest coordinate of each joint in the whole motion, between the instants too; shape (dof, 2)
     q_range: Array
+    #: impacts of joints at rigid stops, in order of time, with the fields joint, t [s], and the rates before and
+    #: after [rad/s or m/s]; `loads` are without their forces
+    impacts: tuple[Impact, ...]
     #: number of integration steps
     steps: int
     #: whether `until` ended the motion before the last instant that was asked for
@@ -226,9 +229,11 @@ def simulate_robot(
     make_motion = functools.partial(RobotMotion, robot, kind, start, q, qd, all_loads, programs, moves)
     found = Simulation(make_motion, instants, options)
     samples, q_range, in_degrees = found.samples, [], list[str]()
+    impacts = list[Impact]()
     for k, joint in enumerate(robot.tree.coordinates):
         extremes, doubts = joint_range(found.run, k, joint.name, joint.position_limits, options.tol)
         q_range.append(extremes)
+        impacts += joint_impacts(found.run, k, joint.name)
         degrees = suspicions("written angles", f"q0[{joint.name!r}]", q[k]) if joint.unit == "rad" else []
         in_degrees += degrees
         for sentence in doubts if not degrees else ():  # degrees pass the limits, too
@@ -249,6 +254,7 @@ def simulate_robot(
         gravity=all_loads.gravity,
         base=kind,
         q_range=read_only(np.array(q_range)),
+        impacts=tuple(sorted(impacts, key=lambda impact: impact.t)),
         steps=samples.steps,
         ended_by_event=found.run.ended,
         _frames=None if frames is None else tuple([frames] if isinstance(frames, str) else frames),

@@ -24,7 +24,7 @@ from hingepair.pair.results import Record
 from hingepair.scenes.motions.joints import RATE_SUFFIXES, JointMotion, KnownJointMotion
 from hingepair.scenes.motions.known import KnownMotion, MotionByBody1
 from hingepair.scenes.motions.logs import DIFFERENCE_ORDER
-from hingepair.scenes.motions.motion import Motion, PairMotion, massive, non_finite_sentences
+from hingepair.scenes.motions.motion import Motion, PairMotion, impact_sentences, massive, non_finite_sentences
 from hingepair.scenes.motions.noise import LogNoise, finite_rms, motion_with_errors, noise_rows
 from hingepair.tables.data_frames import column_names, plain_magnitudes, with_magnitudes
 from hingepair.tables.sheets import Sheet, cell_text, instant_text, number_texts, ruled_table
@@ -233,6 +233,8 @@ def pair_forces(
         parts = {name: loads[name] for part in TORQUE_PARTS if (name := f"{part}_torque") in loads}
         arrays = {"hinge_torque": arrays.pop("hinge_torque"), **parts, **arrays}
     notes = [*non_finite_sentences(arrays), *_torque_limit_sentences(pair, t, arrays)]
+    if motion.simulated:
+        notes += impact_sentences(motion.simulated.impacts, {"psi": "rad"})
     if motion.hinge_load is not None:
         notes += _rest_friction_sentences(motion.hinge_load, np.asarray(known.hinge_angle(1)))
     if flat and gravity is None and not motion.simulated and motion.fall is None:
@@ -423,6 +425,9 @@ def robot_forces(
     arrays: dict[str, NDArray[Any]] = {f"tau_{name}": tau[:, i] for i, name in enumerate(robot.names)}
     arrays |= {"force1": acting.force1, "torque1": acting.torque1}
     deviations, notes = np.full(robot.dof, math.nan), [*non_finite_sentences(arrays)]
+    if motion.simulated is not None:
+        units = {joint.name: joint.unit for joint in robot.tree.coordinates}
+        notes += impact_sentences(motion.simulated.impacts, units)
     if motion.derived is not None and len(t) > DIFFERENCE_ORDER:
         deviations, sentence = _effort_noise(robot, motion, t, tau, options)
         notes.append(sentence)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hingepair.dynamics.run import Impact
 from hingepair.dynamics.simulate import SimulatedMotion, SimulatedPlanarMotion
 from hingepair.integration.trajectory import LazyValue
 from hingepair.numeric.arrays import Float64Array
@@ -197,6 +198,22 @@ def kink_sentences(kink_count: int) -> Iterator[str]:
     if kink_count:
         where = f"{kink_count} interval{'s' * (kink_count != 1)}"
         yield f"kinks or jumps in {where}; derivatives there are those from the right"
+
+
+def impact_sentences(impacts: Iterable[Impact], unit_of_joint: Mapping[str, str]) -> Iterator[str]:
+    """Yield one sentence on the hardest impact of each joint at rigid stops, whose force is infinite."""
+    by_joint: dict[str, list[Impact]] = {}
+    for impact in impacts:
+        by_joint.setdefault(impact.joint, []).append(impact)
+    for name, own in by_joint.items():
+        hardest = max(own, key=lambda impact: abs(impact.after - impact.before))
+        rates = f"{name}' from {hardest.before:.3g} to {hardest.after + 0.0:.3g} {unit_of_joint[name]}/s"
+        others = len(own) - 1
+        more = f", and less hard {others} more time{'s' * (others > 1)}" if others else ""
+        yield (
+            f"{name} hits a rigid stop at t = {instant_text(hardest.t)} s ({rates}){more}: forces are without that "
+            "of an impact; stop_stiffness in place of stop_restitution shows it"
+        )
 
 
 def non_finite_sentences(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:

@@ -33,7 +33,7 @@ from hingepair.rotations.matrices import rotation_exp
 from hingepair.scenes.instants import read_instants_array
 from hingepair.scenes.motions.functions import read_coordinate_functions
 from hingepair.scenes.motions.known import MotionByBody1, MotionByCoordinates
-from hingepair.scenes.motions.motion import PRESCRIBED, PairMotion
+from hingepair.scenes.motions.motion import PRESCRIBED, PairMotion, impact_sentences
 from hingepair.scenes.tables import Key, NamedSource, Table, numbers_key
 from hingepair.symbolic.expressions import number, parse_expression
 from hingepair.symbolic.time_functions import TimeFunctions
@@ -255,7 +255,10 @@ def read_simulated_motion(table: Table, motion: Table, time: Table, pair: HingeP
         how=how,
         errors=errors,
         doubt=DOUBT,
-        notes=end_notes(simulated.ended_by_event, simulated.t),
+        notes=(
+            *impact_sentences(simulated.impacts, {"psi": "rad"}),
+            *end_notes(simulated.ended_by_event, simulated.t),
+        ),
         simulated=simulated,
         stops=torque.tightest_stops,
     )

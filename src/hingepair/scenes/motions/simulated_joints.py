@@ -29,7 +29,7 @@ from hingepair.scenes.motions.joints import (
     read_base,
     refuse_joint,
 )
-from hingepair.scenes.motions.motion import PRESCRIBED
+from hingepair.scenes.motions.motion import PRESCRIBED, impact_sentences
 from hingepair.scenes.motions.simulated import (
     DOUBT,
     HINGE_LOAD_KEYS,
@@ -173,7 +173,7 @@ def joint_motion(found: SimulatedRobotMotion, loads: Mapping[str, HingeLoad]) ->
         base=SampledBase(found.base_motion) if moves else None,
         errors=errors,
         doubt=DOUBT,
-        notes=end_notes(found.ended_by_event, found.t),
+        notes=(*impact_sentences(found.impacts, units), *end_notes(found.ended_by_event, found.t)),
         simulated=found,
         stops=tuple(loads.get(name, HingeLoad()).tightest_stops for name in robot.names),
     )
