@@ -41,6 +41,20 @@ def test_coordinates_of_a_robot() -> None:
     assert ROBOT.forward_kinematics((0, RAMP)).shape == (5,)
 
 
+@pytest.mark.parametrize(("name", "width"), [("q", 9), ("qd", 8)])
+def test_states_of_pinocchio_are_told_how_to_convert(name: str, width: int) -> None:
+    given = {"q": (0, 0), "qd": (0, 0)} | {name: np.zeros((5, width))}
+    with pytest.raises(hp.ShapeError, match=r"got shape \(5, .\); robot.from_pinocchio_state\(q, v\) takes"):
+        ROBOT.forward_kinematics(**given)  # type: ignore[arg-type]
+
+
+def test_joints_without_an_effort_are_named() -> None:
+    with pytest.raises(hp.ArgumentError, match=r"^tau\['first'\]: .* array, 0 for no torque or force, got none$"):
+        hp.simulate(ROBOT, [0, 1], q0=(0, 0), tau={"second": 60})
+    with pytest.raises(hp.ArgumentError, match=r"^q\['first'\]: .* array, got none, nor for second$"):
+        ROBOT.forward_kinematics({})
+
+
 def test_what_a_state_lists() -> None:
     state = ROBOT.forward_kinematics((0, 0), frames=("second",))
     assert "frames=(second)" in repr(state)
@@ -89,6 +103,10 @@ def test_what_is_frozen_says_so(value: object, name: str, text: str) -> None:
     [
         ("nq", "Mechanism has no 'nq' (here: dof)"),
         ("rnea", "Mechanism has no 'rnea' (here: inverse_dynamics)"),
+        (
+            "computeRNEADerivatives",
+            "Mechanism has no 'computeRNEADerivatives' (here: inverse_dynamics_derivatives)",
+        ),
         ("joint_limits", "Mechanism has no 'joint_limits' (here: position_limits)"),
         ("forward_kinematic", "Mechanism has no 'forward_kinematic' (nearest: forward_kinematics)"),
         ("second", "Mechanism has no 'second'; the joint is robot['second']"),
@@ -116,7 +134,13 @@ def test_what_reads_files_and_samples_is_named(call: Callable[[], object], text:
 
 
 @pytest.mark.parametrize(
-    ("name", "text"), [("load_urdf", "here: hp.Mechanism.from_urdf"), ("Robot", "here: hp.load_robot or ")]
+    ("name", "text"),
+    [
+        ("load_urdf", "here: hp.Mechanism.from_urdf"),
+        ("Robot", "here: hp.load_robot or "),
+        ("rnea", r"here: robot\.inverse_dynamics\)"),
+        ("forward_kinematics", r"here: robot\.forward_kinematics\)"),
+    ],
 )
 def test_names_of_other_libraries_lead_to_those_of_the_package(name: str, text: str) -> None:
     with pytest.raises(AttributeError, match=rf"'{name}' \({text}"):

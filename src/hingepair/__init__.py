@@ -253,11 +253,20 @@ def __getattr__(name: str) -> Any:
         from hingepair.errors import nearest
 
         # Tools ask every module for names with underscores, thousands of times: no search for those.
-        hint = "" if name.startswith("_") else nearest(name, __all__)
+        hint = "" if name.startswith("_") else _method_of_robots(name) or nearest(name, __all__)
         hint = f" (here: hp.{_SYNONYMS[name]})" if name in _SYNONYMS else hint
         raise AttributeError(f"module 'hingepair' has no attribute {name!r}{hint}")
     value = globals()[name] = getattr(import_module(f"hingepair.{_LAZY_MODULE_BY_NAME[name]}"), name)
     return value
+
+
+def _method_of_robots(name: str) -> str:
+    """Return a hint at what a robot has by this name, or by another; "" if nothing."""
+    from hingepair.mechanism.hints import SYNONYMS
+    from hingepair.mechanism.mechanism import Mechanism
+
+    here = name if hasattr(Mechanism, name) else SYNONYMS.get(name, "")
+    return f" (here: {here if here.startswith('hp.') else f'robot.{here}'})" if here else ""
 
 
 def __dir__() -> list[str]:

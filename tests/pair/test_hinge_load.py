@@ -138,3 +138,13 @@ def test_what_no_load_can_have_is_refused_by_name(change, message):
 
 def test_a_load_may_be_negative_where_that_has_a_meaning():
     assert hp.HingeLoad(motor=-1, rest=-2, stiffness=1)(0.0, 0.0, 0.0) == -3.0
+
+
+@pytest.mark.parametrize("others", [{}, {"stop_damping": 3}, {"stop_stiffness": 0}, {"stop_restitution": 0.5}])
+def test_an_infinite_stop_is_none(others):
+    one, both = (hp.HingeLoad(stops=(least, 1.0), **others) for least in (-np.inf, -9.0))
+    with np.errstate(all="raise"):
+        assert np.array_equal(one(T, PSI, PSID), both(T, PSI, PSID))
+    assert one.kinks == (1.0,)
+    assert one.rigid_stops == ({1.0: 0.5} if "stop_restitution" in others else {})
+    assert one.tightest_stops == (-np.inf, 1.0)

@@ -229,8 +229,9 @@ def _find_equilibrium(motion: RobotMotion, t: float, state: Array, *, is_planar:
     start = float(state[motion.q.start])
     for _ in range(200):
         # Between the rigid stops.
-        psi = float(np.clip(state[motion.q.start], *motion.joint_loads[0].rigid_range))
-        at_rigid_stop = psi != state[motion.q.start] or psi in motion.joint_loads[0].rigid_range
+        lower, upper = motion.joint_loads[0].rigid_range
+        psi = float(np.clip(state[motion.q.start], lower, upper))
+        at_rigid_stop = psi in (lower, upper)
         state = state.copy()
         state[motion.q.start] = psi
         motion.side = (np.array([psi]), np.zeros(1))  # a stop acts if psi is beyond it, and only there
@@ -238,7 +239,7 @@ def _find_equilibrium(motion: RobotMotion, t: float, state: Array, *, is_planar:
         derivatives, rates = _state_derivatives(motion, t, state, coordinates, is_planar=is_planar)
         residual = rates[rate_indices] / scales
         torques = rates[[*(column - 3 for column in rotations), motion.q.start + 1]]  # about each coordinate
-        if at_rigid_stop and torques[-1] * (psi - np.mean(motion.joint_loads[0].rigid_range)) > 0:
+        if at_rigid_stop and torques[-1] * (1 if psi == upper else -1) > 0:
             raise ArgumentError("hinge_torque", "a torque with an equilibrium between the stops", "a stop that holds")
         matrix = derivatives[rate_indices] / scales[:, None]
         change = np.linalg.lstsq(matrix, -residual, rcond=1e-9)[0]

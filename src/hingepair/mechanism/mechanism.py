@@ -322,7 +322,7 @@ class Mechanism(MechanismMethods):
         """
         loads = {}
         for joint in self.tree.joints:
-            bounded = np.isfinite(joint.position_limits).all() and joint.position_limits[0] < joint.position_limits[1]
+            bounded = np.isfinite(joint.position_limits).any() and joint.position_limits[0] < joint.position_limits[1]
             load = replace(joint.load, stops=joint.position_limits) if bounded else joint.load
             if load != NO_LOAD:
                 loads[joint.name] = load

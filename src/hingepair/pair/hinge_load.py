@@ -36,7 +36,7 @@ class HingeLoad(Frozen):
         friction: torque of dry friction [N m].
         friction_rate: with a hinge rate above 0 [rad/s], friction is -friction tanh(psi' / friction_rate), smooth,
             but the hinge creeps under a load instead of sticking.
-        stops: smallest and largest hinge angle [rad], such as `pair.limits`; shape (2,).
+        stops: smallest and largest hinge angle [rad], such as `pair.limits`; shape (2,). An infinite one is no stop.
         stop_stiffness: stiffness of stops that are springs [N m/rad].
         stop_damping: damping of stops that are springs [s/rad]. With 0, the hinge leaves a stop as fast as it
             arrived; else `restitution` tells how fast.
@@ -85,7 +85,7 @@ class HingeLoad(Frozen):
         if stops is not None:
             if not isinstance(stops, tuple | list | np.ndarray) or len(stops) != 2:
                 raise ArgumentError("stops", "(lower, upper)", stops)
-            ends = finite_number("stops[0]", stops[0]), finite_number("stops[1]", stops[1])
+            ends = _stop("stops[0]", stops[0], -np.inf), _stop("stops[1]", stops[1], np.inf)
             if not ends[0] < ends[1]:
                 raise ArgumentError("stops", "(lower, upper) with lower < upper", stops)
             set_frozen(self, stops=ends)
@@ -93,7 +93,7 @@ class HingeLoad(Frozen):
     @property
     def kinks(self) -> tuple[float, ...]:
         """Angles of all stops [rad], of nested loads too, in increasing order."""
-        return tuple(sorted({angle for load in self._nested() for angle in load.stops or ()}))
+        return tuple(sorted({angle for load in self._nested() for angle in load.stops or () if np.isfinite(angle)}))
 
     @property
     def rate_kinks(self) -> tuple[float, ...]:
@@ -117,7 +117,8 @@ class HingeLoad(Frozen):
     def rigid_stops(self) -> dict[float, float]:
         """Coefficients of restitution by the angles of the rigid stops [rad], of nested loads too."""
         stiff = [load for load in self._nested() if load.stops and load.stop_restitution is not None]
-        return {angle: float(load.stop_restitution or 0.0) for load in stiff for angle in load.stops or ()}
+        ends = [(angle, load) for load in stiff for angle in load.stops or () if np.isfinite(angle)]
+        return {angle: float(load.stop_restitution or 0.0) for angle, load in ends}
 
     @property
     def rigid_range(self) -> tuple[float, float]:
@@ -238,8 +239,8 @@ class HingeLoad(Frozen):
         elif self.friction:
             terms["friction"] = -self.friction * np.tanh(psid / self.friction_rate)
         if self.stops is not None:
-            beyond = np.sign(angle - np.clip(angle, *self.stops))
-            stop_angle = np.where(beyond > 0, self.stops[1], self.stops[0])
+            stop_angle = np.clip(angle, *self.stops)  # the angle itself between the stops
+            beyond = np.sign(angle - stop_angle)
             stop_torque = -self.stop_stiffness * (psi - stop_angle) * (1 + self.stop_damping * beyond * psid)
             is_pushing = (beyond != 0) & (self.stop_restitution is None)
             if self.stop_damping:
@@ -250,6 +251,11 @@ class HingeLoad(Frozen):
     def _nested(self) -> tuple[HingeLoad, ...]:
         """Return this load and all HingeLoads nested in it: its motor, the motor of that, and so on."""
         return (self, *(self.motor._nested() if is_plain_hinge_load(self.motor) else ()))
+
+
+def _stop(name: str, value: Any, none: float) -> float:
+    """Return the angle of a stop, or the infinite number `none` that is no stop."""
+    return none if isinstance(value, float | np.floating) and value == none else finite_number(name, value)
 
 
 def is_plain_hinge_load(torque: object) -> TypeGuard[HingeLoad]:

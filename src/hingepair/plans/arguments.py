@@ -29,6 +29,8 @@ broadcast; or a table with a column for each."""
 Outputs: TypeAlias = Iterable[str] | None
 
 _LOADS: Final = ("force", "torque")  # beginnings of the arguments for which the number 0 is no load
+_OF_A_FREE_BASE: Final = {"q": 7, "q0": 7, "qd": 6, "qd0": 6}
+"""How many numbers the base adds to an argument in Pinocchio and MuJoCo."""
 _NUMBERS: Final = {float, int, np.float64, np.int64, np.int32}  # types; a row of such numbers becomes float64
 
 
@@ -174,8 +176,18 @@ def read_coordinates(
         elif isinstance(value, list) and len(value) == len(names):
             got = "a list of numbers and arrays: make it a tuple"
         expected = f"{error.expected}, or a tuple or a dict, of {coordinates.described()}"
+        if coordinates.noun == "joints" and _width(value) == len(names) + _OF_A_FREE_BASE.get(name, np.inf):
+            got = f"{got}; robot.from_pinocchio_state(q, v) takes the state of a free base apart"
         raise ShapeError(name, expected, got) from None
     return array, array.shape[:-1]
+
+
+def _width(value: Any) -> int:
+    """Return how many components a value has; 0 if it is no array of samples."""
+    try:
+        return np.shape(value)[-1] if np.shape(value) else 0
+    except ValueError:  # numbers beside arrays
+        return 0
 
 
 def _float_row(value: Any, count: int) -> NDArray[np.float64] | None:
@@ -198,9 +210,11 @@ def _check_keys(name: str, values: Mapping[str, Any], coordinates: CoordinateNam
             expected = choices(names) if names else "no joint, since none moves"
             remark = coordinates.follower_note(str(key)) or nearest(str(key), names)
             raise ArgumentError(name, expected + remark, quoted(key))
-    for one in names:
-        if one not in values:
-            raise ArgumentError(f"{name}[{one!r}]", "a number or an array", "none")
+    absent = [one for one in names if one not in values]
+    if absent:
+        expected = "a number or an array" + ", 0 for no torque or force" * (name == "tau")
+        more = f", nor for {', '.join(absent[1:4])}" + ", ..." * (len(absent) > 4) if len(absent) > 1 else ""
+        raise ArgumentError(f"{name}[{absent[0]!r}]", expected, f"none{more}")
 
 
 def _components(values: Mapping[str, Any]) -> tuple[Any, ArrayShape]:

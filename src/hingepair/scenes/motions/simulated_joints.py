@@ -187,7 +187,7 @@ def _read_joint(
     fields = {key: value for key, value in values.items() if key not in ("q_0", "qd_0", "tau")}
     if fields.get("stops") is True:
         lower, upper = robot.position_limits[robot.names.index(name)].tolist()
-        if not np.isfinite((lower, upper)).all():
+        if not np.isfinite((lower, upper)).any():
             table.fail("stops", "[lower, upper], or true of a joint that has limits")
         fields["stops"] = lower, upper
     load = described.get(name, HingeLoad())
