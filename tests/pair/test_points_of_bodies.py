@@ -184,6 +184,7 @@ def test_points_are_links_of_urdf_and_sites_of_mjcf():
     ("points", "message"),
     [
         ({"R2": (0, 0, 0)}, "points1: expected names that no output and no part of a model has, got 'R2'"),
+        ({"home": (0, 0, 0)}, "points1: expected names that no output and no part of a model has, got 'home'"),
         ({"left edge": (0, 0, 0)}, "points1: expected names of letters, digits and _ .*, got 'left edge'"),
         ({"tip_v": (0, 0, 0)}, "points1: expected names that do not end in _v"),
         ({"tip": (0, 0)}, r"points1\['tip'\]: expected shape \(..., 3\), got shape \(2,\)"),

@@ -240,6 +240,7 @@ NEGATIVE = np.diag([1.0] * 11 + [-1.0])
     [
         ({}, r"u1: expected a tolerance \(u1, u2, axis, home\), .* or a covariance, got none"),
         ({"u1": "+-0 mm"}, "u1: expected a tolerance"),
+        ({"u1": "+-1,000 um"}, r'u1: expected "\+-0.2 mm"'),
         ({"u1": "0.2 mm"}, r'u1: expected "\+-0.2 mm" or "\+-0.2 mm uniform", or three of these'),
         ({"u2": "+-0.2"}, "u2: expected .* in one of m, mm"),
         ({"u2": 2e-4}, "u2: expected .* u2_std takes a standard deviation, got 0.0002"),

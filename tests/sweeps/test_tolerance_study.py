@@ -126,6 +126,11 @@ def test_points_have_bands_and_shares(scene_path):
     assert study.shares()["handle_x"] == pytest.approx((0, 0, 0.25))
     assert [band.component for band in study.bands()][6:] == ["handle_x", "handle_y", "handle_z"]
     assert study.verdict.endswith("for handle (25 % of its variance), as a mean over the motion")
+    assert study_tolerances(scene, 2, points=None).points == ("handle",)
+    rough = study_tolerances(scene, 2, points={"handle": np.array([1e-3, 0, 0])})
+    assert json.loads(rough.to_json())["tolerances"]["points"]["handle"] == [1e-3, 0, 0]
+    with pytest.raises(hp.HingePairError, match="points: expected tolerances by name"):
+        study_tolerances(scene, 2, points="+-0.5 mm")
     more = run_command("tolerance", scene_path, "--point", "latch=1e-3", "--units", "mm").stdout
     assert "u1 = +-3 mm; handle = +-3 mm, 0, 0; latch = 0.001" in more
     row = next(line.split() for line in more.splitlines() if line.startswith("latch_z  "))

@@ -18,6 +18,7 @@ Points: TypeAlias = Mapping[str, NDArray[np.float64]]
 
 _RESERVED: Final = {  # names that a point cannot have
     *QUANTITIES,
+    *("home", "next_S1"),  # attitudes among the inputs of programs
     *("quat1", "quat2", "qx", "qy", "qz", "qw"),  # in scenes
     *("body1", "body2", "body2_at_hinge", "hinge", "base", "world"),  # in models and pages
 }

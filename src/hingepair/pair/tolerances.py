@@ -418,6 +418,8 @@ def _read_limit(part: Any, si: str, *, round_zone: bool) -> tuple[float, bool] |
     scales = {si: 1.0, **SCALES[si]}
     if match is None or (unit := _UNIT_ALIASES.get(match[3], match[3])) not in scales:
         return None
+    if re.fullmatch(r"0*[1-9]\d*,\d{3}", match[1]):  # a thousand, or one?
+        return None
     limit = float(match[1].replace(",", ".") + (match[2] or "")) * scales[unit]
     if match[4] != "uniform":
         return limit / 3.0, False

@@ -168,7 +168,9 @@ class ToleranceStudy(Frozen, Shown):
                 "samples": self.samples,
                 "instants": len(self.t),
                 "tolerances": {
-                    name: dict(value) if name == "points" else np.asarray(value).tolist()
+                    name: {point: np.asarray(one).tolist() for point, one in value.items()}
+                    if name == "points"
+                    else np.asarray(value).tolist()
                     for name, value in self.tolerances.items()
                 },
                 "bands": [band._asdict() for band in self.bands(units)],
@@ -289,7 +291,9 @@ def study_tolerances(scene: Scene, samples: int = 10_000, seed: int | None = 0, 
     """
     of_pair: PairScene = scene.require_pair()
     of_scene = read_tolerances(of_pair)
-    of_points = {**of_scene.pop("points", {}), **tolerances.pop("points", {})}
+    own = tolerances.pop("points", None)
+    point_scatter(_point_names(of_pair), own)  # checked before it is merged
+    of_points = {**of_scene.pop("points", {}), **(own or {})}
     replaced = {other for name in tolerances for other in (f"{name}_std", name.removesuffix("_std"))}
     of_scene = {name: value for name, value in of_scene.items() if name not in replaced}
     tolerances = {**of_scene, **tolerances} | ({"points": of_points} if of_points else {})
