@@ -80,6 +80,22 @@ def test_numbers_among_arrays_stay_numbers(asarray, robot):
     require(state.arrays(), robot.forward_kinematics(q, qd).arrays(), 1e-13)
 
 
+@pytest.mark.parametrize("single", [False, True], ids=["float64", "float32"])
+def test_numpy_arrays_are_constants_of_the_library(asarray, robot, single):
+    """They give what arrays of the library give, whatever their dtype, strides and flags."""
+    q, qd, qdd = motion(robot)
+    constants = {robot.names[k]: qd[::-1, k] for k in range(robot.dof)}
+    base = hp.BodyMotion(R=np.ones(3), S=np.eye(3), v=qd[:, :3], omega=np.ones(3), a=np.ones(3), alpha=np.ones(3))
+    wrenches = {robot.tips[0]: (np.arange(3), qdd[::-1, :3].astype(np.float32))}
+    ask = {"base_motion": base, "wrenches": wrenches, "outputs": ("tau",)}
+    expected = robot.inverse_dynamics(q, qd[::-1], qdd, **ask).tau
+    found = robot.inverse_dynamics(asarray(q.astype(np.float32) if single else q), constants, qdd, **ask).tau
+    assert not isinstance(found, np.ndarray)
+    assert ("float32" in str(found.dtype)) == single
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(np.asarray(found), expected, rtol=0, atol=size * (2.0**-18 if single else 2.0**-45))
+
+
 @pytest.mark.slow
 def test_a_base_that_moves(asarray, robot):
     q, qd, qdd = motion(robot)

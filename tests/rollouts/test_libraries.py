@@ -68,6 +68,8 @@ def test_jax_in_float32_and_with_efforts_that_hold(jax):
     found = ROBOT.rollout(Q, 0 * Q, tau, H, steps=STEPS, every=2)
     assert found.q.dtype == np.float32
     assert found.shape == (3,)
+    motions = ROBOT.rollout(tau, np.stack([Q, 2 * Q]), 0.0, H, steps=STEPS)  # NumPy's, with an axis of motions
+    assert (motions.shape, motions.q.dtype) == ((2, STEPS + 1), np.float32)
     gradient = jax.grad(lambda tau: ROBOT.rollout(Q, 0 * Q, tau, H, steps=STEPS).q[-1].sum())(tau)
     held = ROBOT.rollout(Q, 0 * Q, TAU[0, 0], H, steps=STEPS)
     weights = np.zeros((STEPS + 1, 3))

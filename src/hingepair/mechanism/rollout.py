@@ -13,7 +13,7 @@ from hingepair.engine.results import Results
 from hingepair.errors import ArgumentError, quoted
 from hingepair.mechanism.computations import RESTING_BASE, Loads, RobotComputation
 from hingepair.numeric.array_libraries import is_foreign, library_of
-from hingepair.numeric.arrays import FloatArray, check_choice, finite_number
+from hingepair.numeric.arrays import FloatArray, check_choice, finite_number, real_array
 from hingepair.pair.body_motion import BodyMotion
 from hingepair.plans.arguments import Coordinates, check_out
 from hingepair.plans.rollouts import BASE_STATE, METHODS, RolloutStep
@@ -140,8 +140,8 @@ def rolled_out(
     execution: Execution,
 ) -> Rollout:
     """Return what `Mechanism.rollout` describes, by the computation of qdd under the given loads."""
-    foreign = {name: value for name, value in {"q0": q0, "qd0": qd0, "tau": tau}.items() if is_foreign(value)}
-    library = library_of(foreign)
+    users = {"q0": q0, "qd0": qd0, "tau": tau}
+    library = library_of({name: value for name, value in users.items() if is_foreign(value)})
     if library is not None:
         if out is not None:
             raise ArgumentError("out", "None, since arguments are arrays of another library", quoted(out))
@@ -154,6 +154,10 @@ def rolled_out(
                 execution=execution,
             )  # fmt: skip
 
+        for name, value in users.items():
+            if isinstance(value, np.ndarray) and value.ndim > 1:  # it may have an axis of motions
+                users[name] = library.array(real_array(name, value))
+        foreign = {name: value for name, value in users.items() if is_foreign(value)}
         states = rolled_out_in(library, roll, foreign, computation.form.dof)
         return Rollout(states, tuple(states["q"].shape[:-1]))
     check_choice("method", method, METHODS)

@@ -31,6 +31,8 @@ class Library(NamedTuple):
         """Return a number or a NumPy array as an array of this library; an array of another one as it is."""
         if is_foreign(value):
             return value
+        if isinstance(value, np.ndarray):
+            value = np.array(value, np.float64, order="C")  # PyTorch would share memory, and refuses some strides
         return self.namespace.asarray(value, dtype=self.dtype, device=self.device)
 
     def join_components(
@@ -60,10 +62,11 @@ def is_foreign(value: Any) -> bool:
 
 
 def library_of(arguments: Mapping[str, Any]) -> Library | None:
-    """Return the library of the arrays among arguments by name; None if all are NumPy's.
+    """Return the library of the arrays among arguments by name; None if all are NumPy's, which are constants beside
+    those of another library: their dtype does not count.
 
     Raises:
-        ArgumentError: they are arrays of two libraries, NumPy among them.
+        ArgumentError: they are arrays of two libraries other than NumPy.
         DtypeError: arrays of another library are neither float32 nor float64.
     """
     foreign = {name: value for name, value in arguments.items() if is_foreign(value)}
@@ -78,11 +81,10 @@ def library_of(arguments: Mapping[str, Any]) -> Library | None:
         if other in foreign:
             same = array_namespace(value) is namespace
         else:
-            same = value is None or isinstance(value, float | int)
+            same = value is None or isinstance(value, float | int | np.ndarray | np.generic)
         if not same:
-            raise ArgumentError(
-                other, f"an array of {name}, as {first} is, or a number", quoted(type(value).__name__)
-            )
+            expected = f"an array of {name}, as {first} is, or of NumPy, or a number"
+            raise ArgumentError(other, expected, quoted(type(value).__name__))
     dtypes = []
     for other, value in foreign.items():
         if value.dtype not in (namespace.float32, namespace.float64):

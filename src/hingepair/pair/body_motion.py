@@ -70,9 +70,11 @@ class BodyMotion(Frozen):
     ) -> None:
         array_by_name: dict[str, Any] = {"R": R, "S": S, "v": v, "omega": omega, "a": a, "alpha": alpha}
         array_by_name = {name: unwrap_lazy_xarray(value) for name, value in array_by_name.items()}
-        is_checked = S is not None and not holds_dask(array_by_name) and library_of(array_by_name) is None
+        lazy = holds_dask(array_by_name)
+        if not lazy:
+            library_of(array_by_name)  # refuses arrays of two
         _set_arrays(self, array_by_name, array_by_name)
-        if is_checked:
+        if isinstance(self.S, np.ndarray) and not lazy:
             check_rotation("S", self.S)
 
     def __repr__(self) -> str:

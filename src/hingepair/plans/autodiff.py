@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hingepair.engine.calls import Call
-from hingepair.numeric.array_libraries import Library, is_foreign, namespace_of
+from hingepair.numeric.array_libraries import Library, namespace_of
 from hingepair.plans.differentiable import (
     Arrays,
     Caller,
@@ -51,8 +51,7 @@ def apply(function: Functions, call: Call, values: Mapping[str, Any], library: L
     for name, tail in call.argument_shapes.items():
         value = values[name]
         if isinstance(value, tuple):
-            shapes = [tuple(one.shape) for one in value if is_foreign(one)]
-            value = library.join_components(value, np.broadcast_shapes(*shapes), tail)
+            value = library.join_components(value, np.broadcast_shapes(*map(np.shape, value)), tail)
         array = library.array(value)
         arrays.append(array if array.dtype == library.dtype else library.namespace.astype(array, library.dtype))
     most = max(len(one.shape) - len(tail) for one, tail in zip(arrays, call.argument_shapes.values(), strict=True))
