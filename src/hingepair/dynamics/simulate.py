@@ -273,7 +273,9 @@ def simulate(
         2, such as `.R2`. `.error_estimate` (of the attitude of body 1) and `.psi_error_estimate` [rad] come from a
         second run with a smaller tolerance, at the first access. A DynamicsWarning says that arguments seem to be in
         the wrong units. Of a robot, a `SimulatedRobotMotion` with `.t`, `.q`, `.qd`, `.qdd`, `.tau`, `.loads`,
-        `.base_motion`, `.state()`, `["frame"]`, `.reactions()`, energies and error estimates.
+        `.base_motion`, `.state()`, `["frame"]`, `.reactions()`, energies and error estimates. `.tau`, (N, dof),
+        is the sum of all efforts at each joint, whose parts are in `.loads`: "motor" (`tau` and motors), "spring",
+        "damper", "friction" and "stop", without the impulses at rigid stops.
 
     Raises:
         ArgumentError: an argument cannot be used; the error names it.

@@ -86,7 +86,7 @@ class SimulatedRobotMotion(Frozen, Result):
 
     @property
     def tau(self) -> Array:
-        """Sum of the efforts at each joint [N m, N]; shape (N, dof)."""
+        """Sum of the efforts at each joint [N m, N], of motors, springs, dampers, friction and stops; (N, dof)."""
         return self.loads["tau"]
 
     @property

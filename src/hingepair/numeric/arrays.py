@@ -41,8 +41,10 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError):
         if type(value).__name__.endswith("Tracer"):
-            derivatives = 'prepare(...).jacobian(..., wrt="masses") and rollout(...).vjp'
-            expected = f"numbers, since JAX does not trace this argument ({derivatives} give derivatives)"
+            derivatives = 'prepare(...).jacobian(..., wrt="masses") and rollout(...).vjp give'
+            if name.startswith("tau."):  # of a Feedback
+                derivatives = f'motions = robot.rollout(...), motions.vjp(weights, wrt="{name[4:]}") gives'
+            expected = f"numbers, since JAX does not trace this argument ({derivatives} derivatives)"
             raise DtypeError(name, expected, f"a {type(value).__name__}") from None
         raise ShapeError(
             name, "an array, or lists that make one", f"a {type(value).__name__} that makes none"
