@@ -233,6 +233,20 @@ def test_the_command_writes_the_figure_of_the_scene_in_the_format_of_the_name(tm
     assert ".png, .svg, .pdf" in refusal("plot", scene, "--out", tmp_path / "a.doc")
 
 
+@pytest.mark.slow
+def test_the_command_draws_the_outputs_that_the_scene_names(tmp_path):
+    """Points too; --outputs goes before."""
+    pair = "[pair]\nu1 = [0, 0, 2]\nu2 = [0, 0, 1]\nn = [0, 1, 0]\npoints2.edge = [0, 0, -1]\n"
+    scene, out = tmp_path / "door.toml", tmp_path / "a.svg"
+    text = '[motion]\npsi = "t"\n[time]\nstart = 0\nstop = 1\nsamples = 3\n[outputs]\nnames = ["edge", "psid"]\n'
+    scene.write_text(pair + text)
+    run_command("plot", scene, "--out", out)
+    assert {"edge", "psid"} <= drawn_texts(out)
+    assert not {"position of body 2, R2", "hinge angle, psi"} & drawn_texts(out)
+    run_command("plot", scene, "--out", out, "--outputs", "psi")
+    assert "edge" not in drawn_texts(out)
+
+
 def test_some_outputs_alone():
     scene = hp.load_scene(MODELS / "landing_gear.toml")
     asked = ("S1", "v1", "psi", "psid", "qdd")

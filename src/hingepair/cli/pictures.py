@@ -41,16 +41,16 @@ def plot_command(
 
     The figure of a pair shows position, attitude, rates and psi over time, torque and force of the hinge if body 2
     has masses, the paths of both bodies, and the residual of E1 (common hinge point). That of a mechanism shows
-    position, rate and torque of each moving joint with their limits, and the paths of its frames. With --outputs the
-    figure shows these outputs over time; of a pair with masses also hinge_torque, bearing_torque, hinge_force, force1
-    and torque1.
+    position, rate and torque of each moving joint with their limits, and the paths of its frames. With --outputs, or
+    names in [outputs] of the scene, the figure shows these outputs over time; of a pair with masses also
+    hinge_torque, bearing_torque, hinge_force, force1 and torque1.
     """
     if out is not None:
         check_picture_suffix("--out", out)
     out = out or _check_new_file(f"{scene_file.stem}.png")
     check_output("--out", out, [scene_file])
     scene, names = load_named_scene(scene_file), split_names("--outputs", outputs)
-    figure = plot_figure(scene, names, units)
+    figure = plot_figure(scene, names or scene.outputs, units)
     save_figure("--out", figure, out, scene.files, dpi=110)
     print(f"written: {out}")
 
