@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -157,7 +158,24 @@ def test_notes_say_how_far_a_stop_is_passed(tmp_path):
     said = f"psi passes the stops by {depth:.3g} rad, for they are springs; stop_stiffness hardens them"
     assert scene.notes() == (said,)
     hard = scene_of(tmp_path, PAIR + text.replace("stop_stiffness = 0.1", "stop_stiffness = 1e5"))
-    assert hard.notes() == ()
+    (peak,) = hard.notes()  # the contact takes milliseconds, a step between instants 50
+    assert re.fullmatch(
+        r"psi presses \S+ rad into a stop between instants, 0 rad at them: more instants show .*", peak
+    )
+    assert float(peak.split()[2]) == pytest.approx(hard.motion.simulated.psi_range[1] - 0.1, rel=1e-2)
+
+
+def test_how_deep_a_hinge_presses_into_soft_stops_is_told_in_units(tmp_path):
+    """Not that it leaves its limits, at which the stops are."""
+    text = "[dynamics]\nbase = 'fixed'\npsid_0 = 3\nstops = true\nstop_stiffness = 5\ngravity = [0, 0, 0]\n"
+    scene = scene_of(tmp_path, PAIR.replace("samples = 11", "samples = 201") + text)
+    psi = scene.motion.simulated.psi
+    depth, count = np.abs(psi).max() - 0.3, int((np.abs(psi) > 0.3).sum())
+    pressed = f"psi presses into its stops, which are springs, at {count} of 201 instants, "
+    assert scene.notes()[0] == f"{pressed}{depth:.3g} rad deep at most"
+    assert scene.notes("deg")[0] == f"{pressed}{np.degrees(depth):.3g} deg deep at most"
+    bare = scene_of(tmp_path, PAIR + text.replace("stops = true\nstop_stiffness = 5\n", ""))
+    assert bare.notes("deg")[0].startswith("psi leaves its limits, -17.1887 to 17.1887 deg, at ")
 
 
 def test_constants_are_not_called_as_the_hinge_angle_is(tmp_path):

@@ -173,7 +173,7 @@ def forces_command(
         raise error.renamed(f"{scene_file}: {error.name}") if error.name.startswith("pair.") else error from None
     written = None if out is None else str(result.save(out, units=units))
     doubt = getattr(scene.motion, "doubt", "") if result.noise else ""  # the note on noise is more precise
-    notes = (*result.notes, *(note for note in scene.notes() if note not in (doubt, *result.notes)))
+    notes = (*result.notes, *(note for note in scene.notes(units) if note not in (doubt, *result.notes)))
     if as_json:
         facts = {"scene": str(scene.path), "samples": scene.samples, "file": written}
         print(json_text(facts | result.facts(units) | {"notes": notes}))

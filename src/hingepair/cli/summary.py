@@ -40,7 +40,7 @@ class RunSummary:
     def __init__(self, scene: Scene, names: Iterable[str] | None = None, units: UnitsLike = None) -> None:
         self._scene, self._columns = scene, scene.in_units(units)
         self._hides_matrices = names is None and scene.outputs is None
-        self._notes = scene.note_collector()
+        self._notes = scene.note_collector(units)
         self._instants = sorted({0, (scene.samples - 1) // 2, scene.samples - 1})
         self._t: list[float] = []  # times of these instants, and the components at them
         self._values: list[NDArray[np.float64]] = []

@@ -321,7 +321,8 @@ class PairScene(Scene):
     def watches(self) -> list[LimitCounter]:
         """Return counters of psi and, of a pair with a rate limit, of its rate."""
         space, rate = self.space, self.space.rate_limit if self.motion.level else None
-        psi = LimitCounter("psi", space.limits or (-math.inf, math.inf), unit_of("psi"), lambda known: known.psi)
+        limits, unit = space.limits or (-math.inf, math.inf), unit_of("psi")
+        psi = LimitCounter("psi", limits, unit, lambda known: known.psi, self.motion.stops)
         if rate is None:
             return [psi]
         return [psi, LimitCounter("psi'", (-rate, rate), unit_of("psid"), lambda known: known.hinge_angle(1))]
@@ -334,6 +335,13 @@ class PairScene(Scene):
             least, most = motion.simulated.psi_range
         if soft := stop_overrun("psi", "rad", motion.stops, least, most):
             yield f"{soft}; stop_stiffness hardens them"
+        stops = motion.stops
+        shown, deepest = (
+            max(stops[0] - low, high - stops[1]) for low, high in ((psi.least, psi.most), (least, most))
+        )
+        if deepest > max(1.05 * shown, 1e-9):  # rad; less is rounding
+            depths = f"{deepest:.3g} rad into a stop between instants, {max(shown, 0):.3g} rad at them"
+            yield f"psi presses {depths}: more instants show the peak of its force"
         yield from motion.notes
         if math.isnan(motion.error_estimate):
             yield motion.doubt

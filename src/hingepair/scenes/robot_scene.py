@@ -318,14 +318,15 @@ class RobotScene(Scene):
 
     def watches(self) -> list[LimitCounter]:
         """Return counters of the joints' positions and, where they are limited, rates."""
-        watches = []
+        watches, free = [], (-math.inf, math.inf)
         for i, joint in enumerate(self.mechanism.tree.coordinates):
             limits = [joint.position_limits]
             if self.motion.level and np.isfinite(joint.rate_limit):
                 limits.append((-joint.rate_limit, joint.rate_limit))
             for order, own in enumerate(limits):
                 unit = self.unit(joint.name + RATE_SUFFIXES[order])
-                watches.append(LimitCounter(joint.name + "'" * order, own, unit, _column(order, i)))
+                stops = self.motion.stops[i] if self.motion.stops and not order else free
+                watches.append(LimitCounter(joint.name + "'" * order, own, unit, _column(order, i), stops))
         return watches
 
     def last_notes(self, _watches: Sequence[LimitCounter]) -> Iterable[str]:

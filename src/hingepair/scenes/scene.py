@@ -356,18 +356,21 @@ class Scene(Shown, abc.ABC):
 
     # ---- what is said about a scene
 
-    def notes(self) -> tuple[str, ...]:
+    def notes(self, units: UnitsLike = None) -> tuple[str, ...]:
         """Evaluate the whole motion, and return sentences for readers of the results: on limits that are left, on
         kinks, on numbers in another unit, and on doubts about the motion itself.
+
+        Args:
+            units: units of limits that are left, in place of SI units; by default those of the scene.
         """
-        collector = self.note_collector()
+        collector = self.note_collector(units)
         for block in self.blocks((self._noted,)):
             collector.add(block)
         return collector.sentences()
 
-    def note_collector(self) -> NoteCollector:
-        """Return a collector of notes from blocks of results."""
-        return NoteCollector(self)
+    def note_collector(self, units: UnitsLike = None) -> NoteCollector:
+        """Return a collector of notes, in units or those of the scene, from blocks of results."""
+        return NoteCollector(self, self.in_units(units).units)
 
     @abc.abstractmethod
     def watches(self) -> list[LimitCounter]:
@@ -450,7 +453,8 @@ class Scene(Shown, abc.ABC):
 class NoteCollector:
     """Collector of notes on a scene that is evaluated in blocks."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, units: Units) -> None:
+        self._units = units
         self._scene, self._watches, self._kinks = scene, scene.watches(), 0
 
     def add(self, block: SceneResult) -> None:
@@ -464,5 +468,5 @@ class NoteCollector:
         scene = self._scene
         sentences = [*scene.suspicions()]
         for watch in self._watches:
-            sentences += watch.sentences(scene.samples)
+            sentences += watch.sentences(scene.samples, self._units)
         return tuple(dict.fromkeys((*sentences, *kink_sentences(self._kinks), *scene.last_notes(self._watches))))

@@ -23,6 +23,7 @@ from hingepair.pair.planar_pair import PLANAR_GRAVITY, PlanarPair
 from hingepair.scenes.instants import Instants, Rows
 from hingepair.scenes.motions.known import KnownMotion
 from hingepair.tables.sheets import instant_text
+from hingepair.tables.units import SI, Units
 
 PRESCRIBED: Final = "prescribed"
 """Value of `base` in [dynamics] for a body 1 that moves as [motion] says."""
@@ -160,13 +161,20 @@ class LimitCounter:
         limits: least and greatest value; infinite where there is none.
         unit: unit of both limits.
         values: function that returns the quantity, shape (N,), of a known motion.
+        stops: lower and upper stop, springs into which the quantity presses; infinite without a stop.
     """
 
     def __init__(
-        self, shown: str, limits: tuple[float, float], unit: str, values: Callable[[Any], Float64Array]
+        self,
+        shown: str,
+        limits: tuple[float, float],
+        unit: str,
+        values: Callable[[Any], Float64Array],
+        stops: tuple[float, float] = (-math.inf, math.inf),
     ) -> None:
         self._shown, self._limits, self._unit, self._values = shown, limits, unit, values
-        self._outside, self._first = 0, ""
+        self._stops = stops
+        self._outside, self._first = 0, (math.nan, math.nan)
         self.least, self.most = math.inf, -math.inf
 
     def add(self, t: Float64Array, known: Any) -> None:
@@ -177,19 +185,27 @@ class LimitCounter:
         lower, upper = self._limits
         outside = np.flatnonzero((values < lower) | (values > upper))
         if outside.size:
-            first = f"first at t = {instant_text(t[outside[0]])} s ({values[outside[0]] + 0.0:.6g})"
-            self._first = self._first or first
+            if not self._outside:
+                self._first = float(t[outside[0]]), float(values[outside[0]])
             self._outside += outside.size
 
-    def sentences(self, instant_count: int) -> Iterator[str]:
-        """Yield one sentence if any value was outside the limits, otherwise nothing. `instant_count` is the number of
-        all instants.
+    def sentences(self, instant_count: int, units: Units = SI) -> Iterator[str]:
+        """Yield one sentence, in `units`, if any value was outside the limits, otherwise nothing. `instant_count` is
+        the number of all instants.
         """
-        if self._outside:
-            lower, upper = self._limits
+        if not self._outside:
+            return
+        factor, unit = units.factor(self._unit), units.unit(self._unit)
+        lower, upper = self._limits
+        when = f"at {self._outside} of {instant_count} instants"
+        if (self.least >= lower or self._stops[0] >= lower) and (self.most <= upper or self._stops[1] <= upper):
+            depth = factor * max(self._stops[0] - self.least, self.most - self._stops[1])
+            yield f"{self._shown} presses into its stops, which are springs, {when}, {depth:.3g} {unit} deep at most"
+        else:
+            t, value = self._first
             yield (
-                f"{self._shown} leaves its limits, {lower:g} to {upper:g} {self._unit}, "
-                f"at {self._outside} of {instant_count} instants, {self._first}"
+                f"{self._shown} leaves its limits, {factor * lower:g} to {factor * upper:g} {unit}, {when}, "
+                f"first at t = {instant_text(t)} s ({factor * value + 0.0:.6g})"
             )
 
 
