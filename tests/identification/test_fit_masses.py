@@ -245,6 +245,42 @@ def test_masses_of_rigid_bodies_are_found_without_any_description():
 
 
 @pytest.mark.slow
+def test_masses_that_torques_do_not_determine_stay_near_those_described():
+    """Where all are to be of rigid bodies, too: noise does not move the mass of the forearm."""
+    robot, rng = hp.load_robot("ur5_robot"), np.random.default_rng(0)
+    t, w, size = np.arange(0, 20, 0.02), 2 * np.pi * np.array((0.08, 0.17, 0.29, 0.43)), 0.5 / np.arange(1, 5)
+    turned = w * t[:, None, None] + rng.uniform(0, 2 * np.pi, (robot.dof, 4))
+    s, c = np.sin(turned), np.cos(turned)
+    q, qd, qdd = s @ size, c @ (size * w), -s @ (size * w**2)
+    tau = robot.inverse_dynamics(q, qd, qdd).tau + 0.2 * rng.standard_normal(q.shape)
+    fit, free = (hp.fit_masses(robot, q, qd, qdd, tau, physical=physical) for physical in (True, False))
+    assert fit.ok, fit.findings
+    assert free.robot.tree.notes  # the best parameters are none of rigid bodies
+    assert not fit.robot.tree.notes
+    np.testing.assert_allclose(fit.rms, free.rms, rtol=0.01)
+    p, described = (one.inertial_parameters.reshape(-1, 10) for one in (fit.robot, robot))
+    np.testing.assert_allclose(p[:, 0], described[:, 0], rtol=0.2)
+    np.testing.assert_allclose(p[:, 1:4] / p[:, :1], described[:, 1:4] / described[:, :1], atol=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1e-6])
+def test_torques_without_noise_give_masses_of_rigid_bodies(size):
+    robot = hp.load_robot("ur5_robot")
+    t, w = np.arange(0, 20, 0.05)[:, None], np.linspace(1, 2, 6)
+    q, qd, qdd = np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t)
+    tau = robot.inverse_dynamics(q, qd, qdd).tau
+    noisy = tau + size * np.random.default_rng(0).standard_normal(q.shape)
+    fit = hp.fit_masses(robot, q, qd, qdd, noisy, physical=True)
+    assert fit.ok, fit.findings
+    np.testing.assert_allclose(fit.values, fit.described, rtol=0, atol=1e-10 + 10 * size)
+    np.testing.assert_allclose(fit.robot.inertial_parameters[::10], robot.inertial_parameters[::10], rtol=1e-3)
+    lighter = robot.with_inertial_parameters(0.5 * robot.inertial_parameters)
+    assert hp.fit_masses(lighter, q, qd, qdd, noisy, physical=True).ok
+    assert not hp.fit_masses(robot, q, qd, qdd, -noisy, physical=True).ok
+
+
+@pytest.mark.slow
 def test_recordings_come_in_every_form_and_with_gaps():
     q, qd, qdd = (one[:300] for one in motion(5))
     tau = torques(panda(), q, qd, qdd) + noise(q.shape, 0)

@@ -7,7 +7,7 @@ physically consistent inertial parameter identification, 2018).
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,20 @@ _TRIANGLE: Final = (
     {7: -1.0}, {8: -1.0}, {4: 0.5, 6: 0.5, 9: -0.5},
     {1: 1.0}, {2: 1.0}, {3: 1.0}, {0: 1.0},
 )  # fmt: skip
-_DIAGONAL: Final = (0, 2, 5, 9)  # entries of _TRIANGLE on the diagonal
+_ON_DIAGONAL: Final = np.array([k in (0, 2, 5, 9) for k in range(10)])
+_ENTRY_SCALE: Final = np.where(_ON_DIAGONAL, 1.0, np.sqrt(2.0))[:, None]  # with which Clarabel takes the entries
+_CONE: Final = _ENTRY_SCALE * np.array([[entries.get(k, 0.0) for k in range(10)] for entries in _TRIANGLE])
 _LEAST = 1e-6  # lowest eigenvalue of the pseudo-inertia of a body of size one: its mass is not all in a plane
-_PULL = 1e-2  # towards the described parameters, beside one standard deviation; decides what is not determined
+_PRECISIONS: Final = (
+    1e7,
+    1e5,
+    1e3,
+    1.0,
+)  # standard deviations per unit that the solver resolves; the next if it fails
+_KNOWN = 1e6  # standard deviations per unit of what is known best, in the squares that are judged
+_PULLS: Final = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4)  # to the described parameters, beside one deviation
+_AS_WELL = 4.0  # variances of the noise that the pull may add to the squares: two standard deviations
+_WORSE = 0.01  # part that it may add to squares that are large since no masses of rigid bodies explain the torques
 
 
 def consistent_parameters(
@@ -35,9 +46,13 @@ def consistent_parameters(
     described: Float64Array,
     sizes: Float64Array,
     signed: NDArray[np.bool_],
-) -> tuple[Float64Array, Float64Array]:
+) -> tuple[Float64Array, Float64Array, float]:
     """Return the inertial parameters p of rigid bodies, and the further parameters f, not below 0 unless signed, for
-    which the sum of squares of factor @ ((combinations @ p, f) - target) is least.
+    which the sum of squares of factor @ ((combinations @ p, f) - target) is least but for noise, near to those
+    described; and this sum.
+
+    Where masses of rigid bodies have the combinations of the target by the least change from those described, these
+    are returned.
 
     Args:
         factor: weights of the parameters; (B + F, B + F).
@@ -52,39 +67,64 @@ def consistent_parameters(
         FitError: the solver found no such parameters.
     """
     clarabel, sparse = require("clarabel", "physical"), require("scipy.sparse", "physical")
-    bodies, count = len(sizes), combinations.shape[1]
-    further = len(target) - len(combinations)
+    count, further = combinations.shape[1], target[len(combinations) :]
     unit = np.concatenate([body_units(*size) for size in sizes])
     lengths = np.linalg.norm(factor[:, len(combinations) :], axis=0)
-    further_unit = np.maximum(np.abs(target[len(combinations) :]), 1 / np.where(lengths > 0, lengths, 1.0))
-    # Least r.r and pull in these units, with r = A x - b as unknowns, since A.T A would lose half of the digits.
-    A = factor @ np.hstack(
-        (
-            np.vstack((combinations * unit, np.zeros((further, count)))),
-            np.vstack((np.zeros((len(combinations), further)), np.diag(further_unit))),
-        )
+    further_unit = np.maximum(np.abs(further), 1 / np.where(lengths > 0, lengths, 1.0))
+    least_change = nearest_parameters(combinations, target[: len(combinations)], described, unit)
+    if (further[~signed] >= 0).all() and _are_rigid(least_change / unit):
+        return least_change, further, 0.0
+    # A change x from the target and the least change, in these units, makes the squares grow by |A @ x|^2. Along the
+    # singular vectors of A, no digits are lost to those of other sizes.
+    A = np.hstack(
+        (factor[:, : len(combinations)] @ (combinations * unit), factor[:, len(combinations) :] * further_unit)
     )
-    equations = len(A)
-    diagonal = np.concatenate((np.full(count + further, _PULL), np.ones(equations)))
-    start = np.concatenate((described / unit, target[len(combinations) :] / further_unit))
-    gradient = np.concatenate((-_PULL * start, np.zeros(equations)))
-    rows, offsets = zip(*(_cone(k, diagonal.size) for k in range(bodies)), strict=True)
-    constraints = np.vstack(
-        (np.hstack((A, -np.eye(equations))), *rows, -np.eye(further, diagonal.size, count)[~signed])
-    )
+    _, sizes_of_A, axes = np.linalg.svd(A)
+    weights = np.zeros(count + further.size)  # standard deviations per unit of each axis
+    weights[: sizes_of_A.size] = sizes_of_A
+    away = axes[:, :count] @ ((least_change - described) / unit)
+    cone = np.kron(np.eye(len(sizes)), _CONE)
+    limits = cone @ (least_change / unit) - _LEAST * np.tile(_ON_DIAGONAL, len(sizes))
+    rows = np.vstack((cone @ axes[:, :count].T, axes[:, count:].T[~signed]))
+    limits = np.concatenate((limits, (further / further_unit)[~signed]))
+    cones = [clarabel.PSDTriangleConeT(4)] * len(sizes)
+    cones += [clarabel.NonnegativeConeT(int((~signed).sum()))] if not signed.all() else []
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    cones = [clarabel.ZeroConeT(equations), *[clarabel.PSDTriangleConeT(4)] * bodies]
-    positive = int((~signed).sum())
-    cones += [clarabel.NonnegativeConeT(positive)] if positive else []
-    found = clarabel.DefaultSolver(
-        sparse.diags(diagonal, format="csc"), gradient, sparse.csc_matrix(constraints),
-        np.concatenate((factor @ target, *offsets, np.zeros(positive))), cones, settings,
-    ).solve()  # fmt: skip
-    if "Solved" not in str(found.status):
+
+    def nearest(pull: float) -> tuple[Float64Array, float]:
+        """Return the change x with the least sum of squares and pull, and what the squares grow by."""
+        for most in _PRECISIONS:
+            scale = 1 / np.sqrt(np.minimum(weights, most) ** 2 + pull)  # the shortest vector is to be found
+            found = clarabel.DefaultSolver(
+                sparse.eye(scale.size, format="csc"), pull * scale * away, sparse.csc_matrix(-rows * scale),
+                limits, cones, settings,
+            ).solve()  # fmt: skip
+            if "Solved" in str(found.status):
+                along = scale * np.asarray(found.x)
+                return axes.T @ along, float(((np.minimum(weights, _KNOWN) * along) ** 2).sum())
         raise FitError("physical", "torques that rigid bodies can take", f"a solver that stopped: {found.status}")
-    x = np.asarray(found.x)[: count + further]
-    return x[:count] * unit, np.where(signed, x[count:], np.maximum(x[count:], 0.0)) * further_unit
+
+    # The strongest pull to which the torques do not object.
+    change, growth = nearest(_PULLS[0])
+    if growth > _AS_WELL:
+        limit = (1 + _WORSE) * nearest(_PULLS[-1])[1] + _AS_WELL
+        weaker = iter(_PULLS[1:])
+        while growth > limit:
+            change, growth = nearest(next(weaker))
+    f = further + change[count:] * further_unit
+    return least_change + change[:count] * unit, np.where(signed, f, np.maximum(f, 0.0)), growth
+
+
+def nearest_parameters(
+    combinations: Float64Array, target: Float64Array, described: Float64Array, unit: Float64Array
+) -> Float64Array:
+    """Return the inertial parameters whose combinations are the target, by the least change, in parts of the units,
+    from those described; (10 * bodies,).
+    """
+    weighted = combinations * unit**2
+    change: Float64Array = weighted.T @ np.linalg.solve(weighted @ combinations.T, target - combinations @ described)
+    return described + change
 
 
 def body_units(mass: float, radius: float) -> NDArray[np.float64]:
@@ -92,11 +132,8 @@ def body_units(mass: float, radius: float) -> NDArray[np.float64]:
     return np.array([mass, *[mass * radius] * 3, *[mass * radius**2] * 6])
 
 
-def _cone(body: int, size: int) -> tuple[Any, Any]:
-    """Return rows and right-hand side of s = pseudo-inertia - _LEAST, as Clarabel takes triangles."""
-    rows, offset = np.zeros((10, size)), np.zeros(10)
-    for k, entries in enumerate(_TRIANGLE):
-        for parameter, share in entries.items():
-            rows[k, 10 * body + parameter] = -share * (1.0 if k in _DIAGONAL else np.sqrt(2.0))
-        offset[k] = -_LEAST * (k in _DIAGONAL)
-    return rows, offset
+def _are_rigid(parameters: Float64Array) -> bool:
+    """Return whether all bodies of size one with these parameters are rigid bodies, by a margin."""
+    matrices = np.zeros((len(parameters) // 10, 4, 4))
+    matrices[:, *np.tril_indices(4)] = parameters.reshape(-1, 10) @ (_CONE / _ENTRY_SCALE).T
+    return bool((np.linalg.eigvalsh(matrices) >= _LEAST).all())

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.errors import ArgumentError, DtypeError, FitError, ShapeError, quoted
-from hingepair.identification.consistency import body_units, consistent_parameters
+from hingepair.identification.consistency import body_units, consistent_parameters, nearest_parameters
 from hingepair.measured.findings import RANDOM_CORRELATION, Check, Finding, exceeded, verdict
 from hingepair.measured.least_squares import neighbour_correlation, sandwich
 from hingepair.mechanism.inertial_parameters import BaseParameters, body_names, inertia_matrices
@@ -48,6 +48,7 @@ _SINGULAR = 1e-12  # of the largest eigenvalue; below, a combination of paramete
 _BLOCK = 2**23  # numbers of a regressor that are in memory at a time
 _WEIGHT_ROUNDS = 3  # in which the noise of each joint and the parameters are estimated in turn
 _LEAST_NOISE = 1e-7  # smallest noise assumed, of what the described parameters leave: weights stay finite
+_ROUNDING = 1e-12  # smallest noise assumed, of the torques: less is rounding
 _HARDLY_KNOWN, _UNKNOWN = 0.5, 2.0  # from these standard deviations on, in parts of what such a body may have
 _WORSE = 1.5  # times the error of the samples fitted to; above, the parameters do not hold for new ones
 _POOR = 0.2  # of a joint's torque: a larger rest that is not random cannot be filtered noise alone
@@ -261,9 +262,9 @@ def fit_masses(
         tau: recorded torques of hinges [N m] and forces of sliders [N], in the direction of q; shape (N, dof).
         joint_terms: what acts in a joint beside masses, out of "viscous" (in proportion to qd), "coulomb" (to the
             sign of qd), "offset" (constant) and "armature" (in proportion to qdd: the motor's rotor).
-        physical: whether the masses must be those of rigid bodies, and friction not below 0. Of all such parameters,
-            those that explain the torques best are found; `std` are then those without this condition. Needs the
-            extra `measured`.
+        physical: whether the masses must be those of rigid bodies, and friction not below 0. Of all such parameters
+            that explain the torques as well as the best of them do, but for two standard deviations of noise, those
+            near to the described ones are found; `std` are without this condition. Needs the extra `measured`.
         test: part of the samples, the last ones, that is not fitted to, but tells whether the parameters hold for
             other motions; 0 to fit to all.
         gravity: acceleration of free fall, world axes [m/s^2]; shape (3,).
@@ -449,7 +450,8 @@ def _weighted_least_squares(recording: _Recording, count: int) -> _Found:
         off = recording.torques(part) - rows @ recording.described
         columns = np.moveaxis(np.concatenate((rows, off[..., None]), axis=-1), 1, 0)
         products += np.swapaxes(columns, 1, 2) @ columns
-    least = _LEAST_NOISE * np.sqrt(np.trace(products[:, width:, width:], axis1=1, axis2=2).max() / count)
+    unexplained = np.sqrt(products[:, width, width].max() / count)
+    least = max(_LEAST_NOISE * unexplained, _ROUNDING * _rms(recording.values["tau"][:count]).max())
     # Parameters and the noise of each joint in turn.
     noise = np.ones(robot.dof)
     for _ in range(_WEIGHT_ROUNDS):
@@ -542,18 +544,16 @@ def _standard_parameters(
     start[::10] = np.where(start[::10] == 0, _sizes(robot)[:, 0], start[::10])  # a first moment needs a mass
     if physical:
         signed = np.repeat([_TERMS[term].signed for term in recording.terms], robot.dof).astype(np.bool_)
-        parameters, further = consistent_parameters(found.factor, base.matrix, estimate, start, _sizes(robot), signed)
-        changed = np.concatenate((base.matrix @ parameters, further))
-        squares = ((found.factor @ (changed - estimate)) ** 2).sum()
+        parameters, further, squares = consistent_parameters(
+            found.factor, base.matrix, estimate, start, _sizes(robot), signed
+        )
         text = (
             "No masses of rigid bodies explain the torques as well as the best parameters do: the squares of what is "
             f"left grow by {squares:.3g} times the variance of the noise, with {len(estimate)} parameters."
         )
+        changed = np.concatenate((base.matrix @ parameters, further))
         return parameters, changed, exceeded(Check(squares, _GROWTH * len(estimate), text))
-    # The least change, in parts of what each parameter may amount to.
-    weighted = base.matrix * _units(robot) ** 2
-    change = recording.parts(estimate)[0] - base.matrix @ start
-    parameters = start + weighted.T @ np.linalg.solve(weighted @ base.matrix.T, change)
+    parameters = nearest_parameters(base.matrix, recording.parts(estimate)[0], start, _units(robot))
     return parameters, estimate, []
 
 
