@@ -434,12 +434,23 @@ def test_headings_are_read_as_in_scenes(tmp_path: Path) -> None:
     assert np.abs(whole.body1.S[:, 2, 0] - np.sin(np.radians(pitch))).max() < 4 * 2.0**-53
     assert np.abs(whole.body1.S[:, 0, 0] - np.cos(np.radians(pitch)) * forward[:, 0]).max() < 8 * 2.0**-53
     with pytest.raises(hp.ArgumentError, match=r"sequence: expected a sequence that ends in Z.*no z, phi_x, phi_y"):
-        hp.read_recording(path, columns={"x": "Ost", "y": "Nord", "phi_z": compass}, sequence="ZYX")
+        hp.read_recording(path, columns={"x": "Ost", "y": "Nord", "phi_z": compass | {"unit": "deg"}}, sequence="ZYX")
     (tmp_path / "flat.toml").write_text(
-        (tmp_path / "flat.toml").read_text().replace("file", "sequence = 'ZYX'\nfile", 1)
+        (tmp_path / "flat.toml").read_text().replace("file", "sequence = 'ZYX'\nfile", 1).replace("compass", "deg")
     )
     with pytest.raises(hp.SceneError, match="sequence: expected a sequence that ends in Z"):
         hp.load_scene(tmp_path / "flat.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "sequence", "heading"),
+    [("phi_x1", None, "phi_z1"), ("phi1_y", "xyz", "phi1_z"), ("phi_z2", "ZYX", "phi_x2"), ("phi_y", "YXY", "")],
+)
+def test_only_a_turn_about_z_is_a_heading(name: str, sequence: str | None, heading: str) -> None:
+    such = f", such as {heading}" if heading else ""
+    words = rf"columns\.{name}\.unit: expected .*turn, or .* only a turn about z is a heading{such}, got 'compass'"
+    with pytest.raises(hp.ArgumentError, match=words):
+        hp.read_recording(both(), columns={name: {"name": "Kurs", "unit": "compass"}}, sequence=sequence)
 
 
 def test_angles_in_degrees_are_noticed() -> None:

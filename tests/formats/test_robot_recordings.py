@@ -45,8 +45,13 @@ def test_a_column_is_read_once(
     [
         ({"tau_elbow": {"name": "nope"}}, r"columns\.tau_elbow: expected one of t, .*, got 'nope'"),
         ({"qd_elbow": {"name": "q_elbow"}}, r"a column q_elbow, or hold .*, got it as qd_elbow, by columns"),
+        ({"tau_elbow": {"unit": "compass"}}, r"columns\.tau_elbow\.unit: expected one of N m"),
+        (
+            {"q_elbow": {"name": "q", "unit": "compass"}},
+            r"columns\.q_elbow\.unit: .*only a turn about z is",
+        ),
     ],
-    ids=["no such column", "used as another"],
+    ids=["no such column", "used as another", "a torque has no heading", "a joint has none"],
 )
 def test_messages_name_the_reason(columns: dict[str, dict[str, str]], words: str, tmp_path: Path) -> None:
     names = [name for name in NAMES if name not in columns or name.startswith("tau")]

@@ -97,7 +97,13 @@ def test_a_log_of_two_kinds_of_units_and_a_robot(tmp_path: Path) -> None:
     [
         ('t = "Zei"', r"motion.columns.t: expected one of Zeit, Ost.* \(nearest: Zeit\), got 'Zei'"),
         ('psy = "Knick"', r"columns.psy: expected .*\(nearest: psi\)"),
-        ('psi = { name = "Knick", unit = "degrees" }', r"columns.psi.unit: .*deg, turn, compass"),
+        ('psi = { name = "Knick", unit = "degrees" }', r"columns.psi.unit: .*deg, turn, or one of them with"),
+        ('phi_z = { name = "Kurs", unit = "degrees" }', r"columns.phi_z.unit: .*deg, turn, compass"),
+        (
+            'psi = { name = "Knick", unit = "compass" }',
+            r"psi.unit: .* a turn about z is a heading, such as phi_z",
+        ),
+        ('phi_x = { name = "Kurs", unit = "compass" }', r"phi_x.unit: .* a turn about z is a heading, such as phi_z"),
         ('x = { name = "Ost", unit = "compass" }', r"columns.x.unit: expected one of m, mm"),
         ("x = 3", r"columns.x: expected the name of a column"),
     ],

@@ -25,7 +25,7 @@ from hingepair.pair.body_motion import BodyMotion
 from hingepair.rotations.euler import euler_to_matrix
 from hingepair.rotations.matrices import project_to_rotation
 from hingepair.rotations.sequences import SEQUENCE_NAMES
-from hingepair.tables.angle_columns import doubts_about_angles, planar_zeros
+from hingepair.tables.angle_columns import doubts_about_angles, headings_among, planar_zeros
 from hingepair.tables.column_file import ColumnRequest, Columns, read_columns
 from hingepair.tables.column_sources import check_once, in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable, column_table
@@ -72,10 +72,11 @@ class ColumnAdvice(NamedTuple):
     encoder: str
     ignore: str
 
-    def degrees(self, name: str) -> str:
-        """Return how a caller states that the angle `name` is in degrees, and a heading one of a compass."""
+    def degrees(self, name: str, headings: Collection[str]) -> str:
+        """Return how a caller states that the angle `name` is in degrees, and one of `headings` one of a compass."""
         stated = self.columns_with_unit.format(ours=name, name="COLUMN", unit="deg")
-        return f'{stated} ("compass" in place of "deg" for headings clockwise from north)'
+        compass = ' ("compass" in place of "deg" for headings clockwise from north)'
+        return stated + compass * (name in headings)
 
 
 # By the arguments of `read_recording`.
@@ -114,7 +115,8 @@ def read_recording(
             plane has `x1, y1, phi_z1` alone. `t` are seconds, nanoseconds since 1970 (integers) or dates; the index
             of a DataFrame may have it. Vectors may be whole arrays, such as `R1` of shape (N, 3).
         columns: names and units of columns that have others: {"t": "Zeit", "x1": {"name": "Ost", "unit": "mm"}}.
-            The unit "compass" is that of headings: degrees, clockwise from north (y). Columns of names that are
+            The unit "compass" is that of headings: degrees, clockwise from north (y), of the angle that turns about
+            z, which is phi_z1 unless `sequence` says otherwise. Columns of names that are
             unknown are then not read.
         ignore: names of columns that are not read; `*` stands for any text.
         gaps: longest time between samples over which one body is interpolated to the instants of the other [s].
@@ -176,13 +178,21 @@ def _read_recording(
     """Return the Recording of one or two files or tables, on one clock; refuse one without body 1 or body 2."""
     if encoder_column in _POSE_COLUMNS:
         raise ArgumentError("encoder", "a column that is not t and not of a pose", repr(encoder_column))
+    headings = _headings(sequence or "XYZ")
     bodies: dict[str, _RecordedBody] = {}
     present_names: list[str] = []
     has_angles = False
     is_alone = len(paths) == 1
     for place, path in enumerate(paths, start=1):
         columns, stated = _read_columns(
-            path, columns_by_name, ignored_columns, encoder_column, advice, present_names, is_last=place == len(paths)
+            path,
+            columns_by_name,
+            ignored_columns,
+            encoder_column,
+            advice,
+            present_names,
+            headings,
+            is_last=place == len(paths),
         )
         digits = [
             digit
@@ -199,7 +209,8 @@ def _read_recording(
             may_be_point = name == "2" or (is_alone and len(digits) == 1)
             angles = _angles_of(columns, digit)
             has_angles |= bool(angles)
-            _judge_angles(path, {angle: columns[angle] for angle in angles if angle not in stated}, advice)
+            unstated = {angle: columns[angle] for angle in angles if angle not in stated}
+            _judge_angles(path, unstated, advice, headings)
             motion = _body_motion(path, columns, digit, sequence or "XYZ", may_be_point=may_be_point)
             bodies[name] = _RecordedBody(motion, columns.get("t"), path, reading)
     for name in ("1", "2")[: 1 + (len(paths) == 2 or "2" in bodies)]:
@@ -270,6 +281,12 @@ def _angle_column_names(digit: str) -> tuple[tuple[str, ...], ...]:
     return tuple(f"phi_{c}{digit}" for c in "xyz"), tuple(f"phi{digit}_{c}" for c in "xyz")
 
 
+def _headings(sequence: str) -> tuple[str, ...]:
+    """Return the angles that turn about z, of all bodies."""
+    groups = (names for digit in ("1", "2", "") for names in _angle_column_names(digit))
+    return tuple(name for names in groups for name in headings_among(names, sequence))
+
+
 def _angles_of(columns: Columns, digit: str) -> tuple[str, ...]:
     """Return the columns with Euler angles of a body; none if others have its attitude, as those of results may."""
     rotation, quaternion, *angles = _attitude_column_names(digit)
@@ -288,10 +305,12 @@ _POSE_COLUMNS: Final = (  # all names that columns of instants and of poses can 
 )
 
 
-def _judge_angles(path: Path | ColumnTable, angles: Mapping[str, Float64Array], advice: ColumnAdvice) -> None:
+def _judge_angles(
+    path: Path | ColumnTable, angles: Mapping[str, Float64Array], advice: ColumnAdvice, headings: Collection[str]
+) -> None:
     """Warn of angles that are probably in degrees, or refuse them."""
     try:
-        doubts = doubts_about_angles(angles, advice.degrees)
+        doubts = doubts_about_angles(angles, lambda name: advice.degrees(name, headings))
     except ArgumentError as error:
         raise error.renamed(f"{path}: {error.name}") from None
     warn_of_measurements([f"{path}: {doubt}" for doubt in doubts], stacklevel=6)
@@ -356,6 +375,7 @@ def _read_columns(
     encoder_column: str | None,
     advice: ColumnAdvice,
     present_names: list[str],
+    headings: Collection[str],
     *,
     is_last: bool,
 ) -> tuple[Columns, set[str]]:
@@ -364,7 +384,7 @@ def _read_columns(
     """
     earlier_names = {*present_names}
     stated = path.units if isinstance(path, ColumnTable) else {}
-    sources = read_column_sources(columns_by_name, _POSE_COLUMNS, unit_of, stated)
+    sources = read_column_sources(columns_by_name, _POSE_COLUMNS, unit_of, stated, headings)
     taken = {source.column for source in sources.values()}
     if isinstance(path, ColumnTable):
         path = path.without_units(taken)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -40,6 +40,15 @@ def planar_zeros(names: Collection[str], planar: PlanarColumns, sequence: object
         expected = f"a sequence that ends in Z, such as XYZ, since the log has no {', '.join(zeros)}"
         raise ArgumentError("sequence", expected, quoted(sequence))
     return zeros
+
+
+def headings_among(angles: Sequence[str], sequence: object = "XYZ") -> list[str]:
+    """Return those of three Euler angles that turn about z, as a heading does.
+
+    >>> headings_among(("phi_x", "phi_y", "phi_z"), "ZYX")
+    ['phi_x']
+    """
+    return [name for name, axis in zip(angles, str(sequence).upper(), strict=False) if axis == "Z"]
 
 
 def doubts_about_angles(angles: Mapping[str, Float64Array], conversion: Callable[[str], str]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.errors import ArgumentError, choices, nearest, quoted
+from hingepair.errors import ArgumentError, choices, nearest, nearest_name, quoted
 from hingepair.tables.units import SCALES
 
 _COMPASS: Final = "compass"  # unit of headings in degrees, clockwise from north
@@ -33,6 +33,7 @@ def read_column_sources(
     names: Collection[str],
     unit_of: Callable[[str], str],
     stated_units: Mapping[str, str],
+    headings: Collection[str] = (),
 ) -> dict[str, ColumnSource]:
     """Return where quantities stand, by their names.
 
@@ -41,6 +42,7 @@ def read_column_sources(
         names: names that quantities may have.
         unit_of: function from such a name to its SI unit.
         stated_units: units that columns themselves state, by their names.
+        headings: names of angles that turn about z, whose unit may be that of a compass.
 
     Raises:
         ArgumentError: an entry cannot be used; `name` is `columns` or such as `columns.psi.unit`.
@@ -64,14 +66,17 @@ def read_column_sources(
         own = unit_of(name)
         column = str(given.get("name", name))
         unit = str(given.get("unit") or stated_units.get(column) or own)
-        if unit == _COMPASS and own == "rad":
+        if unit == _COMPASS and name in headings:
             sources[name] = ColumnSource(column, compass=True)
             continue
         sign = -1.0 if unit.startswith("-") else 1.0
         known = {own: 1.0, **SCALES.get(own, {})}
         if unit.removeprefix("-") not in known:
-            units = (*known, _COMPASS) if own == "rad" else tuple(known)
+            units = (*known, _COMPASS) if name in headings else tuple(known)
             expected = f"{choices(units)}, or one of them with a - before it"
+            if unit == _COMPASS and own == "rad":
+                near = nearest_name(name, headings)
+                expected += ", since only a turn about z is a heading" + f", such as {near}" * bool(near)
             raise ArgumentError(f"columns.{name}.unit", expected, quoted(unit))
         sources[name] = ColumnSource(column, sign * known[unit.removeprefix("-")])
     return sources

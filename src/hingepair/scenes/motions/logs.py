@@ -42,7 +42,7 @@ from hingepair.scenes.motions.known import HINGE_NAMES, MotionByCoordinates, mot
 from hingepair.scenes.motions.motion import PairMotion, PairMotionSource, euler_axes_phrase
 from hingepair.scenes.motions.noise import derivative_noise
 from hingepair.scenes.tables import NamedSource, Table
-from hingepair.tables.angle_columns import PlanarColumns, doubts_about_angles, planar_zeros
+from hingepair.tables.angle_columns import PlanarColumns, doubts_about_angles, headings_among, planar_zeros
 from hingepair.tables.column_file import ColumnRequest, csv_column, read_columns
 from hingepair.tables.column_sources import ColumnSource, check_once, in_own_names, read_column_sources
 from hingepair.tables.column_tables import ColumnTable
@@ -201,7 +201,8 @@ def _read_column_sources(table: Table, layout: LogLayout, source: Path | ColumnT
     """Return the source of each quantity that the key `columns` of the Table [motion] names."""
     stated = source.units if isinstance(source, ColumnTable) else {}
     with table.naming():
-        return read_column_sources(table.values.get("columns", {}), layout.columns, layout.unit_of, stated)
+        headings = headings_among(layout.arrays.get("phi", ()), table.values.get("sequence", "XYZ"))
+        return read_column_sources(table.values.get("columns", {}), layout.columns, layout.unit_of, stated, headings)
 
 
 def _velocity_frame(table: Table, log: Log) -> str:
@@ -312,8 +313,9 @@ class Log(NamedSource):
             else:
                 others += suspicions(quantity, name, values if len(names) > 1 else values[:, 0])
         with self.naming():
+            headings = headings_among(self.layout.arrays.get("phi", ()), self._sequence)
             self.angle_doubts = doubts_about_angles(
-                angles, lambda name: (_HEADINGS if name == "phi_z" else _DEGREES).format(name)
+                angles, lambda name: (_HEADINGS if name in headings else _DEGREES).format(name)
             )
         self.notes += [*self.angle_doubts, *others]
 
