@@ -430,6 +430,26 @@ def test_a_path_is_followed_without_a_jump(name):
     assert np.array_equal(both.q[0], found.q)
 
 
+@pytest.mark.slow(2)
+@pytest.mark.parametrize("prefers", [False, True])
+def test_a_redundant_arm_follows_smooth_paths_from_their_start(prefers):
+    """Seeds 14 and 18 drift into limits without a posture; 21 is drawn across `max_change` by one."""
+    robot, frame = robot_of("panda"), ARMS["panda"]
+    low, high = robot.position_limits.T
+    time, q = np.linspace(0, 1, 400)[:, None], []
+    for seed in (6, 14, 18, 21, 31):
+        g = np.random.default_rng(seed)
+        wave = np.sin(g.uniform(1, 5, 7) * time + g.uniform(0, 6.28, 7))
+        q.append((low + high) / 2 + 0.3 * (high - low) * wave)
+    start = np.array(q)[:, 0]
+    wanted = robot.forward_kinematics(np.array(q), frames=frame)[frame]
+    prefer = start[:, None] if prefers else None
+    found = robot.inverse_kinematics_path(wanted, frame=frame, q0=start, prefer=prefer)
+    assert found.ok.all()
+    assert not found.jumps.any()
+    assert np.abs(np.diff(found.q, axis=1)).max() <= 0.5
+
+
 def round_trip(count=200, radius=0.6):
     angle = np.linspace(0.1, 0.1 + 2 * np.pi, count)
     return radius * np.stack([np.cos(angle), 0 * angle, -np.sin(angle)], axis=-1)

@@ -36,6 +36,7 @@ class Goal(ABC):
     frame: int  # its index in the request
     shape: ClassVar[tuple[int, ...]]  # of a target
     is_length: ClassVar[bool]  # whether its error is a distance [m], not an angle [rad]
+    rank: ClassVar[int] = 3  # how many coordinates it determines
 
     @property
     def size(self) -> int:
@@ -152,6 +153,7 @@ class Direction(_Turned):
     """Goal that the z axis of the frame has a direction; the turn about it is free."""
 
     shape = (3,)
+    rank = 2
 
     def pose(self, frame: Pose) -> tuple[Scalar, ...]:
         """Return the z axis."""

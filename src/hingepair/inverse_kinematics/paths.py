@@ -2,7 +2,9 @@
 
 All solutions of the first target are followed at once. Where the last of them ends, at a limit or where the robot
 would have to turn over, the path jumps, and all solutions of that target are followed from there. Of the branches,
-the one that lasts longest is taken, so that there are as few jumps as the branches that were found allow.
+the one that lasts longest is taken, so that there are as few jumps as the branches that were found allow. Paths of
+redundant arms that jump are followed again: slowly towards the posture, then towards the middle of the limits, then
+without a posture.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from hingepair.numeric.arrays import Float64Array
 _BRANCHES: Final = 16  # of a path, followed at once
 _CHECKS: Final = (4, 2, 4, 10)  # steps to a sample; branches that have arrived after 4, 4 + 2, ... of them rest
 _PULLS: Final = 1  # rounds towards a posture at each sample
+_GENTLE: Final = 0.02  # of the way to a posture in a step, where the whole way led to a jump
 _MAX_NUMBERS: Final = 20_000_000  # in the history of the branches that are followed at once
 
 
@@ -40,23 +43,45 @@ def follow(solver: Solver, targets: Targets, shape: tuple[int, int], max_change:
         seed: seed of the starts.
     """
     rows = np.arange(shape[0] * shape[1]).reshape(shape)
-    q, steps = np.full((*shape, solver.dof), np.nan), np.zeros(shape, np.int64)
+    q, steps, jumps = np.full((*shape, solver.dof), np.nan), np.zeros(shape, np.int64), np.zeros(shape, bool)
     size = max(1, _MAX_NUMBERS // (shape[1] * _BRANCHES * solver.dof))
     for first in range(0, shape[0], size):
         some = slice(first, first + size)
         branches = _Branches(solver, targets.at(rows[some].ravel()), rows[some].shape, max_change, seed)
         q[some], steps[some] = branches.run()
+        jumps[some] = _jumps(q[some], max_change)
+    middle = np.broadcast_to(solver.middle, (rows.size, solver.dof))
+    others = (middle,) if targets.posture is None else (targets.posture, middle, None)
+    # A redundant arm may drift into limits or singular poses that it can also go round.
+    for posture in others if solver.redundant else ():
+        jumping = np.flatnonzero(jumps.any(axis=1))
+        for first in range(0, len(jumping), size):
+            paths = jumping[first : first + size]
+            again = rows[paths].ravel()
+            part = targets.at(again) if posture is not None else targets.at(again)._replace(posture=None)
+            branches = _Branches(solver, part, (len(paths), shape[1]), max_change, seed)
+            if posture is not None:
+                branches.attract(posture[again], _GENTLE)
+            other, taken = branches.run()
+            steps[paths] += taken
+            jumps_then = _jumps(other, max_change)
+            fewer = jumps_then.sum(axis=1) < jumps[paths].sum(axis=1)
+            q[paths[fewer]], jumps[paths[fewer]] = other[fewer], jumps_then[fewer]
     flat, found = q.reshape(-1, solver.dof), Solutions.nothing((rows.size,), solver)
     finite = np.flatnonzero(np.isfinite(flat).all(axis=1))
     if len(finite):
         found.put(finite, solver.measure(flat[finite], targets.at(finite)))
-    jumps = np.zeros(shape, bool)
-    last = q[:, 0]
-    for i in range(1, shape[1]):
+    return Path(found.reshape(*shape), jumps, steps)
+
+
+def _jumps(q: Float64Array, max_change: float) -> NDArray[np.bool_]:
+    """Return at which samples of paths (P, N, dof) a coordinate has changed by more than `max_change`."""
+    jumps, last = np.zeros(q.shape[:2], bool), q[:, 0]
+    for i in range(1, q.shape[1]):
         with np.errstate(invalid="ignore"):
             jumps[:, i] = (np.abs(q[:, i] - last) > max_change).any(axis=1)
         last = np.where(np.isnan(q[:, i]), last, q[:, i])
-    return Path(found.reshape(*shape), jumps, steps)
+    return jumps
 
 
 class _Branches:
@@ -76,11 +101,16 @@ class _Branches:
         self.steps = np.zeros(shape, np.int64)
         self.last = np.full((self.paths, solver.dof), np.nan)  # the coordinates before that; NaN without any
         self.finite = np.logical_and.reduce(np.isfinite(targets.poses), axis=1)
+        self.posture, self.share = targets.posture, 1.0  # what is approached from sample to sample, and how fast
         # One solution of each sample tells which are within reach.
         self.one = Solutions.nothing((len(targets.poses),), solver)
         some = targets.at(self.finite)._replace(near=None, posture=None)
         found, self.steps.ravel()[self.finite], _ = solver.first(some, seed)
         self.one.put(self.finite, found)
+
+    def attract(self, posture: Float64Array, share: float) -> None:
+        """Approach another posture from sample to sample, by a share of the way in each step."""
+        self.posture, self.share = posture, share
 
     def run(self) -> tuple[Float64Array, NDArray[np.int64]]:
         """Return the coordinates (P, N, dof), and the counts of steps (P, N)."""
@@ -108,8 +138,10 @@ class _Branches:
         ends, taken = self.solver.descend(before, targets, _CHECKS)
         np.add.at(self.steps[:, i], path, taken)
         found = self.solver.measure(ends, targets)
-        if targets.posture is not None:
-            pulled = self.solver.pull(found.at(slice(None)), targets, _PULLS)
+        if self.posture is not None:
+            wanted = targets._replace(posture=self.posture[rows[path]])
+            copy = found.at(np.arange(len(path)))  # a slice would be a view
+            pulled = self.solver.pull(copy, wanted, _PULLS, self.share)
             near = (np.abs(pulled.q - before) <= self.max_change).all(axis=1)
             found.put(near, pulled.at(near))
         change = np.abs(found.q - before)

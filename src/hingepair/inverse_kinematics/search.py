@@ -118,6 +118,7 @@ class Solver:
         self.goals, self._reaches = goals, reaches
         carrying = {joint for goal in goals for joint in joints_to_base(form, request.frames[goal.frame])}
         self._moving = np.isin(np.arange(form.dof), [form.columns[joint] for joint in carrying])
+        self.redundant = int(self._moving.sum()) > sum(goal.rank for goal in goals)
         self._shifts = np.zeros(form.dof, bool)
         self._shifts[[column for column, axis in zip(form.columns, form.axes, strict=True) if axis.shifts]] = True
         # A coordinate that also drives a mimic joint is not the same after a turn.
@@ -283,15 +284,17 @@ class Solver:
         turned: Float64Array = np.clip(moved, self.low, self.high)
         return turned
 
-    def pull(self, found: Solutions, targets: Targets, rounds: int = _PULLS) -> Solutions:
-        """Move solutions towards the posture, in place, as far as that leaves the frames within the tolerances."""
+    def pull(self, found: Solutions, targets: Targets, rounds: int = _PULLS, share: float = 1.0) -> Solutions:
+        """Move solutions towards the posture, in place, as far as that leaves the frames within the tolerances, at
+        first by a share of the way in each step.
+        """
         lanes = np.flatnonzero(found.ok)
         if targets.posture is None or not len(lanes):
             return found
         part, posture = targets.at(lanes), targets.posture[lanes]
         best = found.at(lanes)
         distance = _sum_of_squares(best.q - posture)
-        options = np.tile(part.options(pull=1.0), (len(lanes), 1))
+        options = np.tile(part.options(pull=share), (len(lanes), 1))
         for _ in range(rounds):
             q = best.q
             for _ in range(_PULL_STEPS):

@@ -319,14 +319,16 @@ class MechanismMethods(Frozen, Shown):
 
         The last axis of the targets' samples is the path; axes before it are paths of their own. All solutions found
         of the first target are followed, and of those that last longest the one that moves least is taken. `jumps`
-        marks the samples to which none could be followed. A sample out of reach gives the closest pose next to the
-        one before. Arguments not listed: see `inverse_kinematics`.
+        marks the samples to which none could be followed. A redundant arm whose path jumps is tried again with other
+        postures; it may still jump where it stands at a limit or a singular pose, which another `q0` may avoid. A
+        sample out of reach gives the closest pose next to the one before. Arguments not listed: see
+        `inverse_kinematics`.
 
         Args:
             R: wanted positions, with an axis of samples: (..., samples, 3).
             q0: coordinates near which the paths start, shape (..., dof) without the axis of samples. By default, they
                 start where they have the fewest jumps.
-            prefer: coordinates that are approached along the path.
+            prefer: coordinates that are approached along the path, as far as it is followed without a jump.
             max_change: greatest change of a coordinate from sample to sample that is no jump [rad or m].
             workers: number of threads, which share the paths; -1 for one thread per core.
 
