@@ -86,6 +86,50 @@ def test_a_smallest_and_a_largest_result_are_inside_their_range(arm: Path) -> No
     bounded = hp.search(arm, {"constants.a": (0.1, 0.3)}, maximize="R2_z_last")
     assert not bounded.ok
     np.testing.assert_allclose(bounded.values["constants.a"], 0.3, rtol=1e-6)
+    assert bounded.notes == ("constants.a = 0.3 is at an end of its range",)
+
+
+@pytest.mark.slow
+def test_one_number_with_an_aim_stops_at_the_condition(arm: Path) -> None:
+    """1 + 2 sin(4 a) reaches 2 at a = pi/24; the largest a with less is just below."""
+    found = hp.search(arm, {"constants.a": (0.05, 0.35)}, "R2_z_last <= 2", maximize="psi_last")
+    assert found.ok
+    assert found.results["R2_z_last"] <= 2
+    np.testing.assert_allclose(found.values["constants.a"], np.pi / 24, rtol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sign", [">=", "="])
+def test_several_numbers_with_an_aim_stop_at_the_condition(sign: str, arm: Path) -> None:
+    """The height c + 2 sin(4 a) reaches 2.5 with the smallest c where the sine is 1."""
+    ranges = {"constants.a": (0.1, 0.6), "constants.c": (0.1, 3.0)}
+    found = hp.search(arm, ranges, f"R2_z_last {sign} 2.5", minimize="R2_z_first")
+    assert found.ok
+    assert found.results["R2_z_last"] >= 2.5 or sign == "="
+    np.testing.assert_allclose(found.results["R2_z_last"], 2.5, rtol=1e-8)
+    np.testing.assert_allclose(found.values["constants.c"], 0.5, rtol=1e-6)
+    np.testing.assert_allclose(found.values["constants.a"], np.pi / 8, rtol=1e-3)
+
+
+def test_a_result_without_a_value_is_named(arm: Path) -> None:
+    """The angle 4 a stays below 3 rad: the time at which it is above has no value."""
+    nowhere = hp.search(arm, {"constants.a": (0.1, 0.5)}, "psi_t_above(3) = 1")
+    assert not nowhere.ok
+    assert nowhere.notes == ("psi_t_above(3) has no value anywhere in 0.1..0.5",)
+
+
+@pytest.mark.slow
+def test_an_inequality_does_not_hold_where_its_result_has_no_value(arm: Path) -> None:
+    """The angle a t^2 is 1 at t = 1.6 with a = 1/1.6^2, and not within 2 s with a < 1/4."""
+    aimed = hp.search(arm, {"constants.a": (0.1, 0.5)}, "psi_t_above(1) <= 1.6", minimize="psi_last")
+    assert aimed.ok
+    np.testing.assert_allclose(aimed.values["constants.a"], 1 / 1.6**2, rtol=1e-4)
+
+
+def test_the_number_in_the_scene_is_shown_outside_of_the_range_too(arm: Path) -> None:
+    found = hp.search(arm, {"constants.a": (0.3, 0.5)}, "psi_last = 1.6")
+    assert found.start == {"constants.a": 0.25}
+    np.testing.assert_allclose(found.values["constants.a"], 0.4, rtol=1e-10)
 
 
 def test_a_condition_that_cannot_hold_is_not_found(arm: Path) -> None:

@@ -19,7 +19,8 @@ def search_command(
         list[str],
         typer.Option(
             metavar="KEY[=LOW:HIGH]",
-            help="Number of the scene to vary, such as dynamics.damping=0.1:10; may be given several times.",
+            help="Number of the scene to vary, such as dynamics.damping=0.1:10, in the unit of the scene file; may "
+            "be given several times.",
         ),
     ],
     until: Annotated[

@@ -42,8 +42,8 @@ class Condition(NamedTuple):
         """Return by how much a result is above (or, negative, below) the value; 0 for an inequality that holds."""
         excess = got - self.value
         if self.sign == "<=":
-            return max(0.0, excess)
-        return min(0.0, excess) if self.sign == ">=" else excess
+            return max(excess, 0.0)  # in this order, NaN stays NaN
+        return min(excess, 0.0) if self.sign == ">=" else excess
 
     def __str__(self) -> str:
         return f"{self.result} {self.sign} {self.value:.9g}"
@@ -55,7 +55,7 @@ class Search:
 
     #: the numbers, by their key in the scene file
     values: dict[str, float]
-    #: what they are in the scene file
+    #: what they are in the scene file, also outside of their ranges
     start: dict[str, float]
     #: the results that the conditions and the aim name, at the numbers found
     results: dict[str, float]
@@ -65,7 +65,7 @@ class Search:
     conditions: tuple[str, ...]
     #: whether all conditions hold, and a smallest or largest result is not at the end of a range
     ok: bool
-    #: sentences on why a condition does not hold
+    #: sentences on why a condition does not hold, or a smallest or largest result is not one
     notes: tuple[str, ...]
     #: number of variants of the scene that were computed
     evaluations: int
@@ -106,7 +106,7 @@ def search(
         vary: keys of the numbers, such as "dynamics.damping" or "pair.u1[0]", or a dict that gives a range (low,
             high), or None, for each. Numbers without a range keep their sign.
         until: conditions such as "psi_t_below(0.01) = 5", "psid_min >= -0.2".
-        minimize: the result that is to be smallest; needs ranges. The conditions hold as well as they can.
+        minimize: the result that is to be smallest; needs ranges. Inequalities hold strictly where numbers are found.
         maximize: the result that is to be largest.
         units: units of results, conditions and levels in place of SI units, such as "deg, mm". Numbers of the scene
             stay as the scene has them.
@@ -129,29 +129,24 @@ def search(
         raise ArgumentError("until", 'a condition such as "psi_last = 1.5", or minimize=', "none")
     names = (*(condition.result for condition in conditions), *(() if aim is None else (aim,)))
     variants = _Variants(scene, vary, names, units)
-    misses = [lambda x, k=k, one=one: one.miss(variants.results(x)[k]) for k, one in enumerate(conditions)]
     if aim is not None:
         sign = 1.0 if maximize is None else -1.0
-        x = _smallest(optimize, variants, lambda x: sign * variants.results(x)[-1], misses)
+        x = _smallest(optimize, variants, lambda x: sign * variants.results(x)[-1], conditions)
     elif len(variants.keys) == 1 and len(conditions) == 1 and conditions[0].sign == "=":
-        x = _root(optimize, variants, misses[0])
+        x = _root(optimize, variants, lambda x: conditions[0].miss(variants.results(x)[0]))
     else:
-        x = _least_misses(optimize, variants, conditions)
+        x = _least_misses(optimize, variants, conditions, variants.start)
     results = dict(zip(names, variants.results(x), strict=True))
-    first = dict(zip(names, variants.results(variants.start), strict=True))
-    held = all(
-        abs(one.miss(results[one.result])) <= _TOLERANCE * max(abs(one.value), abs(first[one.result]), 1e-9)
-        for one in conditions
-    )
-    inside = aim is None or not variants.is_at_an_end(x)
+    held = variants.meet(x, conditions) and all(map(math.isfinite, results.values()))
+    ends = [] if aim is None else variants.at_ends(x)
     return Search(
         values=dict(zip(variants.keys, x.tolist(), strict=True)),
-        start=dict(zip(variants.keys, variants.start.tolist(), strict=True)),
+        start=dict(zip(variants.keys, variants.given.tolist(), strict=True)),
         results=results,
         units=variants.units(),
         conditions=tuple(map(str, conditions)),
-        notes=() if held else tuple(variants.doubts(x, conditions)),
-        ok=held and inside and all(map(math.isfinite, results.values())),
+        notes=(*(() if held else variants.doubts(x, conditions)), *ends),
+        ok=held and not ends,
         evaluations=len(variants.known),
         scene=variants.computer.scene(x),
     )
@@ -196,11 +191,11 @@ class _Variants:
         for one in steps:
             check_number_path(entry, values, one)
         self.keys: list[str] = keys
-        self.start = np.array([_number(key, values, one) for key, one in zip(keys, steps, strict=True)])
+        self.given = np.array([_number(key, values, one) for key, one in zip(keys, steps, strict=True)])
         ranges = [vary[key] if isinstance(vary, Mapping) else None for key in keys]
-        self.low, self.high = np.array([_ends(*each) for each in zip(keys, ranges, self.start, strict=True)]).T
+        self.low, self.high = np.array([_ends(*each) for each in zip(keys, ranges, self.given, strict=True)]).T
         self.has_ranges = all(one is not None for one in ranges)
-        self.start = np.clip(self.start, self.low, self.high)
+        self.start = np.clip(self.given, self.low, self.high)
         self.known: dict[bytes, list[float]] = {}
         self._names = names
         self._columns = [_column(name) for name in names]
@@ -260,8 +255,25 @@ class _Variants:
         columns = zip(self._names, self._columns, strict=True)
         return {name: own.unit("s" if end.startswith("t_") else si(column)) for name, (column, end) in columns}
 
+    def meet(self, x: Float64Array, conditions: Sequence[Condition], tolerance: float = _TOLERANCE) -> bool:
+        """Return whether the conditions hold at numbers x; `tolerance` is that of inequalities."""
+        return all(
+            abs(one.miss(got))
+            <= (_TOLERANCE if one.sign == "=" else tolerance) * max(abs(one.value), _size(first, 0.0), 1e-9)
+            for one, got, first in zip(conditions, self.results(x), self.results(self.start), strict=False)
+        )
+
     def doubts(self, x: Float64Array, conditions: Sequence[Condition]) -> Iterator[str]:
-        """Yield sentences on why conditions do not hold: an instant behind the motion, or a result that jumps."""
+        """Yield sentences on why numbers were not found: a result without a value, an instant behind the motion, or a
+        result that jumps.
+        """
+        for name, values in dict(zip(self._names, zip(*self.known.values(), strict=True), strict=True)).items():
+            if not any(map(math.isfinite, values)):
+                one_range = len(self.keys) == 1 and self.has_ranges
+                where = (
+                    f"anywhere in {self.low[0]:g}..{self.high[0]:g}" if one_range else "at any of the numbers tried"
+                )
+                yield f"{name} has no value {where}"
         stop, unit = self._in_units.units.factor("s") * self.computer.scene(x).stop, self._in_units.unit("t")
         for place, one in enumerate(conditions):
             if self._columns[place][1].startswith("t_") and one.value >= stop:
@@ -273,10 +285,12 @@ class _Variants:
     def _is_beside(self, key: bytes, x: Float64Array) -> bool:
         return bool(np.allclose(np.frombuffer(key), x, rtol=1e-9, atol=0.0))
 
-    def is_at_an_end(self, x: Float64Array) -> bool:
-        """Return whether a number is at an end of its range."""
+    def at_ends(self, x: Float64Array) -> list[str]:
+        """Return sentences on numbers that are at an end of their ranges."""
         near = 1e-6 * (self.high - self.low)
-        return bool(((x - self.low < near) | (self.high - x < near)).any())
+        is_near = (x - self.low < near) | (self.high - x < near)
+        ended = zip(self.keys, x, is_near, strict=True)
+        return [f"{key} = {value:.6g} is at an end of its range" for key, value, is_end in ended if is_end]
 
 
 def _column(name: str) -> tuple[str, str]:
@@ -338,7 +352,7 @@ def _root(optimize: Any, variants: _Variants, miss: Any) -> Float64Array:
             ends = None if other is None else _bracket(missed, x, other)
             if ends is not None:
                 return np.array([optimize.brentq(missed, *sorted(ends), xtol=1e-14, rtol=1e-13)])
-    return np.array([min((x for x in seen if math.isfinite(seen[x])), key=lambda x: abs(seen[x]))])
+    return np.array([min((x for x in seen if math.isfinite(seen[x])), key=lambda x: abs(seen[x]), default=start)])
 
 
 def _bracket(missed: Callable[[float], float], x: float, y: float) -> tuple[float, float] | None:
@@ -357,9 +371,16 @@ def _bracket(missed: Callable[[float], float], x: float, y: float) -> tuple[floa
     return (at, to) if missed(at) * missed(to) <= 0 else None
 
 
-def _least_misses(optimize: Any, variants: _Variants, conditions: Sequence[Condition]) -> Float64Array:
-    """Return the numbers with the least squares of what the conditions miss, each relative to that at the start."""
-    scales = np.array([abs(one.miss(got)) or 1.0 for one, got in _with_results(conditions, variants, variants.start)])
+def _size(x: float, default: float = 1.0) -> float:
+    """Return the magnitude of a number to which others are relative; `default` for 0 and NaN."""
+    return abs(x) if math.isfinite(x) and x else default
+
+
+def _least_misses(
+    optimize: Any, variants: _Variants, conditions: Sequence[Condition], start: Float64Array
+) -> Float64Array:
+    """Return the numbers with the least squares of what the conditions miss, each relative to that at `start`."""
+    scales = np.array([_size(one.miss(got)) for one, got in _with_results(conditions, variants, start)])
     size = np.where(variants.start == 0, 1.0, np.abs(variants.start))
 
     def solved(start: Float64Array, conditions: Sequence[Condition]) -> Float64Array:
@@ -376,7 +397,7 @@ def _least_misses(optimize: Any, variants: _Variants, conditions: Sequence[Condi
         )
         return np.asarray(found.x, np.float64)
 
-    x = solved(variants.start, conditions)
+    x = solved(start, conditions)
     # A search ends just outside of an inequality, whose miss has no slope within: it ends on it as an equation.
     equations = [
         one._replace(sign="=") if one.miss(got) else one for one, got in _with_results(conditions, variants, x)
@@ -391,21 +412,13 @@ def _with_results(
     return zip(conditions, variants.results(x), strict=False)
 
 
-def _smallest(optimize: Any, variants: _Variants, aim: Any, misses: Sequence[Any]) -> Float64Array:
-    """Return the numbers at which `aim`, with a penalty for `misses`, is smallest: a scan, then a local search."""
+def _smallest(optimize: Any, variants: _Variants, aim: Any, conditions: Sequence[Condition]) -> Float64Array:
+    """Return the numbers at which `aim` is smallest while the conditions hold: a scan, then a local search with a
+    penalty for what they miss, then, where that ends beyond a condition, a search up to it.
+    """
     if not variants.has_ranges:
         raise ArgumentError("vary", 'ranges, as in {"dynamics.damping": (0.1, 10)}, beside minimize', "none")
     width = variants.high - variants.low
-    first = aim(variants.start)
-    scales = [abs(miss(variants.start)) or 1.0 for miss in misses]
-
-    def penalised_aim(x: Float64Array) -> float:
-        """Return the aim at x, moved into the ranges, with the penalty for what the conditions miss."""
-        x = np.clip(x, variants.low, variants.high)
-        missed = sum((miss(x) / scale) ** 2 for miss, scale in zip(misses, scales, strict=True))
-        total = float(aim(x) + 1e3 * max(abs(first), 1e-9) * missed)  # a miss counts a thousandfold
-        return total if math.isfinite(total) else math.inf
-
     count = len(width)
     if count == 1:
         shares = np.linspace(0, 1, _SCAN)[:, None]
@@ -414,6 +427,27 @@ def _smallest(optimize: Any, variants: _Variants, aim: Any, misses: Sequence[Any
 
         shares = qmc.Sobol(count, seed=0).random(64)
     tried = [variants.start, *(variants.low + share * width for share in shares)]
+
+    def misses(x: Float64Array) -> Float64Array:
+        """Return what the conditions miss at x."""
+        return np.array([one.miss(got) for one, got in _with_results(conditions, variants, x)], np.float64)
+
+    # A start without a value has no size; the scan has one.
+    size = next((abs(aim(x)) for x in tried if math.isfinite(aim(x))), 0.0)
+    scales = np.array(
+        [
+            next((abs(y) for y in each if math.isfinite(y) and y), 1.0)
+            for each in zip(*map(misses, tried), strict=True)
+        ]
+    )
+
+    def penalised_aim(x: Float64Array) -> float:
+        """Return the aim at x, moved into the ranges, with the penalty for what the conditions miss."""
+        x = np.clip(x, variants.low, variants.high)
+        missed = float(((misses(x) / scales) ** 2).sum()) if conditions else 0.0
+        total = float(aim(x) + 1e3 * max(size, 1e-9) * missed)  # a miss counts a thousandfold
+        return total if math.isfinite(total) else math.inf
+
     best = min(tried, key=penalised_aim)
     simplex = np.clip([best, *(best + 0.05 * np.diag(width))], variants.low, variants.high)
     for k in range(count):  # a corner at an end would leave the simplex flat
@@ -425,4 +459,59 @@ def _smallest(optimize: Any, variants: _Variants, aim: Any, misses: Sequence[Any
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-12},
     )
-    return np.asarray(np.clip(found.x, variants.low, variants.high), np.float64)
+    x = np.asarray(np.clip(found.x, variants.low, variants.high), np.float64)
+    if variants.meet(x, conditions, 0.0) or not math.isfinite(penalised_aim(x)):
+        return x
+    return _within(optimize, variants, aim, conditions, x)
+
+
+def _within(
+    optimize: Any, variants: _Variants, aim: Any, conditions: Sequence[Condition], x: Float64Array
+) -> Float64Array:
+    """Return the numbers with the smallest `aim` at which the conditions hold, searched from x, where they do not;
+    those with the least misses if they hold nowhere.
+    """
+    width = variants.high - variants.low
+    scales = np.array([_size(one.value) for one in conditions], np.float64)
+
+    def excesses(x: Float64Array) -> Float64Array:
+        """Return by how much results exceed the values of conditions, or, with >=, fall short of them."""
+        signed = [
+            (-1.0 if one.sign == ">=" else 1.0, one, got) for one, got in _with_results(conditions, variants, x)
+        ]
+        return np.array([sign * (got - one.value) for sign, one, got in signed], np.float64) / scales
+
+    if len(width) > 1:  # along the conditions
+        lowest = [0.0 if one.sign == "=" else -math.inf for one in conditions]
+        size = _size(aim(x))
+        found = optimize.minimize(
+            lambda s: aim(variants.low + s * width) / size,
+            (x - variants.low) / width,
+            method="COBYQA",
+            bounds=[(0.0, 1.0)] * len(width),
+            constraints=optimize.NonlinearConstraint(lambda s: excesses(variants.low + s * width), lowest, 0.0),
+            options={"initial_tr_radius": 0.02, "final_tr_radius": 1e-8, "maxfev": 300},
+        )
+        x = np.asarray(np.clip(variants.low + found.x * width, variants.low, variants.high), np.float64)
+    # Equations hold within a tolerance, and so do inequalities beside them; inequalities alone hold strictly.
+    equations = any(one.sign == "=" for one in conditions)
+    tolerance = _TOLERANCE if equations else 0.0
+
+    def inside() -> list[Float64Array]:
+        """Return the numbers so far at which the conditions hold."""
+        seen = [np.frombuffer(key) for key in variants.known]
+        return [y for y in seen if variants.meet(y, conditions, tolerance) and math.isfinite(aim(y))]
+
+    nearest = x
+    if equations or not inside():
+        nearest = _least_misses(optimize, variants, conditions, x)
+        if equations and variants.meet(nearest, conditions):
+            return nearest
+    if not equations and not variants.meet(x, conditions, 0.0) and np.isfinite(excesses(x)).all():
+        # From x straight to numbers inside, the condition that is met last is met where the largest excess is 0.
+        ends = sorted(inside(), key=lambda y: float(np.abs((y - x) / width).max()))
+        sides = {tuple(np.sign(y - x)): y for y in reversed(ends)}  # the nearest one to each side
+        for y in list(sides.values())[:4]:
+            optimize.brentq(lambda s, y=y: excesses(x + s * (y - x)).max(), 0, 1, xtol=1e-13, rtol=1e-13)
+    best: Float64Array = min(inside(), key=aim, default=nearest)
+    return best
