@@ -27,12 +27,8 @@ _ON_DIAGONAL: Final = np.array([k in (0, 2, 5, 9) for k in range(10)])
 _ENTRY_SCALE: Final = np.where(_ON_DIAGONAL, 1.0, np.sqrt(2.0))[:, None]  # with which Clarabel takes the entries
 _CONE: Final = _ENTRY_SCALE * np.array([[entries.get(k, 0.0) for k in range(10)] for entries in _TRIANGLE])
 _LEAST = 1e-6  # lowest eigenvalue of the pseudo-inertia of a body of size one: its mass is not all in a plane
-_PRECISIONS: Final = (
-    1e7,
-    1e5,
-    1e3,
-    1.0,
-)  # standard deviations per unit that the solver resolves; the next if it fails
+# Standard deviations per unit that the solver resolves; where it fails, the next.
+_PRECISIONS: Final = (1e7, 1e5, 1e3, 1.0)
 _KNOWN = 1e6  # standard deviations per unit of what is known best, in the squares that are judged
 _PULLS: Final = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4)  # to the described parameters, beside one deviation
 _AS_WELL = 4.0  # variances of the noise that the pull may add to the squares: two standard deviations
