@@ -41,6 +41,11 @@ def folder(tmp_path: Path) -> Path:
         hull.export(meshes / name)
     (meshes / "text.stl").write_text(trimesh.exchange.stl.export_stl_ascii(hull))
     (meshes / "hull.dae").write_text("<COLLADA/>")
+    for count in (1, 2):
+        trimesh.Trimesh(CORNERS, FACES[:count], process=False).export(meshes / f"of_{count}.stl")
+    for count in (3, 4):
+        corners = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS[:count])
+        (meshes / f"of_{count}.obj").write_text(f"# v\n{corners}f 1 2 3\n")
     return tmp_path / "arm_description"
 
 
@@ -136,6 +141,12 @@ def test_collision_shapes_are_a_class_that_is_shown_where_nothing_else_is(folder
 LEFT_OUT = {
     "DAE": (STL.replace(".stl", ".dae"), "since MuJoCo cannot load DAE: hull.dae"),
     "text": (STL.replace("hull.stl", "text.stl"), "since MuJoCo cannot load STL that is text: text.stl"),
+    "one triangle": (STL.replace("hull", "of_1"), "since MuJoCo loads meshes of at least 4 vertices: of_1.stl"),
+    "three corners": (
+        STL.replace("hull.stl", "of_3.obj"),
+        "since MuJoCo loads meshes of at least 4 vertices: of_3.obj",
+    ),
+    "scale": (STL.replace("-0.3", "0").replace("0.1", "0"), "without a surface, and their scale has a 0: hull.stl"),
     "absent": (STL.replace("hull.stl", "absent.stl"), "not found: absent.stl"),
 }
 
@@ -144,12 +155,25 @@ LEFT_OUT = {
 def test_meshes_that_mujoco_cannot_load_are_named(folder: Path, name: str) -> None:
     geometry, reason = LEFT_OUT[name]
     arm = robot(folder, element(geometry) + element('<sphere radius="0.1"/>', "collision"))
-    with pytest.warns(hp.DynamicsWarning, match=f"^arm: these meshes are not written, {reason}$"):
+    with pytest.warns(hp.DynamicsWarning, match=f"^arm: these meshes are not written, .*{reason}$"):
         text = hp.to_mjcf(arm)
     assert reason in text
     model = mujoco.MjModel.from_xml_string(text)
     assert model.geom_group.tolist() == [1]  # the sphere is shown instead
     assert geometry.split('"')[1] in hp.to_urdf(arm)
+
+
+@pytest.mark.parametrize("name", ["of_2.stl", "of_4.obj"])
+def test_meshes_of_four_vertices_are_loaded(folder: Path, name: str) -> None:
+    model = mujoco.MjModel.from_xml_string(hp.to_mjcf(robot(folder, element(STL.replace("hull.stl", name)))))
+    assert model.mesh_vertnum.tolist() == [4]
+
+
+def test_a_mesh_is_written_at_the_scales_that_mujoco_can_load(folder: Path) -> None:
+    arm = robot(folder, element(STL) + element(STL.replace("0.1 0.2 -0.3", "0 0 0")))
+    with pytest.warns(hp.DynamicsWarning, match=r"their scale has a 0: hull\.stl"):
+        model = mujoco.MjModel.from_xml_string(hp.to_mjcf(arm))
+    assert model.nmesh == model.ngeom == 1
 
 
 @pytest.mark.parametrize("write", [hp.to_urdf, hp.to_mjcf])

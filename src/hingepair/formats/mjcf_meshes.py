@@ -5,11 +5,14 @@ MuJoCo knows no packages: a file is named by its path below `meshdir`, the folde
 
 from __future__ import annotations
 
+import itertools
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
 
 from hingepair.formats.shape_writers import DRAWN_ONLY, drawing_of_body, mjcf_geometry
 from hingepair.formats.xml_text import add_element, check_xml_text, first_few
@@ -21,6 +24,7 @@ _GREY: Final = (0.6, 0.6, 0.6, 1.0)  # RGBA of what has no colour
 _COLLISION: Final = "collision"  # name of the class of the geoms for collisions
 _STL_HEADER, _STL_TRIANGLE = 84, 50  # bytes
 _MAX_STL_TRIANGLES = 200_000  # that MuJoCo reads
+_MIN_CORNERS = 4  # that MuJoCo wants
 
 
 class MjcfMeshes:
@@ -30,16 +34,17 @@ class MjcfMeshes:
         self.sentences: list[str] = []
         self._tree = tree
         self._assets: dict[tuple[Path, tuple[float, ...]], str] = {}  # names by file and scale
-        self._paths: dict[tuple[str, Path | None], Path | None] = {}  # of the files as written; None: not loaded
+        # Of the files as written, with their scale; None: not loaded.
+        self._paths: dict[tuple[str, Path | None, tuple[float, ...]], Path | None] = {}
         left: dict[str, dict[str, None]] = {}  # names of files that are not written, by the reason
         numbers = range(len(tree.drawings)) if wanted else ()
         meshes = (one for k in numbers for one in _drawn(tree, k) if isinstance(one, Mesh))
         for mesh in meshes:
-            key = mesh.file, mesh.folder
+            key = mesh.file, mesh.folder, mesh.scale
             if key not in self._paths:
                 path = mesh.find()
                 path = path and Path(os.path.abspath(path))
-                reason = "not found" if path is None else _refusal(path)
+                reason = "not found" if path is None else _refusal(path, mesh.scale)
                 self._paths[key] = None if reason else path
                 if reason:
                     left.setdefault(reason, {})[mesh.file.rpartition("/")[2] or mesh.file] = None
@@ -85,7 +90,7 @@ class MjcfMeshes:
         """Return the attributes of the geom of a shape or mesh; None for a mesh that is not written."""
         if not isinstance(shape, Mesh):
             return {**mjcf_geometry(shape), "pos": shape.center}
-        path = self._paths.get((shape.file, shape.folder))
+        path = self._paths.get((shape.file, shape.folder, shape.scale))
         if path is None:
             return None
         colour = {} if shape.colour is None else {"rgba": shape.colour}
@@ -106,17 +111,25 @@ def _drawn(tree: Tree, number: int) -> Iterable[Drawn]:
     return (*drawing.visuals, *drawing.collisions)
 
 
-def _refusal(path: Path) -> str:
-    """Return a clause on why MuJoCo cannot load the file of a mesh; "" if it can."""
+def _refusal(path: Path, scale: tuple[float, ...]) -> str:
+    """Return a clause on why MuJoCo cannot load the file of a mesh at a scale; "" if it can."""
     suffix = path.suffix.lower()
+    too_few = f"since MuJoCo loads meshes of at least {_MIN_CORNERS} vertices"
+    if 0.0 in scale:
+        return "since MuJoCo loads no meshes without a surface, and their scale has a 0"
     if suffix == ".obj":
-        return ""
+        with path.open("rb") as file:
+            vertices = (line for line in file if line.split(maxsplit=1)[:1] == [b"v"])
+            return "" if len([*itertools.islice(vertices, _MIN_CORNERS)]) == _MIN_CORNERS else too_few
     if suffix != ".stl":
         return f"since MuJoCo cannot load {suffix[1:].upper()}"
     with path.open("rb") as file:
         count = int.from_bytes(file.read(_STL_HEADER)[80:], "little")
+        first = file.read(20 * _STL_TRIANGLE)
     if path.stat().st_size != _STL_HEADER + _STL_TRIANGLE * count:
         return "since MuJoCo cannot load STL that is text"
     if not 1 <= count <= _MAX_STL_TRIANGLES:
         return f"since MuJoCo loads STL of 1 to {_MAX_STL_TRIANGLES:,} triangles"
-    return ""
+    # A normal and three corners of four bytes a number, and two bytes more.
+    rows = np.frombuffer(first, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    return "" if len(np.unique(rows["corners"].reshape(-1, 3), axis=0)) >= _MIN_CORNERS else too_few
