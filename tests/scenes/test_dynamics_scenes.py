@@ -11,6 +11,7 @@ import pytest
 
 import hingepair as hp
 from hingepair.formats.robots import robot_urdf
+from hingepair.tables.units import Units
 
 MODELS = Path(__file__).parents[2] / "models"
 PAIR = """
@@ -163,6 +164,35 @@ def test_notes_say_how_far_a_stop_is_passed(tmp_path):
         r"psi presses \S+ rad into a stop between instants, 0 rad at them: more instants show .*", peak
     )
     assert float(peak.split()[2]) == pytest.approx(hard.motion.simulated.psi_range[1] - 0.1, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("name", "remark"),
+    [
+        ("hinge_torqe", "nearest: hinge_torque"),
+        ("hinge_torque", r"hingepair forces and scene\.forces\(\) give hinge_torque"),
+        ("edge_z", "edge has all its components"),
+        ("egde_v", "nearest: edge_v"),
+    ],
+)
+def test_unknown_outputs_are_told_what_to_ask_for(tmp_path, name, remark):
+    text = PAIR.replace("[time]", "points2.edge = [0, 0, 1]\n[time]") + "[motion]\npsi = 't'\n"
+    with pytest.raises(hp.ArgumentError, match=rf"quat2 \({remark}\), got '{name}'"):
+        scene_of(tmp_path, text).request([name])
+
+
+def test_signs_of_units_are_told_their_names():
+    with pytest.raises(hp.ArgumentError, match=r"\(nearest: deg/s\), got '°/s'"):
+        Units("°/s")
+
+
+def test_a_log_without_psi_is_told_its_own_columns_and_one_without_rates_what_gives_them(tmp_path):
+    text = PAIR[: PAIR.index("[time]")] + "[motion]\nfile = 'log.csv'\n"
+    (tmp_path / "log.csv").write_text("t,x,y,phi_z,knee\n0,0,0,0,0\n1,0,0,0,0\n")
+    with pytest.raises(hp.SceneError, match=r"psi = \"NAME\" in \[motion\.columns\].* among t, x, y, phi_z, knee"):
+        scene_of(tmp_path, text + "ignore = ['knee']\n").evaluate()
+    notes = scene_of(tmp_path, text + "columns = { psi = 'knee' }\n").notes()
+    assert "the log has no rates: smooth = true in [motion], or differentiate = true, gives v2, a2, ..." in notes
 
 
 def test_how_deep_a_hinge_presses_into_soft_stops_is_told_in_units(tmp_path):

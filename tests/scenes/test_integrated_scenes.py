@@ -272,7 +272,7 @@ def test_what_is_wrong_with_expressions_is_named(tmp_path, old, new, message):
         ("unwrap = true", LOG, "motion.unwrap: expected no such key for a log of rates"),
         ("integrate = false", LOG, "phi_x: expected .* or motion.integrate = true"),
         ("", None, r"my.toml: motion.file: expected .*, got no such file: .*log\.csv"),
-        ("", LOG.replace(",psid", ",psidd"), "psid: expected a column, got no such column among t, "),
+        ("", LOG.replace(",psid", ",psidd"), "psid: expected a column, or psid = "),
         ("", LOG.replace("omega1_z", "alpha1_z"), "log.csv: omega1_z: expected a column, since the log has omega1_x"),
         ("", LOG.replace("psid", "psi"), "log.csv: psi: expected columns of rates and of R1"),
         ("", LOG.replace("t,", "v1_x,", 1), "log.csv: t: expected a column"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -248,8 +248,11 @@ def _parts(value: Any) -> Iterable[Any]:
 # ---- what is asked for
 
 
-def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]:
-    """Return the names of the argument `outputs`, or the only one, as a tuple without repetitions.
+def check_outputs(
+    outputs: Any, known_names: Collection[str], remark: Callable[[str], str] = lambda _: ""
+) -> tuple[str, ...]:
+    """Return the names of the argument `outputs`, or the only one, as a tuple without repetitions. `remark` returns
+    what the message on an unknown name adds.
 
     Raises:
         ArgumentError: not a collection of known names.
@@ -263,7 +266,7 @@ def check_outputs(outputs: Any, known_names: Collection[str]) -> tuple[str, ...]
         raise ArgumentError("outputs", f"a tuple of names such as {known[:2]}", quoted(outputs))
     for name in names:
         if name not in known:
-            raise ArgumentError("outputs", choices(known), quoted(name))
+            raise ArgumentError("outputs", choices(known) + remark(str(name)), quoted(name))
     return names
 
 

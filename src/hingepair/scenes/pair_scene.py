@@ -228,13 +228,23 @@ class PairScene(Scene):
             return self.outputs
         level = self.motion.level
         levels = self.pair.constants.levels
-        names = check_outputs(outputs, (*levels, *FURTHER_OUTPUTS))
+        names = check_outputs(outputs, (*levels, *FURTHER_OUTPUTS), self._remark_on_unknown)
         known = (*(name for name in levels if self._level(name) <= level), *self.further_outputs(level))
         for name in names:
             if name not in known:
                 hint = self.motion.hint if self._level(name) > level else ""
                 raise ArgumentError("outputs", choices(known) + hint, quoted(name))
         return names
+
+    def _remark_on_unknown(self, name: str) -> str:
+        """Return what a message on an unknown output adds: what it is instead, or the nearest name."""
+        known = (*self.pair.constants.levels, *FURTHER_OUTPUTS)
+        if name in PAIR_FORCES:
+            return f" (hingepair forces and scene.forces() give {name})"
+        whole, _, component = name.rpartition("_")
+        if component in ("x", "y", "z") and whole in known:
+            return f" ({whole} has all its components)"
+        return nearest(name, (*known, *PAIR_FORCES))
 
     def _needed(self, names: tuple[str, ...] | None) -> tuple[tuple[str, ...] | None, int]:
         """Return the outputs of the equations and the derivative order that the named outputs need."""

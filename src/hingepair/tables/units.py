@@ -35,6 +35,13 @@ SCALES: Final[Mapping[str, Mapping[str, float]]] = {
 _HEADING: Final = re.compile(r"(.+) \[([^][]+)\]")  # a name and its unit
 
 
+def _in_ascii(name: str) -> str:
+    """Return the name of a unit with letters in place of signs."""
+    for sign, letters in (("\N{DEGREE SIGN}", "deg"), ("\N{MICRO SIGN}", "u"), ("\N{GREEK SMALL LETTER MU}", "u")):
+        name = name.replace(sign, letters)
+    return name
+
+
 class Units:
     """Units that replace SI units in tables, plots and files.
 
@@ -57,7 +64,7 @@ class Units:
         for name in filter(None, map(str.strip, text.split(","))):
             si = known.get(name)
             if si is None:
-                expected = f"{choices(tuple(known))}, separated by commas{nearest(name, tuple(known))}"
+                expected = f"{choices(tuple(known))}, separated by commas{nearest(_in_ascii(name), tuple(known))}"
                 raise ArgumentError("units", expected, quoted(name))
             if chosen.setdefault(si, name) != name:
                 raise ArgumentError("units", f"one unit in place of {si}", f"{chosen[si]} and {name}")

@@ -244,6 +244,7 @@ class Log(NamedSource):
         self.completed = completed
         self.unwrap = unwrap
         self._sequence = table.values.get("sequence", "XYZ")
+        self._file_columns: list[str] = []
         self._ignored = frozenset(column for name in ignored for column in layout.columns_of(name))
         self.hint = "" if completed else "; motion.differentiate = true gives the others"
         self.derived: list[str] = []
@@ -350,6 +351,7 @@ class Log(NamedSource):
     ) -> list[str]:
         """Return the columns of the file to read; refuse unknown ones, or leave them out if there are `sources`."""
         taken = {source.column for source in sources.values()}
+        self._file_columns = column_names
         for name, source in sources.items():
             if source.column not in column_names:
                 expected = f"{choices(column_names)}{nearest(source.column, column_names)}"
@@ -412,11 +414,9 @@ class Log(NamedSource):
             return None
         for column in column_names:
             if column not in self.columns:
-                self.refuse(
-                    column,
-                    f"a column, since the log has {present_names[0]}" if present_names else "a column",
-                    f"no such column among {', '.join([*self.columns][:20])}",
-                )
+                since = f", since the log has {present_names[0]}" if present_names else ""
+                expected = f'a column{since}, or {column} = "NAME" in [motion.columns], which names it'
+                self.refuse(column, expected, f"no such column among {', '.join(self._file_columns[:20])}")
         return np.stack([self.columns[column] for column in column_names], axis=-1)
 
     def check_finite(self, name: str, array: Float64Array, use: str) -> None:
@@ -537,6 +537,10 @@ def _read_stated_motion(table: Table, log: Log) -> PairMotion:
     how += ", rates by finite differences" * bool(log.derived)
     if hint := log.smoothing_hint():
         log.notes.append(hint)
+    if not level:
+        log.notes.append(
+            "the log has no rates: smooth = true in [motion], or differentiate = true, gives v2, a2, ..."
+        )
     return PairMotion(
         t=log.t,
         source=source,
