@@ -539,8 +539,9 @@ def test_a_robots_hinge_is_exported_by_name_or_from_a_urdf() -> None:
 
 def test_a_robot_without_a_joint_is_exported_whole(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
+    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     file.write_text(
-        '<robot name="arm"><link name="a"/><link name="b"/><link name="c"/>'
+        f'<robot name="arm"><link name="a"/><link name="b">{mass}</link><link name="c">{mass}</link>'
         '<joint name="one" type="continuous"><parent link="a"/><child link="b"/></joint>'
         '<joint name="two" type="continuous"><parent link="b"/><child link="c"/></joint></robot>'
     )
