@@ -495,7 +495,7 @@ def test_jax_arrays_stay_what_they_are_and_have_gradients():
         matrix = jax.jit(jax.jacobian(torque))(qdd[0])
         np.testing.assert_allclose(matrix, robot.mass_matrix(motion[0, 0]), atol=1e-13)
         with pytest.raises(hp.ArgumentError, match="qd: expected an array of jax"):
-            robot.inverse_dynamics(q, motion[1], qdd)
+            robot.inverse_dynamics(q, motion[1].tolist(), qdd)
 
 
 def test_a_prepared_call_counts_the_operations_of_its_own_arguments(robot):

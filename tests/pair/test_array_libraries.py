@@ -148,8 +148,11 @@ def test_prepared_calls(library):
     for name in ("S2", "jacobian"):
         assert isinstance(found[name], kind)
         assert np.allclose(np.asarray(found[name]), expected[name], rtol=0, atol=1e-13)
+    beside = at(module.asarray(quat), psi).S2  # constants may be NumPy's
+    assert isinstance(beside, kind)
+    assert np.allclose(np.asarray(beside), expected.S2, rtol=0, atol=1e-13)
     with pytest.raises(hp.ArgumentError, match="psi"):
-        at(module.asarray(quat), psi)
+        at(module.asarray(quat), psi.tolist())
     with pytest.raises(hp.ArgumentError, match="out"):
         fk(module.asarray(q), module.asarray(qd), out={"R2": np.empty((6, 3))})
 
