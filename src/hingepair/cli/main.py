@@ -13,7 +13,6 @@ import typer.core
 
 from hingepair import __version__
 from hingepair.cli.bench import bench_app
-from hingepair.cli.cache import cache_command
 from hingepair.cli.derive import derive_command
 from hingepair.cli.examples import examples_command
 from hingepair.cli.fit import fit_command
@@ -52,7 +51,6 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     },
     "Measure": {
         "check": check_command,
-        "cache": cache_command,
     },
 }
 """The commands by the names that users type, under the headings and in the order of --help."""

@@ -39,7 +39,7 @@ _written_bytes = 0  # by this process since it last looked at the folder
 _looked = False
 
 
-class CacheFile(NamedTuple):
+class _CacheFile(NamedTuple):
     """A file of the cache."""
 
     path: str
@@ -147,7 +147,7 @@ def write_object(key: str, value: bytes) -> None:
     _trim(folder, len(content))
 
 
-def cache_files(folder: Path) -> list[CacheFile]:
+def _cache_files(folder: Path) -> list[_CacheFile]:
     """Return the files of the cache in a folder, those that were not used for the longest time first."""
     found = []
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
@@ -155,13 +155,8 @@ def cache_files(folder: Path) -> list[CacheFile]:
             if entry.name.startswith(_PREFIX) and entry.name.endswith((_SUFFIX, _UNFINISHED)):
                 with contextlib.suppress(OSError):
                     status = entry.stat(follow_symlinks=False)
-                    found.append(CacheFile(entry.path, status.st_size, status.st_mtime))
+                    found.append(_CacheFile(entry.path, status.st_size, status.st_mtime))
     return sorted(found, key=lambda file: file.used)
-
-
-def clear_cache(folder: Path) -> list[CacheFile]:
-    """Delete the files of the cache in a folder, and return them. Files that cannot be deleted stay."""
-    return [file for file in cache_files(folder) if _delete(file.path)]
 
 
 def _trim(folder: Path, written: int) -> None:
@@ -174,7 +169,7 @@ def _trim(folder: Path, written: int) -> None:
     if _looked and _written_bytes < MAX_BYTES // 10:
         return
     _looked, _written_bytes = True, 0
-    files, now = cache_files(folder), time.time()
+    files, now = _cache_files(folder), time.time()
     size, count = sum(file.size for file in files), len(files)
     share = _TRIMMED if size > MAX_BYTES or count > MAX_FILES else 1.0
     for file in files:
