@@ -291,33 +291,6 @@ thread.join()
 
 
 @pytest.mark.slow
-def test_a_fork_while_a_program_is_written_can_write_its_own():
-    code = """
-import os, threading
-import numpy as np, hingepair as hp
-from hingepair.engine import python_source
-pair, q = hp.HingePair(u1=(1, 0, 0), u2=(0, 1, 0), n=(0, 0, 1)), np.ones((9, 7))
-write, writing, forked = python_source.function_source, threading.Event(), threading.Event()
-def function_source(*arguments):
-    if threading.current_thread() is thread:
-        writing.set()
-        forked.wait()
-    return write(*arguments)
-python_source.function_source = function_source
-thread = threading.Thread(target=lambda: pair.forward_kinematics(q, outputs=("R2",), backend="numpy"))
-thread.start()
-writing.wait()
-child = os.fork()
-if not child:
-    pair.forward_kinematics(q, outputs=("S1",), backend="numpy")
-    os._exit(0)
-forked.set()
-print(os.waitpid(child, 0)[1])
-"""
-    assert run(code).split() == ["0"]
-
-
-@pytest.mark.slow
 def test_a_kernel_serves_all_pairs_of_the_same_build():
     """Its constants come with each call, whatever they are; what is 0 or 1 is another build."""
     rng = generator(72)

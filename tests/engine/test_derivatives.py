@@ -141,7 +141,7 @@ def test_many_inputs_and_few_lead_to_the_same_jacobian():
 
 
 def test_known_and_repeated_values_are_variables_of_their_own():
-    (x, y), z = variables((0.0, 0.0)), Trace().input("z")
+    (x, y), z = variables((0.0, 0.0)), Trace().input()
     assert x is not y
     assert pushforward([x * y + 3 * x], [(x, 1.0)])[0].operation == "+"
     first, second = variables((z, z))

@@ -16,12 +16,12 @@ components. A `Loop` runs the function over arrays; a `Call` is a loop with know
 array([-1., -1.])
 
 The function is traced once for each pattern of inputs: numbers that are known to be 0, 1 or -1 fold away, and
-operations that no output needs are left out. The others run as Python for one state, as NumPy in blocks of samples,
-or as machine code for eight samples at a time, which NumPy calls as a ufunc; `backend` chooses. The modules:
+operations that no output needs are left out. The others run as machine code for eight samples at a time, which NumPy
+calls as a ufunc, or where nothing is compiled as NumPy in blocks of samples; `backend` chooses. The modules:
 
     trace, derivatives              values that record operations, or fold them; derivatives in the same trace
     binding, loops                  which inputs are known, constant or arrays; a traced program for each pattern
-    python_source                   its Python and NumPy code
+    interpreter                     its operations one after the other, by NumPy
     llvm                            its LLVM code, and the machine code, which is kept on disk
     ufunc, slices                   a kernel as a ufunc; its calls in slices, by threads
     xla                             a kernel as a function of JAX

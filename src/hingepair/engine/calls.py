@@ -36,7 +36,8 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 _READ_CHARACTERS = frozenset("dfbhilqBHILQ")  # characters of the dtypes that are computed in float64 or float32
 # Types of arguments that become an array of one state.
 _SEQUENCES, _NUMBERS = {list, tuple}, {float, int, np.float64}
-_FEW_SAMPLES: Final = 20_000  # samples below which calls share one kernel, in which no constant is folded
+# Samples below which calls share one kernel, in which no constant is folded, and components are joined for it.
+_FEW_SAMPLES: Final = 20_000
 
 
 class _Compiled(NamedTuple):
@@ -186,12 +187,6 @@ class Call:
                 expected = "numbers below 3.4e38, since the arguments are float32"
                 raise ArgumentError(self._constants_name, expected, largest)
 
-    @property
-    def llvm(self) -> str:
-        """The LLVM module of the kernel of float64."""
-        program, constants = self._program(False)
-        return program.llvm_ir(self._layout(bool(constants)), "d")
-
     def machine_code(self, char: str, shared: bool = False) -> tuple[Kernel, Layout, NDArray[Any] | None] | None:
         """Return the kernel for a dtype, its arrays, and its constants, if it has any; None if LLVM cannot compile it
         and the backend is "auto".
@@ -242,7 +237,7 @@ class Call:
         loop = self.loop
         if self._limits:
             outputs = {name: tail for name, tail in loop.outputs if name in self.outputs}
-            loop = Loop(loop.name, loop.function, dict(loop.inputs), outputs, labels=loop.labels, form=loop.form)
+            loop = Loop(loop.name, loop.function, dict(loop.inputs), outputs, form=loop.form)
         call = Call(loop, self.argument_shapes, self._constants, None, shape=self._shape)
         if not call._has_rows:
             raise ArgumentError("ufunc", "a call of single arrays of at least one number each", quoted(self.outputs))
@@ -343,11 +338,11 @@ class Call:
         self._check_constants(dtype.char)
         named = {labels.get(name, name): value for name, value in values.items()} if out and labels else values
         outputs = self._output_arrays(shape, dtype, out, named)
-        kernel = None
-        if self._has_rows and 0 not in shape and not any(type(value) is tuple for value in values.values()):
-            kernel = self._kernel(dtype.char, self._shared and math.prod(shape) < _FEW_SAMPLES)
+        kernel, few = None, math.prod(shape) < _FEW_SAMPLES
+        if self._has_rows and 0 not in shape and (few or not any(type(one) is tuple for one in values.values())):
+            kernel = self._kernel(dtype.char, self._shared and few)
         if kernel is not None:
-            arrays = [np.asarray(values[name]) for name in self.argument_shapes]
+            arrays = [_joined(values[name], tail, dtype) for name, tail in self.argument_shapes.items()]
             self._run_kernel(kernel.ufunc, arrays, outputs, shape, workers)
         else:
             inputs = {**self._bound_constants, **values}
@@ -447,6 +442,16 @@ def _state_array(value: Any, tail: ArrayShape) -> NDArray[Any] | None:
     except (ValueError, TypeError, OverflowError):
         return None
     return array if array.shape == tail else None
+
+
+def _joined(value: Any, tail: ArrayShape, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return an argument as one array, a tuple of components too."""
+    if type(value) is not tuple:
+        return np.asarray(value)
+    array = np.empty((*np.broadcast_shapes(*map(np.shape, value)), len(value)), dtype)
+    for k, component in enumerate(value):
+        array[..., k] = component
+    return array.reshape(*array.shape[:-1], *tail)
 
 
 def _is_plain(values: Any) -> bool:

@@ -37,7 +37,7 @@ def pushforward(results: Sequence[Operand], change: Change) -> list[Operand]:
     """Return the rates of change of results, for given rates of change of inputs (forward accumulation).
 
     >>> trace = Trace()
-    >>> x, y = trace.input("x"), trace.input("y")
+    >>> x, y = trace.input(), trace.input()
     >>> (rate,) = pushforward([3 * x + y], [(x, 1.0)])
     >>> rate
     3.0
@@ -83,7 +83,7 @@ def pullback(results: Iterable[tuple[Operand, Operand]], inputs: Sequence[Operan
     """Return the derivatives of one sum by inputs (reverse accumulation). The sum is given as pairs (result, weight).
 
     >>> trace = Trace()
-    >>> x, y = trace.input("x"), trace.input("y")
+    >>> x, y = trace.input(), trace.input()
     >>> pullback([(3 * x + y, 2.0)], [x, y])
     [6.0, 2.0]
     """
@@ -127,7 +127,7 @@ def jacobian(results: Sequence[Operand], changes: Sequence[Change]) -> list[list
     """Return a row for each result, with its rate of change for each of several changes of inputs.
 
     >>> trace = Trace()
-    >>> x, y = trace.input("x"), trace.input("y")
+    >>> x, y = trace.input(), trace.input()
     >>> jacobian([3 * x + y, -y], [[(x, 1.0)], [(y, 1.0)]])
     [[3.0, 1.0], [0.0, -1.0]]
     """

@@ -1,4 +1,4 @@
-"""Functions of scalars that run over samples: traced once for each pattern of inputs, run as NumPy, Python or LLVM.
+"""Functions of scalars that run over samples: traced once for each pattern of inputs, run as NumPy or LLVM.
 
     loop = Loop("turn", function, inputs={"omega": (3,), "h": ()}, outputs={"q": (4,)})
     loop.run({"omega": omega, "h": h}, {"q": q}, shape, dtype, execution)
@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hingepair.engine import python_source
 from hingepair.engine.backend import Execution, compiler_lock, kernel_pays
 from hingepair.engine.binding import (
     ArrayShape,
@@ -31,6 +30,7 @@ from hingepair.engine.binding import (
     bind_foreign,
     component_views,
 )
+from hingepair.engine.interpreter import BOUNDED, NUMPY, Functions, interpreter, library_functions
 from hingepair.engine.llvm import object_cache
 from hingepair.engine.llvm.arithmetic import ComponentGroup
 from hingepair.engine.llvm.ir import kernel_ir
@@ -41,8 +41,6 @@ from hingepair.engine.trace import (
     Sampled,
     Trace,
     TracedValue,
-    component_name,
-    name_components,
     needed_values,
     operation_count,
     sampled_value,
@@ -93,7 +91,6 @@ class Loop:
         inputs: shape of one sample of each input.
         outputs: shape of one sample of each output.
         exact: whether the compiled code may not fuse products with sums (FMA), which breaks compensated arithmetic.
-        labels: names of the components of inputs in generated code; by default the input's name and a number.
         form: what the function is made of, if that and the sources of `object_cache.TRACED_PACKAGES` decide what it
             computes: numbers, texts and tuples, whose `repr` says all. Then a process that finds the kernel on disk
             need not trace the function.
@@ -109,7 +106,6 @@ class Loop:
         outputs: Mapping[str, ArrayShape],
         *,
         exact: bool = False,
-        labels: Mapping[str, Sequence[str]] | None = None,
         form: object = None,
         traced: bool = True,
     ) -> None:
@@ -118,7 +114,6 @@ class Loop:
         self.inputs: NamedShapes = tuple(inputs.items())
         self.outputs: NamedShapes = tuple(outputs.items())
         self.exact = exact
-        self.labels = dict(labels or {})
         self.form = form
         self.traced = traced
         self.program = functools.lru_cache(maxsize=256)(functools.partial(Program, self))
@@ -152,11 +147,9 @@ class Loop:
         if not self.traced:
             function = functools.partial(self._compute, bound.pattern, len(bound.constants))
             size = min(size, max(1, _UNTRACED_NUMBERS // (len(targets) + 4 * len(bound.pattern) + 1)))
-        elif not inputs and dtype == np.float64:
-            function = self.program(bound.pattern).floats_function
         else:
-            function = self.program(bound.pattern).arrays_function
-        constants = bound.constants if dtype == np.float64 else [dtype.type(x) for x in bound.constants]
+            function = self.program(bound.pattern).on_arrays
+        constants = [dtype.type(x) for x in bound.constants]
         run = functools.partial(fill_blocks, functools.partial(function, *constants), inputs, targets, dtype)
         blocks: list[Block] = [*split_into_blocks(shape, size)] if inputs else [()]
         workers = min(execution.workers, len(blocks))
@@ -188,7 +181,7 @@ class Loop:
         """
         bound = bind_foreign(self.inputs, values)
         if self.traced:
-            function = self.program(bound.pattern).function_for_library(library)
+            function = self.program(bound.pattern).interpreted(library_functions(library))
         else:
             function = functools.partial(self._compute, bound.pattern, len(bound.constants))
         flat = iter(function(*bound.constants, *bound.arrays))
@@ -361,30 +354,23 @@ class Program:
         kernel = kernel_ir(inputs, outputs, float_type=FLOAT_TYPES[char], fuse=self.fuses)
         return f"{kernel}\n{loop_ir(layout, FLOAT_TYPES[char])}"
 
-    # ---- generated Python
+    # ---- without a compiler
 
     @lock_free_cached_property
-    def source(self) -> str:
-        """Source of the generated Python function, of the constants and then the inputs."""
+    def on_arrays(self) -> Callable[..., Sequence[Any]]:
+        """Function of the constants and then the inputs, numbers or arrays of NumPy."""
+        return self.interpreted(NUMPY)
+
+    @lock_free_cached_property
+    def on_bounded(self) -> Callable[..., Sequence[Any]]:
+        """Function of the constants and then the inputs, numbers that carry a bound; the program has no choices."""
+        return self.interpreted(BOUNDED)
+
+    def interpreted(self, functions: Functions) -> Callable[..., Sequence[Any]]:
+        """Return the function of the constants and then the inputs that computes by these functions."""
         traced = self._traced
         inputs = [*traced.constants, *itertools.chain(*traced.arrays)]
-        return python_source.function_source(self.loop.name, inputs, traced.output_components(self.loop.outputs))
-
-    @lock_free_cached_property
-    def floats_function(self) -> Callable[..., Sequence[Any]]:
-        """Generated function of Python floats, for one state."""
-        return python_source.compile_for_floats(self.loop.name, self.source)
-
-    @lock_free_cached_property
-    def arrays_function(self) -> Callable[..., Sequence[Any]]:
-        """Generated function of NumPy arrays."""
-        return python_source.compile_for_arrays(self.loop.name, self.source)
-
-    @lock_free_cached_property
-    def function_for_library(self) -> Callable[[Library], Callable[..., Sequence[Any]]]:
-        """Function that takes an array library and returns the generated function for its arrays."""
-        compile_for = functools.partial(python_source.compile_for_library, self.loop.name, self.source)
-        return functools.lru_cache(maxsize=8)(compile_for)
+        return interpreter(inputs, traced.output_components(self.loop.outputs), functions)
 
     # ---- operations
 
@@ -416,22 +402,18 @@ class Program:
         values: dict[str, Any] = {}
         for name, tail in self.loop.inputs:
             operands: list[TracedOperand] = []
-            labels, count = self.loop.labels.get(name), math.prod(tail)
-            for k, source in enumerate(itertools.islice(sources, count)):
-                label = labels[k] if labels else component_name(name, k, count)
+            for source in itertools.islice(sources, math.prod(tail)):
                 if source is None:
-                    constants.append(trace.input(label, False))
+                    constants.append(trace.input(False))
                     operands.append(constants[-1])
                 elif isinstance(source, tuple):
                     columns = arrays.setdefault(source[0], {})
                     if source[1] not in columns:
-                        columns[source[1]] = trace.input(label, True)
+                        columns[source[1]] = trace.input()
                     operands.append(columns[source[1]])
                 else:
                     operands.append(source)
             values[name] = tuple(operands) if tail else operands[0]
         results = self.loop.function(values)
-        for name, _ in self.loop.outputs:
-            name_components(name, results[name])
         ordered = tuple(tuple(columns[k] for k in sorted(columns)) for _, columns in sorted(arrays.items()))
         return _TracedFunction(tuple(constants), ordered, results)

@@ -9,7 +9,7 @@ sign of a zero and for the product of zero and NaN.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -28,16 +28,13 @@ class TracedValue:
     """An input, or the result of a recorded operation. Arithmetic with it records further operations."""
 
     __array_ufunc__ = None  # NumPy's numbers leave sums and products with a traced value to the methods below
-    __slots__ = ("name", "operands", "operation", "trace", "varies")
+    __slots__ = ("operands", "operation", "trace", "varies")
 
-    def __init__(
-        self, trace: Trace, operation: str, operands: tuple[Operand, ...], varies: bool, name: str = ""
-    ) -> None:
+    def __init__(self, trace: Trace, operation: str, operands: tuple[Operand, ...], varies: bool) -> None:
         self.trace = trace
         self.operation = operation  # "input", "+", "-", "*", "/", "negative", or one of FUNCTIONS
         self.operands = operands  # values and numbers
         self.varies = varies  # from sample to sample
-        self.name = name  # in generated code; "" if there is none
 
     def __add__(self, other: Operand) -> Operand:
         if isinstance(other, TracedValue):
@@ -116,9 +113,9 @@ class Trace:
     def __init__(self) -> None:
         self._recorded: dict[tuple[Any, ...], TracedValue] = {}
 
-    def input(self, name: str, varies: bool = True) -> TracedValue:
-        """Return a new value for an input, with its name in generated code."""
-        return TracedValue(self, "input", (), varies, name)
+    def input(self, varies: bool = True) -> TracedValue:
+        """Return a new value for an input."""
+        return TracedValue(self, "input", (), varies)
 
     def record(self, operation: str, *operands: Operand) -> TracedValue:
         """Return the value of an operation on traced values and numbers, the same for both orders of + and *."""
@@ -262,23 +259,3 @@ def where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     if isinstance(a, Bounded) or isinstance(b, Bounded):
         return (b - a).where_above_0(then, otherwise)
     return np.where(a < b, then, otherwise)
-
-
-# By the number of components.
-_SUFFIXES: Final = {3: "xyz", 9: ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")}
-
-
-def component_name(name: str, k: int, count: int) -> str:
-    """Return the name of a component in generated code, such as S_xx or q_1; the name itself of the only one."""
-    suffixes = _SUFFIXES.get(count)
-    return name if count == 1 else f"{name}_{suffixes[k] if suffixes else k + 1}"
-
-
-def name_components(name: str, value: Any, labels: Sequence[str] | None = None) -> None:
-    """Give traced components the names that they have in generated code, by default those of `component_name`, where
-    they have none yet.
-    """
-    components = value if isinstance(value, tuple) else (value,)
-    for k, component in enumerate(components):
-        if isinstance(component, TracedValue) and not component.name and component.operation != "negative":
-            component.name = labels[k] if labels else component_name(name, k, len(components))

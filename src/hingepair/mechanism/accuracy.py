@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hingepair.engine.backend import Execution
-from hingepair.engine.python_source import compile_for_bounds
 from hingepair.engine.results import Results
 from hingepair.errors import CompilationError, MissingDependencyError
 from hingepair.mechanism.computations import RobotComputation
@@ -71,7 +70,7 @@ class _BoundedProgram:
             for name, tail in loop.inputs
             for k in range(math.prod(tail))
         ]
-        function = compile_for_bounds(loop.name, loop.program(tuple(pattern)).source)
+        function = loop.program(tuple(pattern)).on_bounded
         sizes = {name: math.prod(tail) for name, tail in loop.outputs}
 
         def bounded_derivatives(block: Named) -> dict[str, Any]:

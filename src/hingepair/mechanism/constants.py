@@ -7,7 +7,6 @@ in exact arithmetic (T9), and rounded once.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -87,7 +86,6 @@ def robot_constants(tree: Tree, free: bool, whole: bool = False) -> RobotConstan
     varied = _varied_numbers(tree, free, axes, numbers)
     folded, parameters = split_numbers(numbers, varied)
     form = Form(
-        _identifiers(joint.name for joint in tree.joints),
         tuple(joint.parent for joint in tree.joints),
         tuple(joint.axis for joint in tree.joints),
         _columns_of_joints(tree),
@@ -202,15 +200,6 @@ def _columns_of_joints(tree: Tree) -> tuple[int, ...]:
     return tuple(
         places[number if joint.mimic is None else joint.mimic.leader] for number, joint in enumerate(tree.joints, 1)
     )
-
-
-def _identifiers(names: Iterable[str]) -> tuple[str, ...]:
-    """Convert names to unique identifiers for generated code."""
-    identifiers: list[str] = []
-    for name in names:
-        clean = re.sub(r"\W", "_", name, flags=re.ASCII)
-        identifiers.append(clean if clean not in identifiers else f"{clean}_{len(identifiers)}")
-    return tuple(identifiers)
 
 
 def _axes_of_bodies(tree: Tree) -> list[NDArray[np.float64]]:

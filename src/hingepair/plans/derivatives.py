@@ -121,7 +121,7 @@ def derivative_loop(
     if functions is not None:
         function = functools.partial(_gradients, plain, derivative, make_functions=functions)
     form = None if plain.form is None else (plain.form, derivative)
-    return Loop("derivatives", function, inputs, outputs, labels=plain.labels, form=form)
+    return Loop("derivatives", function, inputs, outputs, form=form)
 
 
 def _jacobian(plain: Loop, derivative: Derivative, given: Mapping[str, Any]) -> dict[str, Any]:

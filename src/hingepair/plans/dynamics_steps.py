@@ -24,11 +24,11 @@ _PLACE = (None,) * 12  # in `Form.known`: attitude and point of the hinge, numbe
 _ROTOR = (0.0, 1.0, 0.0)  # armature, multiplier and offset of a hinge that follows none
 # A pair as a tree: body 2 without the matter that counts with body 1 (T9): m = 0, h_z = 0 and N_zz = 0.
 _PAIR = Form(
-    ("hinge",), (0,), (HINGE,), (0,),
+    (0,), (HINGE,), (0,),
     ((None,) * 10 + _PLACE + (0.0, None, None, 0.0, None, None, None, None, None, 0.0) + _ROTOR + (None,) * 3),
 )  # fmt: skip
 # A pair as a tree for the load of its hinge, which bears the whole of body 2; body 1 does not count.
-_BODY2 = Form(("hinge",), (0,), (HINGE,), (0,), (0.0,) * 10 + _PLACE + (None,) * 10 + _ROTOR + (0.0,) * 3)
+_BODY2 = Form((0,), (HINGE,), (0,), (0.0,) * 10 + _PLACE + (None,) * 10 + _ROTOR + (0.0,) * 3)
 _UNLOADED = Request((), free=True)  # without loads on body 2
 # force2 and torque2 act in a frame of body 2 with the axes of the tree.
 _LOADED = Request((), True, (1,), (None, None, None, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), (0,))

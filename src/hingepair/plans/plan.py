@@ -13,7 +13,6 @@ from typing import Any, Final, TypeAlias
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import name_components
 from hingepair.equations import spatial as eq
 from hingepair.equations.quantities import QUANTITIES, sample_shape
 from hingepair.numeric.blocks import angle_terms, hinge_cosine, hinge_terms
@@ -126,14 +125,6 @@ PLANAR_MOTION_KIND: Final = MotionKind(
 )
 """Motion in two coordinates (E11)."""
 
-_COMPONENT_NAMES = {
-    "hinge": ("sin_psi", "versine_psi", "cos_psi"),
-    "trig": ("sin_x", "cos_x", "sin_y", "cos_y", "sin_z", "cos_z"),
-    "turn1": ("sin_phi", "cos_phi"),
-    "axes": ("b_y", "b_z", "c_x", "c_y", "c_z"),
-}
-"""Names of components in generated code, where the step's name and a letter would say less."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
@@ -146,12 +137,9 @@ class Plan:
     points: tuple[Point, ...] = ()  # that the outputs may be of
 
     def run(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Run the steps on `values`, the inputs by name; add the result of each step to it, and return it. Results
-        that are being traced get names for generated code.
-        """
+        """Run the steps on `values`, the inputs by name; add the result of each step to it, and return it."""
         for result, function, arguments in self.steps:
-            value = values[result] = function(*[values[name] for name in arguments])
-            name_components(result, value, _COMPONENT_NAMES.get(result))
+            values[result] = function(*[values[name] for name in arguments])
         if self.points:
             named_results(values, self.outputs)
         return values
@@ -225,9 +213,8 @@ def from_constants(plan: Plan) -> Plan:
 def plan_loop(plan: Plan) -> Loop:
     """Return the cached `Loop` that runs a plan over samples."""
     shapes = shapes_with_points(plan.kind, plan.points)
-    labels = {name: tuple(f"{one}{name[1:]}" for one in plan.kind.coordinates) for name in plan.kind.parts}
     inputs, outputs = ({name: shapes[name] for name in names} for names in (sorted(plan.inputs), plan.outputs))
-    return Loop("state", plan.run, inputs, outputs, labels=labels)
+    return Loop("state", plan.run, inputs, outputs)
 
 
 def needed_steps(steps: Iterable[Step], outputs: Iterable[str]) -> tuple[tuple[Step, ...], frozenset[str]]:

@@ -73,11 +73,6 @@ class Prepared:
         return self._factory, ()
 
     @property
-    def source(self) -> str:
-        """Generated Python code of the call, which runs if nothing is compiled."""
-        return self._call.program.source
-
-    @property
     def ufunc(self) -> np.ufunc:
         """The kernel itself, a generalised ufunc of NumPy such as "(7),(7)->(3),(3,3)". It follows NumPy's rules of
         broadcasting and casting (small integers, bool and float16 become float32), and checks no rotation. It stays
@@ -93,11 +88,6 @@ class Prepared:
         (2, 5, 3)
         """
         return self._call.ufunc
-
-    @property
-    def llvm(self) -> str:
-        """Generated LLVM code of the call, which is compiled for one state and for rows of states."""
-        return self._call.llvm
 
     @property
     def operations(self) -> OperationCounts:

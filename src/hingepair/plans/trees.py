@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from hingepair.engine.binding import ArrayShape
 from hingepair.engine.loops import Loop
-from hingepair.engine.trace import name_components, square_root, where_less
+from hingepair.engine.trace import square_root, where_less
 from hingepair.equations import trees as eq
 from hingepair.equations.dynamics import factor_symmetric, solve_symmetric
 from hingepair.equations.joints import Axis
@@ -58,7 +58,6 @@ for, in the order of these five dictionaries."""
 class Form(NamedTuple):
     """Structure of a robot; robots of equal form share programs. Tuples but `known` have an entry for each joint."""
 
-    names: tuple[str, ...]  # in generated code
     parents: tuple[int, ...]  # number of the body that carries it; 0 is the base
     axes: tuple[Axis, ...]
     columns: tuple[int, ...]  # its column in q; a mimic joint has the column of its leader
@@ -184,15 +183,11 @@ class TreeQuantities:
 
     @lock_free_cached_property
     def placements(self) -> list[eq.Placement]:
-        """List of the placements of the joints: the pose of each joint's body in the axes of its parent body.
-        Computing the list names the sines and cosines in generated code.
-        """
+        """List of the placements of the joints: the pose of each joint's body in the axes of its parent body."""
         angles = [
             link.axis.turn(value) if link.axis.turns else None for link, value in zip(self.links, self.q, strict=True)
         ]
         turns = [None if angle is None else (sine(angle), cosine(angle)) for angle in angles]
-        for name, turn in zip(self.form.names, turns, strict=True):
-            name_components(name, turn, (f"sin_{name}", f"cos_{name}"))
         return eq.joint_placements(self.links, turns, self.q)
 
     # ---- kinematics
@@ -200,13 +195,13 @@ class TreeQuantities:
     @lock_free_cached_property
     def poses(self) -> list[eq.Pose]:
         """List of the poses of all bodies in world axes, the base first."""
-        return self._name_components(eq.poses(self.links, self.placements, self.values["S1"]), ("S", "d", "arm"))
+        return eq.poses(self.links, self.placements, self.values["S1"])
 
     @lock_free_cached_property
     def velocities(self) -> list[eq.Rates]:
         """List of (v, omega) of all bodies, world axes, the base first."""
         base = self.values.get("v1", ZERO_VECTOR), self.values["omega1"]
-        return self._name_components(eq.body_velocities(self.links, self.poses, self.qd, base), ("v", "omega"))
+        return eq.body_velocities(self.links, self.poses, self.qd, base)
 
     @lock_free_cached_property
     def accelerations(self) -> list[eq.Rates]:
@@ -220,10 +215,7 @@ class TreeQuantities:
 
     def _body_accelerations(self, qdd: Sequence[Scalar], base_acceleration: eq.Rates) -> list[eq.Rates]:
         """Return (a, alpha) of all bodies, the base first, world axes."""
-        accelerations = eq.body_accelerations(
-            self.links, self.poses, self.qd, qdd, self.velocities, base_acceleration
-        )
-        return self._name_components(accelerations, ("a", "alpha"))
+        return eq.body_accelerations(self.links, self.poses, self.qd, qdd, self.velocities, base_acceleration)
 
     @lock_free_cached_property
     def frame_poses(self) -> list[eq.Pose]:
@@ -304,14 +296,13 @@ class TreeQuantities:
             force, torque = rotate(back, self.values[f"force_{k}"]), rotate(back, self.values[f"torque_{k}"])
             f, t = wrenches[body]
             wrenches[body] = subtract(f, force), subtract(t, add(torque, cross(frame["R"], force)))
-        return self._name_components(eq.sum_inward(self.links, self.placements, wrenches), ("f", "t"))
+        return eq.sum_inward(self.links, self.placements, wrenches)
 
     def _motions_in_own_axes(
         self, qd: Sequence[Scalar], qdd: Sequence[Scalar], omega: Vector, alpha: Vector, a: Vector
     ) -> list[eq.Acceleration]:
         """Return the motions of all bodies, the base first, each in its own axes, with a less gravity (T1)."""
-        motions = eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
-        return self._name_components(motions, ("omega", "a", "B"))
+        return eq.accelerations_in_own_axes(self.links, self.placements, qd, qdd, omega, alpha, a)
 
     @lock_free_cached_property
     def motions_in_own_axes(self) -> list[eq.Acceleration]:
@@ -440,9 +431,7 @@ class TreeQuantities:
         """List of the composite bodies, the base first, as tuples (mass, first, second): the mass and the first and
         second moments of mass. A composite body is a body with all bodies that it carries.
         """
-        return self._name_components(
-            eq.composites(self.base, self.links, self.placements), ("mass", "first", "second")
-        )
+        return eq.composites(self.base, self.links, self.placements)
 
     @lock_free_cached_property
     def mass_rows(self) -> list[list[Scalar]]:
@@ -668,9 +657,7 @@ class TreeQuantities:
     def velocities_in_own_axes(self) -> list[eq.Rates]:
         """List of the pairs (v, omega) of all bodies, the base first, each in the axes of the body."""
         v, omega = (rotate(self.base_axes, self.values[name]) for name in ("v1", "omega1"))
-        return self._name_components(
-            eq.velocities_in_own_axes(self.links, self.placements, self.qd, v, omega), ("v", "omega")
-        )
+        return eq.velocities_in_own_axes(self.links, self.placements, self.qd, v, omega)
 
     @lock_free_cached_property
     def momenta(self) -> list[eq.Wrench]:
@@ -702,13 +689,6 @@ class TreeQuantities:
         """
         P, L = self.momentum
         return add(L, cross(offset, P))
-
-    def _name_components(self, values: list[Any], letters: Iterable[str]) -> list[Any]:
-        """Name the components of every body's values in generated code, and return the values."""
-        for name, parts in zip(("base", *self.form.names), values, strict=True):
-            for letter, part in zip(letters, parts, strict=False):
-                name_components(f"{letter}_{name}", part)
-        return values
 
 
 def _reciprocal(x: Scalar) -> Scalar:
@@ -849,7 +829,7 @@ and to compile."""
 def estimated_operations(form: Form, request: Request) -> int:
     """Return about how many operations a request takes where nothing folds, from the number of joints alone.
 
-    >>> chain = Form(("a", "b"), (0, 1), ((1.0, 0.0),) * 2, (0, 1), (None,) * 62)
+    >>> chain = Form((0, 1), ((1.0, 0.0),) * 2, (0, 1), (None,) * 62)
     >>> estimated_operations(chain, Request(("mass_matrix",), False))
     520
     """
@@ -885,10 +865,7 @@ def compute_request(form: Form, request: Request, values: Mapping[str, Any]) -> 
 def request_loop(form: Form, request: Request) -> Loop:
     """Return the `Loop` that computes a request over samples, cached by form and request."""
     outputs = {name: output_shape(name, form, request) for name in request.outputs}
-    labels = {
-        name: tuple(f"{name}_{form.names[form.columns.index(k)]}" for k in range(form.dof)) for name in COORDINATES
-    }
     inputs = input_shapes(form, request)
     function = functools.partial(compute_request, form, request)
     traced = estimated_operations(form, request) <= MAX_TRACED_OPERATIONS
-    return Loop("robot", function, inputs, outputs, labels=labels, form=TreeForm(form, request), traced=traced)
+    return Loop("robot", function, inputs, outputs, form=TreeForm(form, request), traced=traced)

@@ -344,30 +344,30 @@ class Arithmetic:
         if not name or self._position - position > _MAX_AGE:
             if id(value) in self._scalar_positions:
                 place = self._f.pointer_at("%frame", self._scalar_positions[id(value)] * self.number_bytes)
-                number = self._f.put(f"load {self.float_type}, ptr {place}, align {self.number_bytes}", value.name)
+                number = self._f.put(f"load {self.float_type}, ptr {place}, align {self.number_bytes}")
                 name = self._f.splat(self.vector, f"{self.float_type} {number}")
             elif id(value) in self.slots:
                 place = self.slot_address(self._f, self.slots[id(value)])
-                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}", value.name)
+                name = self._f.put(f"load {self.vector}, ptr {place}, align {LANES * self.number_bytes}")
         self._names[id(value)] = name, self._position
         return name
 
     def _write_operation(self, value: TracedValue) -> str:
         """Append the operation of a value, and return the name of its vector."""
-        put, kind, note = self._f.put, self.vector, value.name
+        put, kind = self._f.put, self.vector
         if value.operation == "where":
             condition, *both = value.operands
             chosen = ", ".join(f"{kind} {self.operand(one)}" for one in both)
-            return put(f"select <{LANES} x i1> {self._write_comparison(condition)}, {chosen}", note)
+            return put(f"select <{LANES} x i1> {self._write_comparison(condition)}, {chosen}")
         product = self._fused_product(value)
         if product is not None:
             return self._write_fma(product, value)
         parts = [self.operand(one) for one in value.operands]
         if value.operation in _INSTRUCTIONS:
-            return put(f"{_INSTRUCTIONS[value.operation]} {kind} {', '.join(parts)}", note)
+            return put(f"{_INSTRUCTIONS[value.operation]} {kind} {', '.join(parts)}")
         if value.operation == "sqrt":
-            return self._call_intrinsic("sqrt", parts, note)
-        return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts, note)
+            return self._call_intrinsic("sqrt", parts)
+        return self._call_lanewise(value.operation.replace("arctan2", "atan2"), parts)
 
     def _write_comparison(self, condition: Operand) -> str:
         """Append a comparison a < b unless this function has it already, and return the name of its result."""
@@ -385,24 +385,24 @@ class Arithmetic:
         if second is product:
             if value.operation == "-":
                 x = self._f.put(f"fneg {self.vector} {x}")
-            return self._call_intrinsic("fma", [x, y, self.operand(first)], value.name)
+            return self._call_intrinsic("fma", [x, y, self.operand(first)])
         rest = self.operand(second)
         if value.operation == "-":
             rest = self._f.put(f"fneg {self.vector} {rest}")
-        return self._call_intrinsic("fma", [x, y, rest], value.name)
+        return self._call_intrinsic("fma", [x, y, rest])
 
-    def _call_intrinsic(self, name: str, operands: Sequence[str], comment: str) -> str:
+    def _call_intrinsic(self, name: str, operands: Sequence[str]) -> str:
         kind, full = self.vector, f"@llvm.{name}.v{LANES}f{8 * self.number_bytes}"
         self._declared.add(f"declare {kind} {full}({', '.join([kind] * len(operands))})")
-        return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})", comment)
+        return self._f.put(f"call {kind} {full}({', '.join(f'{kind} {operand}' for operand in operands)})")
 
-    def _call_lanewise(self, name: str, operands: Sequence[str], comment: str) -> str:
+    def _call_lanewise(self, name: str, operands: Sequence[str]) -> str:
         """Append the call, for each lane, of a function of the C library, which computes in double precision."""
         self._lanewise.add(name)
         if self.number_bytes == 4:
             operands = [self._f.put(f"fpext {self.vector} {operand} to {DOUBLES}") for operand in operands]
         typed_operands = ", ".join(f"{DOUBLES} {operand}" for operand in operands)
-        value = self._f.put(f"call {DOUBLES} @lanes.{name}({typed_operands})", comment)
+        value = self._f.put(f"call {DOUBLES} @lanes.{name}({typed_operands})")
         return value if self.number_bytes == 8 else self._f.put(f"fptrunc {DOUBLES} {value} to {self.vector}")
 
     # ---- narrow inputs and outputs

@@ -40,10 +40,10 @@ class FunctionBuilder:
         """Return the finished function."""
         return "\n".join([*self._lines, "}"])
 
-    def put(self, code: str, comment: str = "") -> str:
+    def put(self, code: str) -> str:
         """Append an instruction that computes a value, and return the value's name."""
         name = self._new_name()
-        self._lines.append(f"  {name} = {code}  ; {' '.join(comment.split())}" if comment else f"  {name} = {code}")
+        self._lines.append(f"  {name} = {code}")
         return name
 
     def do(self, code: str) -> None:

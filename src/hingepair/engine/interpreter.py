@@ -1,0 +1,110 @@
+"""Traces that are run without a compiler: one operation after the other, on numbers or arrays of any kind."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from hingepair.engine.trace import Operand, TracedValue, needed_values, square_root
+from hingepair.numeric.array_libraries import Library, is_foreign
+from hingepair.numeric.blocks import VERSINE_SWITCH, cosine, sine, versine, versines
+
+Functions = Mapping[str, Callable[..., Any]]
+
+_ARITHMETIC: Final[Functions] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "negative": operator.neg,
+    "<": operator.lt,
+}
+NUMPY: Final[Functions] = {
+    **_ARITHMETIC,
+    "sin": np.sin,
+    "cos": np.cos,
+    "versine": versines,
+    "sqrt": np.sqrt,
+    "arctan2": np.arctan2,
+    "hypot": np.hypot,
+    "where": np.where,
+}
+"""Operations on numbers and arrays of NumPy."""
+BOUNDED: Final[Functions] = {**_ARITHMETIC, "sin": sine, "cos": cosine, "sqrt": square_root}
+"""Operations on numbers that carry a bound, for traces without choices."""
+
+
+def interpreter(
+    inputs: Sequence[TracedValue], results: Sequence[Operand], functions: Functions
+) -> Callable[..., list[Any]]:
+    """Return a function of the inputs that computes the results by these functions.
+
+    A register holds each value until its last use, and then another one: a block's arrays stay in the cache.
+    """
+    lines = [value for value in needed_values(results) if value.operation != "input"]
+    # The versine is computed from the sine and the cosine, which are recorded before it.
+    operands = {id(v): v.operands[v.operation == "versine" :] for v in lines}
+    last = {id(one): k for k, value in enumerate(lines) for one in operands[id(value)]}
+    last |= {id(one): len(lines) for one in results}
+    registers: list[Any] = [None] * len(inputs)
+    places = {id(value): k for k, value in enumerate(inputs)}
+    free: list[int] = []
+    program: list[tuple[Callable[..., Any], int, tuple[int, ...]]] = []
+
+    def place_of(one: Operand) -> int:
+        """Return the register of a value, or of a number, which has one of its own."""
+        if isinstance(one, TracedValue):
+            return places[id(one)]
+        registers.append(float(one))
+        return len(registers) - 1
+
+    for k, value in enumerate(lines):
+        own = operands[id(value)]
+        read = tuple(map(place_of, own))
+        free += {places[id(one)] for one in own if isinstance(one, TracedValue) and last[id(one)] == k}
+        if not free:
+            registers.append(None)
+            free.append(len(registers) - 1)
+        places[id(value)] = free.pop()
+        program.append((functions[value.operation], places[id(value)], read))
+    ends, rest = [*map(place_of, results)], registers[len(inputs) :]
+
+    def run(*given: Any) -> list[Any]:
+        values = [*given, *rest]
+        for function, target, read in program:
+            values[target] = function(*[values[k] for k in read])
+        return [values[k] for k in ends]
+
+    return run
+
+
+def library_functions(library: Library) -> Functions:
+    """Return the operations on numbers and arrays of a library, which can differentiate them."""
+
+    def of_library(name: str) -> Callable[..., Any]:
+        """Return a function for arrays of the library, and for numbers."""
+        arrays = getattr(library.namespace, name.replace("arctan2", "atan2"))  # array API's name
+
+        def call(*operands: Any) -> Any:
+            return arrays(*operands) if any(map(is_foreign, operands)) else float(NUMPY[name](*operands))
+
+        return call
+
+    def where(condition: Any, then: Any, otherwise: Any) -> Any:
+        if not is_foreign(condition):
+            return then if condition else otherwise
+        return library.namespace.where(condition, library.array(then), library.array(otherwise))
+
+    def versine_of(s: Any, c: Any) -> Any:
+        """Return 1 - cos, without cancellation and with finite derivatives."""
+        if not is_foreign(c):
+            return versine(s, c)
+        near = c > VERSINE_SWITCH
+        # The denominator of the unused side is set to 1: a division by zero would make derivatives NaN.
+        return where(near, s * s / where(near, 1.0 + c, 1.0), 1.0 - c)
+
+    functions = {name: of_library(name) for name in ("sin", "cos", "sqrt", "arctan2", "hypot")}
+    return {**_ARITHMETIC, **functions, "where": where, "versine": versine_of}
