@@ -79,13 +79,7 @@ if TYPE_CHECKING:
     from hingepair.pictures.plot import plot
     from hingepair.rollouts.tracks import Feedback
     from hingepair.rotations.angular_velocity import angular_velocity, angular_velocity_from_samples
-    from hingepair.rotations.euler import (
-        euler_kinematics,
-        euler_rate_matrix,
-        euler_rates,
-        euler_to_matrix,
-        matrix_to_euler,
-    )
+    from hingepair.rotations.euler import euler_rate_matrix, euler_rates, euler_to_matrix, matrix_to_euler
     from hingepair.scenes.derive import derive
     from hingepair.scenes.load import load_scene
     from hingepair.sweeps.search import Search, search
@@ -154,7 +148,6 @@ __all__ = [
     "cross_validate",
     "cross_validate_from_body1",
     "derive",
-    "euler_kinematics",
     "euler_rate_matrix",
     "euler_rates",
     "euler_to_matrix",
@@ -227,7 +220,7 @@ _LAZY_MODULE_BY_NAME = {
         "pictures.page": "view",
         "pictures.plot": "plot",
         "rotations.angular_velocity": "angular_velocity angular_velocity_from_samples",
-        "rotations.euler": "euler_kinematics euler_rate_matrix euler_rates euler_to_matrix matrix_to_euler",
+        "rotations.euler": "euler_rate_matrix euler_rates euler_to_matrix matrix_to_euler",
         "rollouts.tracks": "Feedback",
         "scenes.derive": "derive",
         "scenes.load": "load_scene",

@@ -188,9 +188,9 @@ def test_derivatives_are_the_jacobians(jax):
         return by_q(q), by_rate(qd), by_q(q) @ qd
 
     R2_by_q, omega2_by_qd, v2 = jax.jit(jax.vmap(by_motion))(q, qd)
-    J = pair.coordinate_jacobian(q)
-    assert np.allclose(R2_by_q, J[:, :3], rtol=0, atol=1e-11)
-    assert np.allclose(omega2_by_qd, J[:, 3:], rtol=0, atol=1e-11)
+    slopes = pair.prepare("velocity", outputs=("R2", "omega2")).jacobian((q, qd))
+    assert np.allclose(R2_by_q, slopes["R2"]["q"], rtol=0, atol=1e-11)
+    assert np.allclose(omega2_by_qd, slopes["omega2"]["qd"], rtol=0, atol=1e-11)
     assert np.allclose(v2, pair.forward_kinematics(q, qd).v2, rtol=0, atol=1e-11)
 
 
@@ -208,13 +208,10 @@ def test_derivatives_exist_at_every_angle(jax):
 
 @pytest.mark.slow
 def test_jacobians_are_arrays_of_the_library(library):
-    pair, (q, qd, _) = some(10)
+    pair, (q, _, _) = some(10)
     body1, own = body1_of(library[0], 10), body1_of(np, 10)
     for ask in (
-        lambda convert, _: pair.coordinate_jacobian(convert(q)),
-        lambda convert, _: pair.coordinate_jacobian_rate(convert(q), convert(qd)),
         lambda convert, body: pair.jacobian(body, convert(q[:, 6])),
-        lambda convert, body: pair.sensitivities(body, convert(q[:, 6])).d_by_n,
         lambda _, body: pair.constraint_jacobian(body, body),
         lambda convert, body: pair.propagate_covariance(body, convert(q[:, 6]), u1_std=0.1, axis_std=0.2).R2_std,
         lambda convert, body: pair.propagate_covariance(

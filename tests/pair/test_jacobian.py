@@ -10,9 +10,9 @@ import pytest
 
 import hingepair as hp
 from hingepair.validation.pinocchio_twin import to_pinocchio
-from support.hinged import made, pair_of
+from support.hinged import made
 from support.states import body1 as random_body1
-from support.states import coordinates, generator, hard_states
+from support.states import generator
 
 U = 2.0**-53
 COUNT = 40
@@ -84,52 +84,6 @@ def test_jacobian_and_bias_are_those_of_pinocchio():
         assert abs(bias[i] - (J_dot @ X + J @ X_dot) @ given).max() <= 64 * U * scale
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("sequence", ["XYZ", "ZXZ", "yzx", "yxy"])
-def test_coordinate_jacobian_gives_velocity_and_acceleration(sequence):
-    pair, (q, qd, qdd) = made(4), coordinates(generator(72), COUNT)
-    state = pair.forward_kinematics(q, qd, qdd, sequence=sequence)
-    Jq = pair.coordinate_jacobian(q, sequence=sequence)
-    Jq_rate = pair.coordinate_jacobian_rate(q, qd, sequence=sequence)
-    W = abs(qd[:, 3:]).sum(axis=-1)
-    A = abs(qdd[:, 3:]).sum(axis=-1) + W * W
-    for found, names, sizes, linear in (
-        (Jq @ qd[..., None], ("v2", "omega2"), W, qd),
-        (Jq @ qdd[..., None] + Jq_rate @ qd[..., None], ("a2", "alpha2"), A, qdd),
-    ):
-        expected = np.concatenate([getattr(state, name) for name in names], axis=-1)
-        scale = abs(linear[:, :3]).max(axis=-1) + 2 * sizes * (1 + lever(pair))
-        assert np.all(abs(found[..., 0] - expected).max(axis=-1) <= 16 * U * scale)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sequence", ["XYZ", "ZYX", "ZXZ", "yzx", "yxy"])
-def test_coordinate_jacobian_rate_is_the_difference_in_time(sequence):
-    """Column by column: a product with qd would not see an error that qd does not excite."""
-    pair, (q, qd, _) = made(5), coordinates(generator(73), COUNT)
-    found = pair.coordinate_jacobian_rate(q, qd, sequence=sequence)
-    h = 1 / 256
-    steps = {k: pair.coordinate_jacobian(q + k * h * qd, sequence=sequence) for k in (-3, -2, -1, 1, 2, 3)}
-    outer = 9 * (steps[2] - steps[-2]) - (steps[3] - steps[-3])
-    difference = (45 * (steps[1] - steps[-1]) - outer) / (60 * h)
-    W = abs(qd[:, 3:]).sum(axis=-1)
-    truncation, roundoff = (W * h) ** 7 / 100 / h, 256 * U / h
-    gap = abs(found - difference).max(axis=(-2, -1))
-    assert np.all(gap <= (truncation + roundoff) * (1 + lever(pair)))
-
-
-@pytest.mark.slow
-def test_jacobians_of_hard_states_follow_the_motion():
-    """Tiny and huge angles, lock, far away: Jq qd is v2 and omega2 wherever forward_kinematics has them."""
-    for name, (constants, q, qd, _) in hard_states().items():
-        pair = pair_of(constants)
-        state = pair.forward_kinematics(q, qd)
-        found = pair.coordinate_jacobian(q) @ qd
-        W = abs(qd[3:]).sum()
-        assert np.all(abs(found[:3] - state.v2) <= 16 * U * (abs(qd[:3]).max() + W * lever(pair))), name
-        assert np.all(abs(found[3:] - state.omega2) <= 16 * U * W), name
-
-
 def test_shapes_dtypes_and_samples_apart():
     pair, (body1, psi, psid, _) = made(6), moving(6, 6)
     one = hp.BodyMotion(R=body1.R[2], S=body1.S[2], omega=body1.omega[2])
@@ -159,12 +113,6 @@ def test_shapes_dtypes_and_samples_apart():
         (lambda pair, body1: pair.jacobian(body1, "x"), "psi: expected real numbers"),
         (lambda pair, body1: pair.jacobian(body1, np.zeros((3, 1, 5))), "psi: expected leading shape"),
         (lambda pair, body1: pair.acceleration_bias(body1, 0.0, 0.0), "body1.omega: expected a value"),
-        (lambda pair, _: pair.coordinate_jacobian(np.zeros(6)), "q: expected shape"),
-        (lambda pair, _: pair.coordinate_jacobian(np.zeros(7), sequence="XXZ"), "sequence: expected one of"),
-        (
-            lambda pair, _: pair.coordinate_jacobian_rate(np.zeros(7), None),
-            "qd: expected a value, since output",
-        ),
     ],
 )
 def test_errors_name_the_argument(call, message):

@@ -122,10 +122,8 @@ VALUES = {
     "sphere": (hp.Sphere(1), ("center",)),
     "state": (made().forward_kinematics(np.zeros((2, 7))), ("R2", "S2", "d")),
     "one state": (made().forward_kinematics(np.zeros(7)), ("R2", "S2", "d")),
-    "euler": (hp.euler_kinematics((1, 2, 3)), ("J", "J_inverse")),
     "trajectory": (hp.integrate(made(), np.linspace(0, 1, 5), (0, 0, 1), 1.0), ("t", "psi", "quat_wxyz", "S1", "R2")),
     "residuals": (made().residuals(*[hp.BodyMotion(R=np.zeros(3), S=np.eye(3))] * 2), ("gap", "tilt")),
-    "sensitivities": (made().sensitivities(hp.BodyMotion(R=np.zeros(3), S=np.eye(3)), 0.5), ("d_by_u1", "d_by_n")),
 }
 
 

@@ -208,7 +208,6 @@ def test_every_result_is_a_table():
         pair.inverse_dynamics(*still): [*(f"{n}{c}" for n in ("force1", "torque1") for c in xyz), "hinge_torque"],
         pair.energy(*still[:3]): ["kinetic", "potential"],
         pair.momentum(*still[:3]): [f"{n}{c}" for n in ("linear", "angular") for c in xyz],
-        pair.sensitivities(*still[:2]): None,
         pair.residuals(body1, body2, t=np.arange(4.0)): None,
         flat.forward_kinematics(rows): ["R2_x", "R2_y", "phi2", "d_x", "d_y"],
         flat.hinge_wrench(rows, rows, rows): [

@@ -146,8 +146,6 @@ def check_lock(sequence, dtype):
     assert locked.dtype == bool
     assert locked.tolist() == (gaps < limit).tolist()
     assert np.isfinite(found).all()
-    inverse = hp.euler_kinematics(phi, sequence=sequence).J_inverse
-    assert np.isnan(inverse).all(axis=(1, 2)).tolist() == locked.tolist()
     for angles, lock in zip(phi, locked, strict=True):
         if lock:
             with pytest.raises(hp.GimbalLockError):

@@ -84,18 +84,6 @@ QUANTITIES: Final[dict[str, Quantity]] = {
     "slip": Quantity("omega2 - omega1 - S2 n psi'", "rad/s", _V, VELOCITY),
     "constraint_jacobian": Quantity("Jacobian of gap and tilt by (v1, omega1, v2, omega2)", "1", (5, 12)),
     "constraint_bias": Quantity("Part of gap'' and tilt'' that velocities cause", "1", (5,), VELOCITY),
-    # ---- derivatives of a pair
-    "coordinate_jacobian": Quantity("Jacobian of (v2, omega2) with respect to qd", "1", (6, 7)),
-    "coordinate_jacobian_rate": Quantity("Time derivative of coordinate_jacobian", "1", (6, 7), VELOCITY),
-    **{f"d_by_{x}": Quantity(f"Derivative of d by {x}", "1", (3, 3)) for x in ("u1", "u2")},
-    "d_by_n": Quantity("Derivative of d by n", "m", (3, 3)),
-    "d_by_psi": Quantity("Derivative of d by psi", "m/rad", _V),
-    "S2_by_n": Quantity("Derivatives of S2[i, j] by n[k]", "1", (3, 3, 3)),
-    "S2_by_psi": Quantity("Derivative of S2 by psi", "1", (3, 3)),
-    **{f"v2_by_{x}": Quantity(f"Derivative of v2 by {x}", "1/s", (3, 3), VELOCITY) for x in ("u1", "u2")},
-    "v2_by_n": Quantity("Derivative of v2 by n", "m/s", (3, 3), VELOCITY),
-    "v2_by_psi": Quantity("Derivative of v2 by psi", "m/(s rad)", _V, VELOCITY),
-    "omega2_by_n": Quantity("Derivative of omega2 by n", "rad/s", (3, 3), VELOCITY),
     # ---- forces of a pair
     "hinge_torque": Quantity("Torque of body 1 on body 2 about the hinge axis", "N m", (), ACCELERATION),
     "hinge_force": Quantity("Force of body 1 on body 2 at the hinge point", "N", _V, ACCELERATION),

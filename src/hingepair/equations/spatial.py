@@ -312,14 +312,3 @@ def euler_axes(axis_components: tuple[Scalar, ...]) -> tuple[Vector, Vector, Vec
     """
     by, bz, cx, cy, cz = axis_components
     return (1.0, 0.0, 0.0), (0.0, by, bz), (cx, cy, cz)
-
-
-def euler_axes_rates(axis_components: tuple[Scalar, ...], phid: Vector) -> tuple[Vector, Vector, Vector]:
-    """Return the columns of J', the time derivatives of `euler_axes`, as three vectors. axis_components is the result
-    of `tait_bryan_axes` or `proper_euler_axes`.
-
-    The axis b turns with phi_x' e_x, the axis c with phi_x' e_x + phi_y' b.
-    """
-    by, bz, cx, cy, cz = axis_components
-    turn_c = cross((phid[0], by * phid[1], bz * phid[1]), (cx, cy, cz))
-    return (0.0, 0.0, 0.0), (0.0, -(bz * phid[0]), by * phid[0]), turn_c

@@ -25,7 +25,6 @@ from hingepair.pair.states import (
     Momentum,
     PairState,
     PlanarState,
-    Sensitivities,
 )
 from hingepair.plans.arguments import (
     Arguments,
@@ -85,10 +84,6 @@ _HINGE: Final = ("psi", "psid", "psidd")
 _MOVED: Final = ("S1", "omega1", "a1", "alpha1", *_HINGE)  # inputs of inverse dynamics
 _WRENCH: Final = ("hinge_force", "hinge_moment", "hinge_torque", "bearing_torque")  # outputs of hinge_wrench
 _HINT: Final = "; or pair.hinge_wrench, for which body 2 suffices"  # where body 1 has no mass
-# Derivatives of the pose, such as that of d by u1.
-POSE_SENSITIVITIES: Final = ("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi")
-# Derivatives of the velocities.
-VELOCITY_SENSITIVITIES: Final = ("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n")
 
 
 def _motion_tasks(kind: MotionKind) -> dict[str, Task]:
@@ -101,11 +96,6 @@ TASKS: Final[Mapping[MotionKind, Mapping[str, Task]]] = {
         **_motion_tasks(SPATIAL_MOTION_KIND),
         "jacobian": Task(("S1", "psi"), ("jacobian",)),
         "acceleration_bias": Task(("S1", "omega1", "psi", "psid"), ("acceleration_bias",)),
-        "coordinate_jacobian": Task(("q",), ("coordinate_jacobian",)),
-        "coordinate_jacobian_rate": Task(("q", "qd"), ("coordinate_jacobian_rate",)),
-        "sensitivities": Task(
-            ("S1", "omega1", "psi", "psid"), (*POSE_SENSITIVITIES, *VELOCITY_SENSITIVITIES), Sensitivities
-        ),
         "constraint_jacobian": Task(("S1", "S2"), ("constraint_jacobian",)),
         "constraint_bias": Task(("S1", "omega1", "S2", "omega2"), ("constraint_bias",)),
         "mass_matrix": Task(("S1", "psi"), ("mass_matrix",), masses=BODIES),

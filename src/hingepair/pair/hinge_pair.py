@@ -19,7 +19,6 @@ from hingepair.pair import accuracy, dynamics, residuals, tolerances
 from hingepair.pair import computations as kinematics
 from hingepair.pair.body import Body
 from hingepair.pair.body_motion import BodyMotion, motion_inputs
-from hingepair.pair.computations import POSE_SENSITIVITIES, VELOCITY_SENSITIVITIES
 from hingepair.pair.constants import Constants, pair_constants
 from hingepair.pair.dynamics import DEFAULT_GRAVITY
 from hingepair.pair.points import Points, checked_points
@@ -32,7 +31,6 @@ from hingepair.pair.states import (
     HingeWrench,
     Momentum,
     PairState,
-    Sensitivities,
 )
 from hingepair.pair.tolerances import PoseCovariance
 from hingepair.plans.arguments import Coordinates, Outputs, renamed_out
@@ -240,10 +238,9 @@ class HingePair(Frozen, Shown):
                 motions; and the loads force1, torque1, hinge_torque, force2 and torque2, for forward dynamics.
             outputs: names of the outputs:
 
-                - those of `forward_kinematics`, jacobian, acceleration_bias, coordinate_jacobian,
-                  coordinate_jacobian_rate and mass_matrix; without q, R2 needs R1, v2 needs v1, and a2 needs a1;
-                - the attributes of `Sensitivities`, and with S2 the arrays of `Residuals`, constraint_jacobian and
-                  constraint_bias;
+                - those of `forward_kinematics`, jacobian, acceleration_bias and mass_matrix; without q, R2 needs R1,
+                  v2 needs v1, and a2 needs a1;
+                - with S2 the arrays of `Residuals`, constraint_jacobian and constraint_bias;
                 - force1, torque1, hinge_torque, hinge_force, hinge_moment, bearing_torque, kinetic, potential, linear
                   and angular; with a load a1, alpha1 and psidd.
 
@@ -605,8 +602,7 @@ class HingePair(Frozen, Shown):
     ) -> FloatArray:
         """Compute the Jacobian J in (v2, omega2) = J @ (v1, omega1, psi'), world axes; shape (..., 6, 7) (E8, E2).
 
-        `coordinate_jacobian` is that by the rates of the coordinates. Arguments: see `HingePair`; of body1, S is
-        used.
+        Arguments: see `HingePair`; of body1, S is used.
 
         >>> import numpy as np
         >>> import hingepair as hp
@@ -648,84 +644,6 @@ class HingePair(Frozen, Shown):
             workers=workers,
             backend=backend,
         )
-
-    def coordinate_jacobian(
-        self,
-        q: Coordinates,
-        *,
-        sequence: str = "XYZ",
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
-    ) -> FloatArray:
-        """Compute the Jacobian J in (v2, omega2) = J @ qd, world axes; shape (..., 6, 7) (E8, E2, E4).
-
-        Arguments: see `HingePair`.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> pair.coordinate_jacobian(np.zeros(7)) @ (0, 0, 0, 0, 0, 1, 2)
-        array([0., 4., 0., 0., 0., 3.])
-        """
-        find_sequence(sequence)
-        given = kinematics.coordinate_rows(q, None, None)
-        return dynamics.ask(
-            self, "coordinate_jacobian", given, out=out, workers=workers, backend=backend, sequence=sequence
-        )
-
-    def coordinate_jacobian_rate(
-        self,
-        q: Coordinates,
-        qd: Coordinates,
-        *,
-        sequence: str = "XYZ",
-        out: FloatArray | None = None,
-        workers: int = 1,
-        backend: str = "auto",
-    ) -> FloatArray:
-        """Compute the time derivative J' of `coordinate_jacobian`, in (a2, alpha2) = J @ qdd + J' @ qd; shape (...,
-        6, 7) (E9).
-
-        Arguments: see `HingePair`.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> qd = np.array((0, 0, 0, 0, 0, 0, 2.0))
-        >>> pair.coordinate_jacobian_rate(np.zeros(7), qd) @ qd
-        array([-4.,  0.,  0.,  0.,  0.,  0.])
-        """
-        find_sequence(sequence)
-        given = kinematics.coordinate_rows(q, qd, None)
-        return dynamics.ask(
-            self, "coordinate_jacobian_rate", given, out=out, workers=workers, backend=backend, sequence=sequence
-        )
-
-    def sensitivities(
-        self,
-        body1: BodyMotion,
-        psi: ArrayLike,
-        psid: ArrayLike | None = None,
-        *,
-        out: Out = None,
-        workers: int = 1,
-        backend: str = "auto",
-    ) -> Sensitivities:
-        """Compute the derivatives of d, S2, v2 and omega2 with respect to u1, u2, n and psi (E2, E5-E8).
-
-        R2 has the derivatives of d, because R1 is given. Without psid, those of v2 and omega2 are None. Arguments:
-        see `HingePair`; of body1, S is used, and omega if psid is given.
-
-        >>> import numpy as np
-        >>> import hingepair as hp
-        >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-        >>> pair.sensitivities(hp.BodyMotion(R=(0, 0, 0), S=np.eye(3)), 0.0).d_by_psi + 0.0
-        array([0., 1., 0.])
-        """
-        given = kinematics.body1_inputs(body1, psi, psid)
-        names = POSE_SENSITIVITIES if psid is None else (*POSE_SENSITIVITIES, *VELOCITY_SENSITIVITIES)
-        return dynamics.ask(self, "sensitivities", given, out=out, workers=workers, backend=backend, outputs=names)
 
     def propagate_covariance(
         self,

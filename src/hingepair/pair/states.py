@@ -65,8 +65,7 @@ class PairState(_StateWithPoints):
     __slots__ = attribute_texts(
         (
             *SPATIAL_MOTION_KIND.levels,
-            *("jacobian", "acceleration_bias", "coordinate_jacobian", "coordinate_jacobian_rate"),
-            *("force1", "torque1", "hinge_torque", "psidd"),
+            *("jacobian", "acceleration_bias", "force1", "torque1", "hinge_torque", "psidd"),
         ),
         SPATIAL_MOTION_KIND.shapes,
     )
@@ -86,8 +85,6 @@ class PairState(_StateWithPoints):
     alpha1: FloatArray
     jacobian: FloatArray
     acceleration_bias: FloatArray
-    coordinate_jacobian: FloatArray
-    coordinate_jacobian_rate: FloatArray
     force1: FloatArray
     torque1: FloatArray
     hinge_torque: FloatArray
@@ -238,31 +235,3 @@ class Momentum(_Parts):
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), "angular"]
-
-
-class Sensitivities(Results):
-    """Derivatives of d = R2 - R1, S2, v2 and omega2 with respect to u1, u2, n and psi, world axes.
-
-    The last axis is the component of u1, u2 or n: if u1 changes by a small du, d changes by d_by_u1 @ du. Derivatives
-    with respect to psi do not have it. n is scaled to unit length, so that a change along n has no effect. Those not
-    listed are always zero; those of v2 and omega2 are None if psid was not given.
-    """
-
-    __slots__ = attribute_texts(
-        (
-            *("d_by_u1", "d_by_u2", "d_by_n", "d_by_psi", "S2_by_n", "S2_by_psi"),
-            *("v2_by_u1", "v2_by_u2", "v2_by_n", "v2_by_psi", "omega2_by_n"),
-        )
-    )
-
-    d_by_u1: FloatArray
-    d_by_u2: FloatArray
-    d_by_n: FloatArray
-    d_by_psi: FloatArray
-    S2_by_n: FloatArray
-    S2_by_psi: FloatArray
-    v2_by_u1: FloatArray
-    v2_by_u2: FloatArray
-    v2_by_n: FloatArray
-    v2_by_psi: FloatArray
-    omega2_by_n: FloatArray

@@ -46,13 +46,11 @@ from hingepair.plans.steps import (
     PLANAR_KINEMATICS_STEPS,
     PLANAR_PARTS,
     PLANAR_SPLIT_STEPS,
-    SENSITIVITY_STEPS,
     SPATIAL_COORDINATE_NAMES,
     SPATIAL_PARTS,
     SPATIAL_SPLIT_STEPS,
     WITHOUT_HOME,
     Step,
-    coordinate_jacobian_steps,
     same,
 )
 from hingepair.rotations.sequences import find_sequence
@@ -271,9 +269,7 @@ def all_steps(
         steps += CONSTRAINT_STEPS
     else:
         steps += [*ARM_STEPS, *DYNAMICS_STEPS]
-    steps += [*JACOBIAN_STEPS, *SENSITIVITY_STEPS]
-    if sequence is not None:
-        steps += coordinate_jacobian_steps(sequence)
+    steps += JACOBIAN_STEPS
     return tuple(step for step in steps if step.result not in given_names)
 
 

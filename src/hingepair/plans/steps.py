@@ -13,7 +13,6 @@ from hingepair.equations import derivatives as by
 from hingepair.equations import spatial as eq
 from hingepair.equations.spatial import Scalar, Vector
 from hingepair.numeric.blocks import Components, hinge_cosine, hinge_terms, turn_terms
-from hingepair.rotations.sequences import find_sequence
 
 
 class Step(NamedTuple):
@@ -278,44 +277,6 @@ JACOBIAN_STEPS = (
     Step("acceleration_bias", concatenate_vectors, ("a2_bias", "alpha2_bias")),
 )
 """Steps to `jacobian`, by v1, omega1 and psi', and to the bias, (a2, alpha2) where a1, alpha1 and psi'' are 0."""
-
-
-@functools.lru_cache(maxsize=64)
-def coordinate_jacobian_steps(sequence: str) -> tuple[Step, ...]:
-    """Return the cached steps to the Jacobian of (v2, omega2) with respect to the rates of the seven coordinates, and
-    to its time derivative, for an Euler sequence such as "XYZ".
-    """
-    euler_sequence = find_sequence(sequence)
-    return (
-        Step("own_turns", euler_sequence.columns, ("axes",)),
-        Step("own_turn_rates", euler_sequence.column_rates, ("axes", "phid")),
-        Step("coordinate_jacobian", by.jacobian, ("own_turns", "d", "r2", "axis")),
-        Step("d_rate", by.difference_rate, ("omega1", "r1", "omega2", "r2")),
-        Step("both_d", as_tuple, ("d", "d_rate")),
-        Step("all_spins", as_tuple, ("omega1", "omega2", "axis")),
-        Step(
-            "coordinate_jacobian_rate", by.jacobian_rate, ("own_turns", "own_turn_rates", "both_d", "r2", "all_spins")
-        ),
-    )
-
-
-SENSITIVITY_STEPS = (
-    Step("turned_by_n", by.turns_by_n, ("S1", "n", "hinge")),
-    Step("d_by_u1", same, ("S1",)),
-    Step("d_by_u2", by.negative, ("S2",)),
-    Step("d_by_n", by.difference_by_turns, ("turned_by_n", "r2")),
-    Step("d_by_psi", eq.cross, ("r2", "axis")),
-    Step("S2_by_n", by.attitude_by_turns, ("turned_by_n", "S2")),
-    Step("S2_by_psi", by.rotation_rate, ("axis", "S2")),
-    Step("spun_by_n", by.spins_by_n, ("S1", "n", "psid")),
-    Step("v2_by_u1", by.rotation_rate, ("omega1", "S1")),
-    Step("S2_rate", by.rotation_rate, ("omega2", "S2")),
-    Step("v2_by_u2", by.negative, ("S2_rate",)),
-    Step("v2_by_n", by.velocity_by_n, ("spun_by_n", "turned_by_n", "omega2", "r2")),
-    Step("v2_by_psi", by.velocity_by_psi, ("omega2", "r2", "axis")),
-    Step("omega2_by_n", lambda spins: by.matrix_from_columns(*spins), ("spun_by_n",)),
-)
-"""Steps to the derivatives by u1, u2, n and psi (E2, E5-E8)."""
 
 
 def _twist(turn: Components) -> Any:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hingepair.equations import spatial as eq
-from hingepair.equations.derivatives import WORLD_UNIT_VECTORS, matrix_from_columns
+from hingepair.equations.derivatives import matrix_from_columns
 from hingepair.errors import GimbalLockError
 from hingepair.numeric.arrays import (
     FloatArray,
-    Frozen,
     broadcast_shape,
     check_choice,
-    read_only,
     result_dtype,
     vectors,
 )
@@ -218,87 +215,3 @@ def _canonical_angles(sequence: EulerSequence, S: eq.Matrix) -> eq.Vector:
     if sequence.proper:
         return first, np.arctan2(s * S[3] - c * S[6], S[0]), np.arctan2(-level[2], level[1])
     return first, np.arctan2(S[2], c * S[8] - s * S[5]), np.arctan2(level[0], level[1])
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class EulerKinematics(Frozen):
-    """What relates Euler rates and angular velocity in world axes, omega = J phi' and alpha = J phi'' + J' phi' (E4).
-
-    Attributes:
-        J: shape (..., 3, 3).
-        J_inverse: shape (..., 3, 3); NaN at gimbal lock.
-        J_dot: time derivative of J [1/s]; shape (..., 3, 3); None if phid was not given.
-        condition: condition number of J in the 2-norm, the largest factor by which a relative error of omega grows in
-            phi'; shape (...,).
-        lock_distance: distance of the middle angle from the nearest gimbal lock [rad], in [0, pi/2]; shape (...,).
-    """
-
-    J: FloatArray
-    J_inverse: FloatArray
-    condition: FloatArray
-    lock_distance: FloatArray
-    J_dot: FloatArray | None = None
-
-
-def euler_kinematics(phi: ArrayLike, phid: ArrayLike | None = None, sequence: str = "XYZ") -> EulerKinematics:
-    """Return the matrix J in omega = J phi' of Euler angles (E4) with its inverse, its condition number, the distance
-    from gimbal lock and, if phid is given, its time derivative.
-
-    The angular velocity omega is in world axes. The columns of J are the axes of the three rotations. The second axis
-    is perpendicular to the first and the third. If g is the cosine of the angle between the first and the third axis,
-    the singular values of J are sqrt(1 + abs(g)), 1 and sqrt(1 - abs(g)), and the condition number is the ratio of
-    the largest to the smallest, (1 + abs(g)) / sqrt(1 - g^2).
-
-    Args:
-        phi: angles in the order of the sequence's letters [rad]; shape (..., 3).
-        phid: time derivatives of the angles [rad/s]; shape (..., 3). By default J' is not computed.
-        sequence: one of 24 Euler sequences, such as "XYZ" (the default). Upper-case letters are rotations about the
-            axes of the rotated body (intrinsic), lower-case letters rotations about fixed axes (extrinsic).
-
-    Returns:
-        The `EulerKinematics`, with the attributes J, J_inverse and J_dot, each of shape (..., 3, 3), and condition
-        and lock_distance [rad], each of shape (...,). At gimbal lock, J_inverse is NaN, and condition is very large
-        or inf; `euler_rates` says which angles count as gimbal lock. J_dot is None without phid.
-
-    >>> import numpy as np
-    >>> import hingepair as hp
-    >>> near = hp.euler_kinematics((0, np.pi / 2 - 1e-3, 0))
-    >>> f"{near.lock_distance:.6f} {near.condition:.0f}"
-    '0.001000 2000'
-
-    This example computes the Euler angles of body 2 from the matrix S2, and checks their rates J^-1 omega2:
-
-    >>> pair = hp.HingePair(u1=(1, 0, 0), u2=(-1, 0, 0), n=(0, 0, 1))
-    >>> state = pair.forward_kinematics((0, 0, 0, 0, 0.25, 0, 0.5), (0, 0, 0, 0, 0, 0, 2))
-    >>> phi2 = hp.matrix_to_euler(state.S2)
-    >>> kinematics = hp.euler_kinematics(phi2)
-    >>> bool(abs(kinematics.J_inverse @ state.omega2 - (0, 0, 2)).max() < 1e-15)
-    True
-    """
-    order = find_sequence(sequence)
-    arguments = {"phi": vectors("phi", phi, 3)}
-    tails: dict[str, tuple[int, ...]] = {"J": (3, 3), "J_inverse": (3, 3), "condition": (), "lock_distance": ()}
-    if phid is not None:
-        arguments["phid"] = vectors("phid", phid, 3)
-        tails["J_dot"] = (3, 3)
-    shape = broadcast_shape({name: array.shape[:-1] for name, array in arguments.items()})
-    inputs = {name: components_of(array) for name, array in arguments.items()}
-    limit = _gimbal_lock_limit(arguments["phi"])
-
-    def kinematics(values: Named) -> Named:
-        """Return J, J_inverse, condition, lock_distance and, with phid, J_dot for one block of angles."""
-        trig = angle_terms(order.angles(values["phi"]))
-        axes = order.axes(trig)
-        results: Named = {"J": matrix_from_columns(*order.columns(axes))}
-        if "phid" in values:
-            results["J_dot"] = matrix_from_columns(*order.column_rates(axes, values["phid"]))
-        sine, cosine = np.abs(trig[2]), np.abs(trig[3])
-        lock, common = (sine, cosine) if order.proper else (cosine, sine)
-        inverse = [order.angles(_canonical_rates(order, trig, unit)) for unit in WORLD_UNIT_VECTORS]
-        results["J_inverse"] = tuple(np.where(lock < limit, np.nan, entry) for entry in matrix_from_columns(*inverse))
-        results["condition"] = np.divide(1.0 + common, lock)
-        results["lock_distance"] = np.arctan2(lock, common)
-        return results
-
-    arrays = tabulate(kinematics, inputs, tails, shape, result_dtype(arguments.values()))
-    return EulerKinematics(**{name: read_only(array) for name, array in arrays.items()})

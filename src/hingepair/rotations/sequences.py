@@ -68,15 +68,8 @@ class EulerSequence(NamedTuple):
         """Return the three columns of J in world axes, in the order of the sequence's letters."""
         return self._in_order(eq.euler_axes(canonical_axes))
 
-    def column_rates(self, canonical_axes: tuple[Any, ...], phid: eq.Vector) -> tuple[eq.Vector, ...]:
-        """Return the three columns of J', the time derivative of J, in world axes; columns and rates phid are in the
-        order of the sequence's letters.
-        """
-        # A renaming that changes the handedness turns J(phi) into J(-phi), and with it the sign of the rates only.
-        return self._in_order(eq.euler_axes_rates(canonical_axes, self.angles(phid)))
-
     def _in_order(self, canonical: tuple[eq.Vector, ...]) -> tuple[eq.Vector, ...]:
-        """Return canonical columns of J or J' in world axes, in the order of the sequence's letters."""
+        """Return canonical columns of J in world axes, in the order of the sequence's letters."""
         columns = canonical[::-1] if self.backward else canonical
         return tuple((c[self.place[0]], c[self.place[1]], c[self.place[2]]) for c in columns)
 
